@@ -1,0 +1,131 @@
+#pragma once
+// The case file as data: what a user declares about one test. Read by io::read_case.
+
+#include <array>
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "imic3d/core/parameter.hpp"
+
+namespace imic3d::io {
+
+/// A range of frames such as "1-5", "0,2,7-9" or "10-40:5", as ascending frame numbers.
+using Frames = std::vector<int>;
+
+struct Units {
+  std::string length = "mm", force = "N", time = "s";  ///< stress is force/length^2
+};
+
+struct SpecimenCase {
+  std::filesystem::path mesh;       ///< resolved against the case file's folder
+  double thickness = 0.0;           ///< [length]; 2D meshes only
+  int layers = 4;                   ///< hexahedra through the thickness (of the half, with mid-plane symmetry)
+  int refine = 0;                   ///< uniform refinements of the simulation's mesh (the DIC mesh is the file's own)
+  std::string element = "hex8";
+  bool mid_plane_symmetry = false;  ///< simulate the camera's half of the thickness
+  std::string held, loaded;         ///< node groups at the ends
+  std::string axis = "y";           ///< direction of the load: x or y
+  std::string front = "front";      ///< 3D meshes: group of the face that the camera sees
+};
+
+struct PlaceCase {
+  std::string automatic;  ///< "outline": from the specimen's outline and hole; empty if points are given
+  std::vector<std::array<double, 4>> points;  ///< rows x [length], y [length], column [px], row [px]; at least 2
+  std::optional<std::array<double, 2>> origin;  ///< pixel of the mesh's origin (with pixel_size and rotation)
+  double rotation = 0.0;                        ///< of the specimen's x axis in the image, counter-clockwise [degree]
+  bool flip = false;                            ///< the image is mirrored
+};
+
+struct CameraCase {
+  std::string name = "camera";
+  std::string model = "telecentric";
+  double pixel_size = 0.0;                       ///< [length/px]
+  PlaceCase place;
+  std::vector<std::filesystem::path> images;     ///< in frame order, glob already expanded and sorted; may be empty (virtual)
+  Frames reference = {0};                        ///< frames averaged to the reference image
+  std::optional<double> noise;                   ///< standard deviation [grey level], measured if not given
+};
+
+struct LoadsCase {
+  std::filesystem::path file;
+  std::string image = "frame", time = "time_s", force = "force_N";  ///< column names
+  double force_scale = 1.0;                      ///< multiplies the column (e.g. 1000 for a column in kN)
+  std::optional<double> noise;                   ///< standard deviation [force], measured on static frames if not given
+};
+
+struct ParameterCase {
+  double value = 0.0;
+  std::optional<double> lower, upper;
+};
+
+struct MaterialCase {
+  std::string law = "j2", hardening = "power_linear";
+  bool tie_initial_modulus = false;
+  std::vector<double> table_strain;
+  std::map<std::string, ParameterCase> parameters;
+};
+
+struct DicCase {
+  std::optional<double> regularisation;  ///< cut-off wavelength of the elastic regularisation [length]; none if 0 or not given
+  int pyramid_levels = -1;               ///< -1: chosen from the image size
+  int max_iterations = 50;
+  double tolerance = 1e-3;               ///< largest nodal update [px]
+  bool brightness = false;               ///< per-frame gain and offset are fitted with the displacement
+  int groups = 0;                        ///< 0: auto
+};
+
+struct StageCase {
+  std::vector<std::string> free;
+  Frames frames;
+};
+
+struct IdentifyCase {
+  std::string functional = "force_driven";  ///< `force_driven`, `displacement_driven`, `combined`
+  std::vector<StageCase> stages;
+  double eta = 1e-3;                         ///< Eq. 13
+  int max_iterations = 20;
+  Frames held_out;                           ///< frames that are simulated but never fitted
+  int groups = 0;                            ///< concurrent groups of ranks; 0: auto
+  int steps_per_frame = 1;                   ///< load increments between two frames
+};
+
+struct SimulateCase {
+  std::string control = "displacement";      ///< `displacement`, `force`
+  std::vector<double> time;                  ///< one entry per frame (frame 0 is the reference)
+  std::vector<double> value;                 ///< displacement of `loaded` along `axis` [length], or force [force]
+  int steps_per_frame = 1;
+};
+
+struct VirtualCase {
+  double length_between_grips = 0.0;
+  std::array<int, 2> size = {1024, 1024};     ///< columns, rows [px]
+  std::optional<std::filesystem::path> texture;  ///< a speckle image to use; generated if not given
+  double speckle_size = 4.0;                  ///< mean speckle diameter [px]
+  double noise = 0.01;                        ///< of the dynamic (grey-level range of the depth)
+  int depth = 8;                              ///< bits per pixel: 8 or 16
+  double load_noise = 0.0;                    ///< standard deviation [force]
+  int static_frames = 3;                      ///< frames before loading
+  unsigned seed = 1;
+  std::filesystem::path directory = "virtual";
+};
+
+struct Case {
+  std::filesystem::path file;  ///< the case file
+  std::string text;            ///< its contents, kept with the results
+  std::string title;
+  Units units;
+  SpecimenCase specimen;
+  std::vector<CameraCase> cameras;
+  LoadsCase loads;
+  MaterialCase material;
+  DicCase dic;
+  IdentifyCase identify;
+  std::optional<SimulateCase> simulate;
+  std::optional<VirtualCase> virtual_test;
+  std::filesystem::path output;  ///< folder for results
+};
+
+}  // namespace imic3d::io

@@ -1,0 +1,62 @@
+#pragma once
+// A finite-element mesh as a plain description in natural numbering, the same on every rank.
+
+#include <Eigen/Core>
+#include <filesystem>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "imic3d/core/error.hpp"
+
+namespace imic3d::mesh {
+
+/// Cells in the usual finite-element order: a quad4 is numbered counter-clockwise, a hex8 has its bottom face first
+/// (counter-clockwise seen from inside, i.e. positive volume), then the top face above it.
+enum class CellType { line2, quad4, hex8 };
+[[nodiscard]] int nodes_per_cell(CellType type);
+
+using Nodes = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
+using Cells = Eigen::Matrix<int, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+
+/// Nodes [n x 3, length], cells [m x nodes per cell], and named groups.
+struct Mesh {
+  CellType type = CellType::quad4;
+  Nodes nodes;
+  Cells cells;
+  std::map<std::string, std::vector<int>> node_groups;  ///< sorted node numbers (of the group's nodes, edges or faces)
+  std::map<std::string, std::vector<int>> cell_groups;  ///< sorted cell numbers
+  /// Hex meshes: the quadrilaterals that the cameras see [k x 4], counter-clockwise seen from outside, as node numbers.
+  Cells front;
+  /// Number of 2D nodes per layer if the mesh was extruded (layer 0 is the front face, node = layer * this + i); else 0.
+  int nodes_per_layer = 0;
+};
+
+/// Reads Gmsh 2.2 / 4.1 (ASCII) `.msh` or Abaqus `.inp` with named groups (physical names; *NSET, *ELSET). Quadrilateral
+/// meshes are turned counter-clockwise, hexahedra to positive volume where the file's order is merely reversed.
+/// Throws InputError (unreadable, no supported cells, inverted or degenerate cells with their numbers).
+[[nodiscard]] Mesh read(const std::filesystem::path& file);
+
+/// Everything wrong with the cells: repeated nodes, zero or negative Jacobian at a corner; with the cell's number and place.
+[[nodiscard]] std::vector<Mistake> check(const Mesh& mesh, const std::string& name);
+
+/// Extrudes a quad mesh lying at z = 0 (the camera's face, layer 0) to z = -thickness with `layers` hexahedra.
+/// Node groups are carried to all layers; the groups `front` and `back` are added. Throws InputError.
+[[nodiscard]] Mesh extrude(const Mesh& quads, double thickness, int layers);
+
+/// Uniform refinement: each quad into 4, each hex into 8. New mid-edge nodes belong to a node group if both ends of
+/// their edge do and the edge lies on the boundary. Keeps the order: coarse nodes first.
+[[nodiscard]] Mesh refine(const Mesh& mesh);
+
+/// The quads seen by a camera as a mesh of their own; `nodes_of_volume[i]` is the volume's number of surface node i.
+struct Surface {
+  Mesh mesh;
+  std::vector<int> nodes_of_volume;
+};
+[[nodiscard]] Surface front_surface(const Mesh& volume);
+
+/// Edges that belong to one cell only, as pairs of node numbers, in order around each contour of a quad mesh
+/// (outer contour counter-clockwise first, then the holes).
+[[nodiscard]] std::vector<std::vector<int>> contours(const Mesh& quads);
+
+}  // namespace imic3d::mesh
