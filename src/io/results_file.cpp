@@ -267,8 +267,8 @@ void ResultsFile::write(const std::string& name, std::size_t index, std::span<co
   must(H5Dwrite(data, H5T_NATIVE_DOUBLE, memory, space, H5P_DEFAULT, values.data()), "write " + name);
 }
 
-void ResultsFile::mark_done(const std::string& group, std::size_t frame) {
-  const double done = 1.0;
+void ResultsFile::mark_done(const std::string& group, std::size_t frame, bool whole) {
+  const double done = whole ? 1.0 : 0.0;
   write(group + "/frames_done", frame, {&done, 1});
 }
 

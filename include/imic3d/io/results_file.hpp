@@ -20,7 +20,8 @@ enum class Storage { real64, real32, integer };
 
 class ResultsFile {
  public:
-  /// A new, empty file; one that is there is replaced at start(), not before. Throws InputError if the file cannot be made.
+  /// A new, empty file; one that is there is replaced at start(), not before. Throws InputError if the file cannot be
+  /// made.
   [[nodiscard]] static ResultsFile create(const std::filesystem::path& path);
   /// An existing file, for reading or for writing into its declared datasets. Throws InputError.
   [[nodiscard]] static ResultsFile open(const std::filesystem::path& path, bool writable = false);
@@ -47,8 +48,8 @@ class ResultsFile {
   /// Overwrites all values, or row `index` of the first dimension. Throws std::invalid_argument on a wrong size.
   void write(const std::string& name, std::span<const double> values);
   void write(const std::string& name, std::size_t index, std::span<const double> values);
-  /// Marks a frame of `group` whole; everything written before is in the file then.
-  void mark_done(const std::string& group, std::size_t frame);
+  /// Marks a frame of `group` whole (or not, before it is written again); all that was written before is in the file.
+  void mark_done(const std::string& group, std::size_t frame, bool whole = true);
 
   [[nodiscard]] bool has(const std::string& name) const;
   /// Paths of all datasets, sorted.
