@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -50,6 +51,15 @@ void store_frames(ResultsFile& file, const Case& test) {
   file.store("frames/time", {n}, time, test.units.time, "time of the frame");
   file.store("frames/force_measured", {n}, force, test.units.force, "recorded force");
   file.declare("frames/force_predicted", {n}, test.units.force, "force of the simulation along the axis");
+  std::vector<int> use(n, 0);
+  for (std::size_t i = 0; i < n; ++i) {
+    const auto among = [&](const Frames& frames) {
+      return std::binary_search(frames.begin(), frames.end(), test.frames[i]);
+    };
+    for (const auto& stage : test.identify.stages) use[i] = among(stage.frames) ? 1 : use[i];
+    if (among(test.identify.held_out)) use[i] = 2;
+  }
+  file.store("frames/use", {n}, use, "-", "0: not fitted, 1: fitted in some stage, 2: held out");
   file.store_texts("frames/images", images, "image of the first camera");
 }
 
@@ -80,6 +90,7 @@ void declare_correlation(ResultsFile& file, const Case& test, const RunPlan& pla
                  fmt::format("rms of f - g(x + u) per element, {} [frame, cell]", what));
   }
   file.declare_frames_done("residual", frames);
+  file.declare("residual/noise", {1}, "grey level", "standard deviation of the images' noise");
   if (plan.residual_image) {
     const auto [columns, rows] = *plan.residual_image;
     file.declare("residual/image_model", {frames, static_cast<std::size_t>(rows), static_cast<std::size_t>(columns)},
@@ -129,6 +140,9 @@ ResultsFile create_results(const std::filesystem::path& folder, const Case& test
   file.store_text("case/file", test.file.string(), "the case file");
   file.store_text("case/text", test.text, "its contents");
   file.store_text("case/title", test.title, "title of the test");
+  file.store_text("case/held", test.specimen.held, "group of nodes that is held");
+  file.store_text("case/loaded", test.specimen.loaded, "group of nodes that is pulled");
+  file.store_text("case/axis", test.specimen.axis, "direction of the load");
   for (const auto& [name, version] : plan.versions) file.store_text("program/" + name, version, "version");
   store_frames(file, test);
   if (plan.volume) {
@@ -164,6 +178,8 @@ void write_dic_frame(ResultsFile& file, std::size_t index, std::span<const doubl
   file.write("residual/element_dic", index, element_rms);
   file.mark_done("dic", index);
 }
+
+void write_noise(ResultsFile& file, double noise) { file.write("residual/noise", {&noise, 1}); }
 
 void write_model_residual(ResultsFile& file, std::size_t index, double rms, std::span<const double> element_rms,
                           std::span<const double> image) {

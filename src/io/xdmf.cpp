@@ -14,7 +14,9 @@ class XdmfWriter {
   explicit XdmfWriter(const ResultsFile& file) : file_(file), numbers_(file.read_integers("frames/number")) {}
 
   std::string text() {
-    out_ = "<?xml version=\"1.0\"?>\n<Xdmf Version=\"2.0\">\n <Domain>\n";
+    out_ =
+        "<?xml version=\"1.0\"?>\n<!-- In ParaView choose \"XDMF Reader\"; the Xdmf3 readers do not know slabs. -->\n"
+        "<Xdmf Version=\"2.0\">\n <Domain>\n";
     if (file_.has("mesh/cells") && file_.has("fields/displacement")) {
       series("specimen", "mesh",
              {{"displacement", "fields/displacement", "Vector", "Node"},

@@ -33,7 +33,9 @@ inline mesh::Mesh example_mesh(bool solid) {
       }
     }
   }
+  const int last = node(0, ny, 0);
   mesh.node_groups["bottom"] = {0, 1, 2, 3, 4};
+  mesh.node_groups["top"] = {last, last + 1, last + 2, last + 3, last + 4};
   return mesh;
 }
 
@@ -52,6 +54,9 @@ inline ResultsFile example_run(const std::filesystem::path& folder, int frames =
                                   .image = {},
                                   .line = i + 2});
   }
+  test.specimen.held = "bottom";
+  test.specimen.loaded = "top";
+  test.identify.stages = {{{"E"}, {0, 2, 4}}, {{"S_y"}, {0, 2, 4, 6, 8, 10}}};
   test.identify.held_out = {2 * frames - 2};
   test.material.parameters = {{"E", {180e3, {}, {}}}, {"S_y", {250.0, {}, {}}}, {"nu", {0.3, {}, {}}}};
   const auto volume = example_mesh(true), surface = example_mesh(false);
@@ -63,6 +68,7 @@ inline ResultsFile example_run(const std::filesystem::path& folder, int frames =
   plan.residual_image = {{40, 80}};
   auto file = create_results(folder, test, plan);
 
+  write_noise(file, 2.0);
   const auto cells = static_cast<std::size_t>(volume.cells.rows());
   for (int i = 0; i < frames - 1; ++i) {  // the last frame is missing: as if the run had been killed
     const double strain = 0.002 * i;

@@ -3,13 +3,15 @@
 //
 // results.h5 holds (F frames, N nodes and M cells of the simulation's mesh, n nodes and k cells of the DIC mesh,
 // P parameters; rows are places in Case::frames, not frame numbers):
-//   case/      file, text, title                      program/  git revision, versions of the libraries
+//   case/      file, text, title, held, loaded, axis         program/  git revision, versions of the libraries
 //   mesh/      nodes [N,3], cells [M,8], front [:,4], node_groups/*       surface/  nodes [n,3], cells [k,4]
-//   frames/    number [F], time [F], force_measured [F], force_predicted [F], images [F]
+//   frames/    number [F], time [F], force_measured [F], force_predicted [F], images [F],
+//              use [F] (0: not fitted, 1: fitted in some stage, 2: held out)
 //   fields/    displacement [F,N,3], cauchy_stress [F,M,6] (11,22,33,12,23,13), von_mises [F,M], plastic_strain [F,M],
 //              reaction [F,3], frames_done [F]
 //   dic/       displacement [F,n,3], frames_done [F]
-//   residual/  rms_dic [F], rms_model [F], element_dic [F,k], element_model [F,k], image_model [F,rows,columns]
+//   residual/  rms_dic [F], rms_model [F], element_dic [F,k], element_model [F,k], image_model [F,rows,columns],
+//              noise [1], frames_done [F]
 //   identification/  parameters [P], units [P], initial [P], values [P], standard_deviation [P], covariance [P,P],
 //              iterations/{count [1], stage, iteration, values [:,P], eta, residual}
 
@@ -57,6 +59,9 @@ void write_simulation_frame(ResultsFile& file, std::size_t index, const Simulati
 void write_dic_frame(ResultsFile& file, std::size_t index, std::span<const double> displacement, double rms,
                      std::span<const double> element_rms);
 
+/// Standard deviation of the images' noise [grey level]; the unit that the pictures of the residual are drawn in.
+void write_noise(ResultsFile& file, double noise);
+
 /// The residual of the identified model. image: [rows x columns, grey level], only if the plan has one.
 void write_model_residual(ResultsFile& file, std::size_t index, double rms, std::span<const double> element_rms,
                           std::span<const double> image = {});
@@ -68,8 +73,9 @@ void write_iteration(ResultsFile& file, int stage, int iteration, std::span<cons
 /// The final values [P] and covariance [P x P], NaN for parameters that were not free.
 void write_identified(ResultsFile& file, std::span<const double> values, std::span<const double> covariance);
 
-/// The .xdmf for a results file, to be put beside it; opens in ParaView. Its time is the frame's number, because static
-/// frames share a time. Every frame is there; those that are not done are NaN. Written atomically.
+/// The .xdmf for a results file, to be put beside it; opens in ParaView (with its "XDMF Reader"; the Xdmf3 readers skip
+/// the fields). Its time is the frame's number, because static frames share a time. Every frame is there; those that are
+/// not done are NaN. Written atomically.
 void write_xdmf(const ResultsFile& file, const std::filesystem::path& path);
 
 /// Number with its unit as {"value": …, "unit": …}; null for NaN.
