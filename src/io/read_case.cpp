@@ -362,6 +362,7 @@ class CaseReader {
         found.insert(found.end(), error.mistakes().begin(), error.mistakes().end());
       }
     }
+    check_number_of_images(section, camera);
     if (!case_.loads.records.empty()) {
       std::set<int> recorded;
       for (const auto& record : case_.loads.records) recorded.insert(record.frame);
@@ -377,6 +378,15 @@ class CaseReader {
       found.push_back({section.path("images"), fmt::format("{} more mistakes of this kind", more), ""});
     }
     for (auto& one : found) mistakes_.push_back({line, std::move(one)});
+  }
+
+  /// Images that are merely counted must be as many as the rows: a file that is missing would shift all that follow.
+  void check_number_of_images(const Section& section, const CameraCase& camera) {
+    const auto images = camera.images.size(), rows = case_.loads.records.size();
+    if (section.has("frames") || section.value("images") == "from_loads" || images >= rows) return;
+    mistake(section.path("images"), fmt::format("{} images", images),
+            fmt::format("{}, one for each row of {}; else say which they are: frames: from_names, or a list", rows,
+                        case_.loads.file.string()));
   }
 
   void read_material() {

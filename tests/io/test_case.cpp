@@ -241,7 +241,7 @@ TEST_F(CaseFile, HeadersOfEveryFormat) {
   for (const char* name : {"0.tif", "1.bmp", "2.png"})
     ASSERT_TRUE(cv::imwrite((folder.path() / "left" / name).string(), cv::Mat(24, 32, CV_8U, cv::Scalar(0))));
   ASSERT_TRUE(cv::imwrite((folder.path() / "left/3.tif").string(), cv::Mat(50, 32, CV_16U, cv::Scalar(0))));
-  auto text = changed(good_case, "left/*.png", "left/*");
+  auto text = changed(good_case, "\"left/*.png\"", "\"left/*\", frames: sequence");
   for (const char* frames : {"1-5", "1-10", "1-11"}) text = changed(text, frames, "0-3");
   EXPECT_EQ(mistakes(text),
             "left/3.tif: 32 x 50 px; allowed: 32 x 24 px as in left/0.tif\n"
@@ -276,6 +276,12 @@ TEST_F(CaseFile, ImagesCanBeNumberedByNameOrList) {
     text = changed(changed(text, "1-10", "1-9"), "1-11", "1-9");
     EXPECT_EQ(read(text).index_of(9), 8) << frames;
   }
+  auto counted = changed(changed(good_case, "1-10", "1-8"), "1-11", "1-8");
+  EXPECT_EQ(
+      mistakes(counted),
+      "case.yaml:6 cameras[0].images: 9 images; allowed: 12, one for each row of loads.csv; else say which they are: "
+      "frames: from_names, or a list");
+  EXPECT_EQ(mistakes(changed(counted, "images:", "frames: sequence, images:")), "none");
   EXPECT_THAT(mistakes(changed(good_case, "images:", "frames: \"0-7\", images:")),
               HasSubstr("cameras[0].frames: 8 frames; allowed: 9, one for each image"));
 }

@@ -27,6 +27,9 @@ struct Units {
   std::string length = "mm", force = "N", time = "s";  ///< stress is force/length^2
 };
 
+/// force/length^2 by its usual name: MPa, Pa, GPa, kPa.
+[[nodiscard]] std::string stress_unit(const Units& units);
+
 struct SpecimenCase {
   std::filesystem::path mesh;  ///< resolved against the case file's folder
   double thickness = 0.0;      ///< [length]; 2D meshes only

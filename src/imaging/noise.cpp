@@ -1,0 +1,50 @@
+#include "imic3d/imaging/noise.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace imic3d::imaging {
+namespace {
+
+float median(std::vector<float>& values) {
+  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
+
+// Variance of a - b over two.
+double half_variance_of_difference(const Image& a, const Image& b) {
+  std::vector<float> difference(a.grey.size());
+  double mean = 0.0;
+  for (std::size_t i = 0; i < difference.size(); ++i) mean += difference[i] = a.grey[i] - b.grey[i];
+  mean /= static_cast<double>(difference.size());
+  std::vector<float> magnitude(difference.size());
+  for (std::size_t i = 0; i < difference.size(); ++i) magnitude[i] = std::abs(difference[i] - static_cast<float>(mean));
+  const double scale = std::max(1.4826 * static_cast<double>(median(magnitude)), 1.0);  // one grey level at least
+  // The median alone would be too coarse for the integers of 8-bit frames: it only says what lies outside.
+  double sum = 0.0, count = 0.0;
+  for (const float d : difference) {
+    const double centred = d - mean;
+    if (std::abs(centred) > 4.0 * scale) continue;
+    sum += centred * centred, count += 1.0;
+  }
+  return count > 0.0 ? 0.5 * sum / count : 0.0;
+}
+
+}  // namespace
+
+double noise_of_static_frames(std::span<const Image> frames) {
+  if (frames.size() < 2)
+    throw InputError("static frames", fmt::format("{} frame", frames.size()), "at least two frames without motion");
+  double variance = 0.0;
+  for (std::size_t k = 1; k < frames.size(); ++k) {
+    if (frames[k].header() != frames[0].header())
+      throw InputError(frames[k].path.string(), "another size or depth than the first static frame", "the same");
+    variance += half_variance_of_difference(frames[k - 1], frames[k]);
+  }
+  return std::sqrt(variance / static_cast<double>(frames.size() - 1));
+}
+
+}  // namespace imic3d::imaging
