@@ -18,7 +18,7 @@ struct ForwardModel::Implementation {
   Implementation(Communicator world, const Specimen& specimen, std::shared_ptr<const material::FiniteStrainLaw> law_,
                  mechanics::EquilibriumOptions options_, int tasks, int groups)
       : layout(world, tasks, groups),
-        partition(specimen.volume, layout.group()),
+        partition(mesh::partition(specimen.volume, layout.group(), "mechanics_")),
         law(std::move(law_)),
         options(std::move(options_)) {}
 

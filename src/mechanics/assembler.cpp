@@ -34,13 +34,13 @@ Assembler::Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
                      std::shared_ptr<const material::FiniteStrainLaw> law, const std::vector<char>& constrained)
     : partition_(partition),
       law_(std::move(law)),
-      history_(*law_, static_cast<int>(partition.cells().size()), hex8_points) {
-  const std::size_t cells = partition.cells().size();
-  const auto& global_of_natural = partition.global_of_natural();
+      history_(*law_, static_cast<int>(partition.cells.size()), hex8_points) {
+  const std::size_t cells = partition.cells.size();
+  const auto& global_of_natural = partition.global_of_natural;
 
   // The nodes of this rank's cells, in ascending global order.
   std::map<PetscInt, int> local_of_global;
-  for (int cell : partition.cells())
+  for (int cell : partition.cells)
     for (int corner = 0; corner < 8; ++corner)
       local_of_global.emplace(global_of_natural[static_cast<std::size_t>(mesh.cells(cell, corner))], 0);
   std::vector<PetscInt> global_nodes;
@@ -59,7 +59,7 @@ Assembler::Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
   for (std::size_t k = 0; k < cells; ++k) {
     std::array<PetscInt, 24> dofs;
     for (int corner = 0; corner < 8; ++corner) {
-      const int natural = mesh.cells(partition.cells()[k], corner);
+      const int natural = mesh.cells(partition.cells[k], corner);
       const PetscInt global = global_of_natural[static_cast<std::size_t>(natural)];
       const int local = local_of_global.at(global);
       nodes_[k].row(corner) = mesh.nodes.row(natural);
@@ -78,7 +78,7 @@ Assembler::Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
     }
   }
   // One diagonal entry per owned degree of freedom carries the identity of the constrained ones.
-  const PetscInt first = 3 * partition.first_node(), owned = 3 * partition.owned_nodes();
+  const PetscInt first = 3 * partition.first_owned(), owned = 3 * partition.owned_nodes();
   constrained_owned_.assign(static_cast<std::size_t>(owned), 0);
   for (std::size_t natural = 0; natural < global_of_natural.size(); ++natural)
     for (int i = 0; i < 3; ++i) {
@@ -91,7 +91,7 @@ Assembler::Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
     columns.push_back(dof);
   }
 
-  const MPI_Comm comm = partition.communicator().handle;
+  const MPI_Comm comm = partition.communicator.handle;
   petsc(MatCreate(comm, &tangent_));
   petsc(MatSetSizes(tangent_, owned, owned, PETSC_DETERMINE, PETSC_DETERMINE));
   petsc(MatSetType(tangent_, MATAIJ));
@@ -180,7 +180,7 @@ bool Assembler::assemble(Vec u, double time_increment, std::span<const double> p
     std::copy_n(element.tangent.data(), 576, element_tangents_.begin() + 576L * cell);
   }
   int anywhere = 0;
-  MPI_Allreduce(&failed, &anywhere, 1, MPI_INT, MPI_MAX, partition_.communicator().handle);
+  MPI_Allreduce(&failed, &anywhere, 1, MPI_INT, MPI_MAX, partition_.communicator.handle);
   if (anywhere != 0) return false;
 
   const auto insert = [this](const std::vector<double>& values, Vec target) {

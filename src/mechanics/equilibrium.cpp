@@ -58,7 +58,7 @@ struct Equilibrium::Implementation {
 
   /// MUMPS LDL^T on small problems, CG with GAMG and the rigid-body near-null space above; everything open to options.
   void make_solver() {
-    petsc(KSPCreate(partition.communicator().handle, &solver));
+    petsc(KSPCreate(partition.communicator.handle, &solver));
     petsc(KSPSetOptionsPrefix(solver, options.prefix.c_str()));
     PC preconditioner = nullptr;
     petsc(KSPGetPC(solver, &preconditioner));
@@ -92,13 +92,16 @@ struct Equilibrium::Implementation {
     petsc(VecDestroy(&coordinates));
   }
 
+  [[nodiscard]] int natural_of_owned(int i) const {
+    return partition.natural_of_global[static_cast<std::size_t>(partition.first_owned() + i)];
+  }
+
   /// Natural, replicated -> global, distributed.
   void to_global(const Eigen::Ref<const Eigen::VectorXd>& natural, Vec global) const {
     PetscScalar* values = nullptr;
     petsc(VecGetArray(global, &values));
-    const auto& owned = partition.natural_of_owned();
-    for (std::size_t i = 0; i < owned.size(); ++i)
-      for (int k = 0; k < 3; ++k) values[3 * i + static_cast<std::size_t>(k)] = natural[3 * owned[i] + k];
+    for (int i = 0; i < partition.owned_nodes(); ++i)
+      for (int k = 0; k < 3; ++k) values[3 * i + k] = natural[3 * natural_of_owned(i) + k];
     petsc(VecRestoreArray(global, &values));
   }
 
@@ -107,11 +110,10 @@ struct Equilibrium::Implementation {
     Eigen::VectorXd natural = Eigen::VectorXd::Zero(3 * mesh.nodes.rows());
     const PetscScalar* values = nullptr;
     petsc(VecGetArrayRead(global, &values));
-    const auto& owned = partition.natural_of_owned();
-    for (std::size_t i = 0; i < owned.size(); ++i)
-      for (int k = 0; k < 3; ++k) natural[3 * owned[i] + k] = values[3 * i + static_cast<std::size_t>(k)];
+    for (int i = 0; i < partition.owned_nodes(); ++i)
+      for (int k = 0; k < 3; ++k) natural[3 * natural_of_owned(i) + k] = values[3 * i + k];
     petsc(VecRestoreArrayRead(global, &values));
-    partition.communicator().sum(std::span(natural.data(), static_cast<std::size_t>(natural.size())));
+    partition.communicator.sum(std::span(natural.data(), static_cast<std::size_t>(natural.size())));
     return natural;
   }
 
@@ -170,30 +172,39 @@ struct Equilibrium::Implementation {
 
   enum class Outcome { converged, diverged, limit_point };
 
-  /// One increment: from u (trial start) to equilibrium with the prescribed displacement and `external`.
+  /// One increment: from u to equilibrium with the prescribed displacement and `external`. Full Newton steps: with a
+  /// consistent tangent the unbalanced forces of a plastic step may well grow before they vanish, and a search that
+  /// forbids it crawls. A step is shortened where an element would be inverted or the forces grow a thousandfold.
   Outcome newton(Vec prescribed, double time_increment, std::span<const double> parameters, int& iterations) {
     last_residuals.clear();
-    double previous = 0.0;
+    double previous = 0.0, step = 1.0;
     bool indefinite = false;
+    Outcome failed = Outcome::diverged;
+    petsc(VecZeroEntries(correction));
     for (int iteration = 0; iteration <= options.max_iterations; ++iteration) {
       missing_displacement(prescribed);
-      double missing = 0.0, size = 0.0;
+      double missing = 0.0, size = 0.0, load = 0.0, norm = 0.0;
+      for (int halvings = 0;; ++halvings) {
+        const bool valid = assembler.assemble(u, time_increment, parameters, force, increment, lifting);
+        norm = valid ? unbalanced() : INFINITY;
+        if (std::isfinite(norm) && (iteration < 2 || norm < 1e3 * previous)) break;
+        if (iteration == 0 || halvings == 4) return failed;
+        step *= 0.5;
+        petsc(VecAXPY(u, -step, correction));  // back by half of what was taken
+        missing_displacement(prescribed);
+      }
       petsc(VecNorm(increment, NORM_INFINITY, &missing));
-      if (!assembler.assemble(u, time_increment, parameters, force, increment, lifting)) return Outcome::diverged;
-      const double norm = unbalanced();
       petsc(VecNorm(force, NORM_2, &size));
-      double load = 0.0;
       petsc(VecNorm(external, NORM_2, &load));
       const double scale = std::max({size, load, 1e-30});
       last_residuals.push_back(norm / scale);
-      if (!std::isfinite(norm)) return Outcome::diverged;
       if (missing == 0.0 && iteration > 0) {
         // Below the tolerance, or at the level of round-off where it no longer falls.
-        const bool stalled = iteration > 2 && norm > 0.5 * previous && norm < 1e-7 * scale;
-        if (norm <= options.tolerance * scale || stalled) return indefinite ? Outcome::limit_point : Outcome::converged;
+        const bool stalled = iteration > 2 && norm > 0.5 * previous && norm < 1e-8 * scale;
+        if (norm <= options.tolerance * scale || stalled)
+          return indefinite && load > 0.0 ? Outcome::limit_point : Outcome::converged;
       }
       if (iteration == options.max_iterations) break;
-      if (iteration > 6 && norm > 1e3 * *std::min_element(last_residuals.begin(), last_residuals.end()) * scale) break;
 
       petsc(VecAXPY(residual, -1.0, lifting));
       PetscScalar* right = nullptr;
@@ -208,42 +219,31 @@ struct Equilibrium::Implementation {
       petsc(KSPSolve(solver, residual, correction));
       KSPConvergedReason reason = KSP_CONVERGED_ITERATING;
       petsc(KSPGetConvergedReason(solver, &reason));
-      if (reason < 0 && reason != KSP_DIVERGED_ITS) return Outcome::diverged;
+      if (reason < 0 && reason != KSP_DIVERGED_ITS) return failed;
       indefinite = negative_pivots() > 0;
+      // Under prescribed forces a tangent that is not positive definite means a limit point.
+      if (indefinite && load > 0.0) failed = Outcome::limit_point;
       ++iterations;
-
-      // Line search on the unbalanced forces; the first steps that bring in the prescribed displacement are not judged.
-      double step = 1.0;
-      petsc(VecWAXPY(trial, step, correction, u));
-      if (missing == 0.0 && norm > 1e-6 * scale) {
-        for (int halving = 0; halving < 5; ++halving) {
-          if (assembler.assemble(trial, time_increment, parameters, force)) {
-            const double next = unbalanced();
-            if (next < (1.0 - 1e-4 * step) * norm) break;
-          }
-          step *= 0.5;
-          petsc(VecWAXPY(trial, step, correction, u));
-        }
-      }
-      petsc(VecCopy(trial, u));
+      step = 1.0;
+      petsc(VecAXPY(u, 1.0, correction));
       impose(prescribed, u);
       previous = norm;
     }
-    return indefinite ? Outcome::limit_point : Outcome::diverged;
+    return failed;
   }
 
   void collect(FrameState& state) const {
     state.displacement = to_natural(u);
     state.internal = to_natural(force);
     if (!options.with_fields) return;
-    const Communicator group = partition.communicator();
+    const Communicator group = partition.communicator;
     const auto cells = mesh.cells.rows();
     state.cauchy_stress.setZero(cells, 6);
     state.plastic_strain.setZero(cells);
-    for (std::size_t i = 0; i < partition.cells().size(); ++i) {
+    for (std::size_t i = 0; i < partition.cells.size(); ++i) {
       const auto row = static_cast<Eigen::Index>(i);
-      state.cauchy_stress.row(partition.cells()[i]) = assembler.cauchy_stress().row(row);
-      state.plastic_strain[partition.cells()[i]] = assembler.plastic_strain()[row];
+      state.cauchy_stress.row(partition.cells[i]) = assembler.cauchy_stress().row(row);
+      state.plastic_strain[partition.cells[i]] = assembler.plastic_strain()[row];
     }
     group.sum(std::span(state.cauchy_stress.data(), static_cast<std::size_t>(state.cauchy_stress.size())));
     group.sum(std::span(state.plastic_strain.data(), static_cast<std::size_t>(state.plastic_strain.size())));

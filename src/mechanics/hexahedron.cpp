@@ -100,11 +100,11 @@ bool evaluate_hex8(const material::FiniteStrainLaw& law, std::span<const double>
       B.block<6, 3>(0, 3 * a) << n[0], 0, 0, 0, n[1], 0, 0, 0, n[2], n[1], n[0], 0, 0, n[2], n[1], n[2], 0, n[0];
       B.block<3, 3>(0, 3 * a).rowwise() += dilatation.row(a);
     }
-    const Eigen::Matrix<double, 6, 24> cB = dV[point] * response.tangent * B;
-    result.tangent.noalias() += B.transpose() * cB;
+    const Eigen::Matrix<double, 6, 24> cB = (dV[point] * response.tangent).lazyProduct(B);
+    result.tangent += B.transpose().lazyProduct(cB);
 
     // Geometric part: tau : (grad du^T grad Du), and the change of the averaged gradient.
-    const Eigen::Matrix<double, 8, 8> stiffening = dV[point] * (traction * dN.transpose());
+    const Eigen::Matrix<double, 8, 8> stiffening = dV[point] * traction.lazyProduct(dN.transpose());
     Eigen::Matrix<double, 24, 1> alpha, t;
     for (int a = 0; a < 8; ++a) {
       alpha.segment<3>(3 * a) = dilatation.row(a).transpose();

@@ -11,7 +11,7 @@ namespace {
 
 struct Element {
   std::shared_ptr<const material::FiniteStrainLaw> law =
-      material::make_law({.law = "j2", .hardening = "power_linear", .tie_initial_modulus = true});
+      material::make_law({.law = "j2", .hardening = "power_linear", .tie_initial_modulus = true, .table_strain = {}});
   std::vector<double> parameters = {198e3, 0.25, 284.0, 1480.0, 0.042};
   Eigen::Matrix<double, 8, 3> nodes;
   Eigen::Matrix<double, 24, 1> u;

@@ -50,7 +50,7 @@ class Assembler {
 
   [[nodiscard]] Mat tangent() const { return tangent_; }
   [[nodiscard]] HistoryField& history() { return history_; }
-  /// Cell averages at the last evaluation, for this rank's cells in the order of partition.cells():
+  /// Cell averages at the last evaluation, for this rank's cells in the order of partition.cells:
   /// Cauchy stress [cells x 6], accumulated plastic strain [cells].
   [[nodiscard]] const Eigen::Matrix<double, Eigen::Dynamic, 6, Eigen::RowMajor>& cauchy_stress() const { return stress_; }
   [[nodiscard]] const Eigen::VectorXd& plastic_strain() const { return plastic_strain_; }

@@ -48,7 +48,7 @@ struct PathStatus {
   int total_iterations = 0;
 };
 
-/// Finite-strain equilibrium by Newton's method (consistent tangent, line search, step cutting). One object per group
+/// Finite-strain equilibrium by Newton's method (consistent tangent, step cutting). One object per group
 /// of ranks; collective over the partition's communicator.
 class Equilibrium {
  public:
