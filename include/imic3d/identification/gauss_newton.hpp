@@ -25,6 +25,7 @@ struct ImageEvaluation {
   Eigen::VectorXd b;     ///< b_DIC of Eq. 9 [2 * surface nodes, grey level^2/length]
   double squares = 0.0;  ///< sum of squared residuals f - g(x + u) [grey level^2]
   double pixels = 0.0;   ///< pixels in that sum
+  Eigen::VectorXd element_rms;  ///< per element of the surface [grey level]
 };
 
 /// The images of a series as the identification sees them.
