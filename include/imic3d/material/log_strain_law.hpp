@@ -165,8 +165,9 @@ class LogStrainLaw final : public FiniteStrainLaw {
         std::any_of(result.plastic_increment.components.begin(), result.plastic_increment.components.end(),
                     [](const T& x) { return value(x) != 0.0; });
     if (flows) {
-      const Tensor<T> inverse = plastic_inverse(history_old) * exponential(-1.0 * result.plastic_increment);
-      std::copy_n(inverse.components.begin(), 9, history_new.begin());
+      const Tensor<T> change =
+          plastic_inverse(history_old) * exponential_minus_identity(-1.0 * result.plastic_increment);
+      for (std::size_t i = 0; i < 9; ++i) history_new[i] = history_old[i] + change.components[i];
     } else {
       std::copy_n(history_old.begin(), 9, history_new.begin());
     }
