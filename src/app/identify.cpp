@@ -37,6 +37,7 @@ void say(const Material& material, const std::vector<int>& free, const id::Itera
   spdlog::info("  {:2}  {} eta {:.1e}  distance {:.4f} px  residual {:.4f} grey levels{}", iteration, values, at.eta,
                at.displacement_rms, at.image_rms,
                at.force_rms > 0.0 ? fmt::format("  force {:.4g}", at.force_rms) : std::string());
+  if (!at.message.empty()) spdlog::warn("      {} frames took part: {}", at.frames, at.message);
 }
 
 }  // namespace
@@ -86,7 +87,6 @@ void identify(const Communicator& world, const CommandOptions& options) {
       say(material, stage.free, at, iteration);
       output.iteration(static_cast<int>(k), iteration++, at);
     });
-    if (!result.message.empty()) spdlog::warn("  {}", result.message);
     if (!result.converged) spdlog::warn("  not converged: eta is still {:.2e}", result.iterates.back().eta);
     for (std::size_t i = 0; i < stage.free.size(); ++i)
       for (std::size_t j = 0; j < stage.free.size(); ++j)

@@ -63,6 +63,7 @@ struct Iterate {
   double force_rms = 0.0;         ///< F - R, where the functional contains it [force]
   double cost = 0.0;              ///< the weighted sum of squares that step control watches
   int frames = 0;                 ///< frames of the stage that could be simulated
+  std::string message;            ///< why not all of them, if so
 };
 
 struct StageResult {
