@@ -1,4 +1,4 @@
-"""What the CalculiX commands in this folder share: the law, the plate's mesh, the run of ccx and the reading of its table.
+"""What the CalculiX commands in this folder share: the law, the plate's mesh, running ccx and reading its table.
 
 Units: mm, N, MPa. Needs CalculiX (`ccx`) and numpy. Nothing here knows of imic3d: it is there to be independent of it.
 """
@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 TABLE_ROWS = 190  # CalculiX holds 200 at most
+DONE = "Job finished"  # what ccx prints at the end
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,7 @@ class Law:
         return self.H * p + self.S_y * (1.0 + p / self.eps0) ** self.delta  # Eq. (18)
 
     def table_strain(self, largest=3.0):
-        """Plastic strains spaced evenly in log(1 + p/eps0): the interpolation error is then the same in every interval."""
+        """Plastic strains even in log(1 + p/eps0): the interpolation error is then the same in every interval."""
         return self.eps0 * np.expm1(np.linspace(0.0, np.log1p(largest / self.eps0), TABLE_ROWS))
 
 
@@ -69,6 +70,9 @@ class SaturationLaw:
     def yield_stress(self, p):
         return self.sigma_y + (self.sigma_inf - self.sigma_y) * -np.expm1(-self.delta * p) + self.H * p
 
+    def slope(self, p):
+        return (self.sigma_inf - self.sigma_y) * self.delta * np.exp(-self.delta * p) + self.H
+
     def table_strain(self, largest=3.0):
         dense = np.linspace(0.0, 0.6, 150)
         return np.concatenate([dense, np.linspace(0.6, largest, TABLE_ROWS - 149)[1:]])
@@ -86,10 +90,10 @@ def material_cards(law, theory="simo"):
 
     theory "simo": the law is taken as written, in CalculiX's own theory (see docs/verification.md).
     theory "hencky": the table is transformed so that CalculiX's uniaxial tension is that of Hencky elasticity with the
-    exponential map and the yield function in Kirchhoff stress, tau = sigma_y(p): the stress is divided by J = exp(tau / 3K),
-    and the plastic strain is stretched by 1 + tau / 3G, which is what Simo's flow rule accumulates in tension. Right to
-    second order in the elastic strain in tension; in another state of stress the remaining difference is a part of the
-    difference between the theories, which is itself about 0.2 %."""
+    exponential map and the yield function in Kirchhoff stress, tau = sigma_y(p): the stress is divided by
+    J = exp(tau / 3K), and the plastic strain is stretched by 1 + tau / 3G, which is what Simo's flow rule accumulates
+    in tension. Right to second order in the elastic strain in tension; in another state of stress the remaining
+    difference is a part of the difference between the theories, which is itself about 0.2 %."""
     p = law.table_strain()
     stress = law.yield_stress(p)
     if theory == "hencky":
@@ -126,18 +130,22 @@ def step_cards(boundary, output, increments=1, residual=1e-5, loads=""):
 
 
 def run(deck, folder, name="job"):
-    """Run ccx on one thread in `folder`; returns the table of its .dat and the seconds taken. Raises if ccx failed."""
+    """Run ccx on one thread in `folder`; returns the table of its .dat and the seconds taken. A deck that was already
+    run there is not run again. Ends the program if ccx failed."""
     if shutil.which("ccx") is None:
         raise SystemExit("ccx is not installed (Debian: apt install calculix-ccx)")
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / f"{name}.inp").write_text(deck)
+    deck_file, log_file = folder / f"{name}.inp", folder / f"{name}.log"
+    if deck_file.exists() and deck_file.read_text() == deck and log_file.exists() and DONE in log_file.read_text():
+        return read_dat(folder / f"{name}.dat"), 0.0
+    deck_file.write_text(deck)
     start = time.time()
-    with open(folder / f"{name}.log", "w") as log:
+    with open(log_file, "w") as log:
         status = subprocess.run(["ccx", "-i", name], cwd=folder, stdout=log, stderr=subprocess.STDOUT,
                                 env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}).returncode
-    text = (folder / f"{name}.log").read_text()
-    if status != 0 or "*ERROR" in text or "Job finished" not in text:
+    text = log_file.read_text()
+    if status != 0 or "*ERROR" in text or DONE not in text:
         raise SystemExit(f"ccx failed (status {status}); the end of its log:\n" + "\n".join(text.splitlines()[-15:]))
     return read_dat(folder / f"{name}.dat"), time.time() - start
 
@@ -146,7 +154,7 @@ HEADER = re.compile(r"^ *([a-z].*?) *\(.*\) *for set (\S+) and time +(\S+)")
 
 
 def read_dat(path):
-    """{(quantity, SET): array} with one row block a step: shape (steps, rows, columns). Only the end of each step is kept."""
+    """{(quantity, SET): array (steps, rows, columns)}; only the end of each step is kept."""
     blocks, rows = {}, None
     for line in open(path):
         if head := HEADER.match(line):
@@ -157,11 +165,11 @@ def read_dat(path):
             for key, block in blocks.items()}
 
 
-# --- the plate with a hole ---------------------------------------------------------------------------------------------
+# --- the plate with a hole ---
 
 @dataclass(frozen=True)
 class Plate:
-    """An eighth of the plate: 0 <= x <= width/2, 0 <= y <= length/2, 0 <= z <= thickness/2, hole of `radius` at the origin.
+    """An eighth of the plate: 0 <= x <= width/2, 0 <= y <= length/2, 0 <= z <= thickness/2, hole at the origin.
     Three blocks: A from the hole to the side, B from the hole to the line y = width/2, C the rest up to the end."""
 
     width: float = 20.0
@@ -207,7 +215,7 @@ class Plate:
 
 
 def stretched(count, ratio):
-    """2 count + 1 values in [0, 1] (corners and middles of `count` intervals) in geometric progression, last/first = ratio."""
+    """2 count + 1 ends and middles of `count` intervals of [0, 1] that grow geometrically, last over first = ratio."""
     steps = np.ones(count) if count == 1 else ratio ** (np.arange(count) / (count - 1))
     corner = np.concatenate([[0.0], np.cumsum(steps) / steps.sum()])
     values = np.empty(2 * count + 1)
@@ -222,8 +230,8 @@ C3D20 = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [0, 0, 2], [2, 0, 
 
 
 def brick20(points, s, t, depth, place):
-    """Append a block's lattice to `points`, return its elements. `place(s, t)` gives (x, y); the block is right-handed if
-    (ds, dt) is; if not, s is reversed here."""
+    """Append a block's lattice to `points`, return its elements. `place(s, t)` gives (x, y); where (s, t) is
+    left-handed, s is reversed."""
     probe = place(np.array([0.45, 0.55, 0.45]), np.array([0.45, 0.45, 0.55]))
     a, b = probe[1] - probe[0], probe[2] - probe[0]
     if a[0] * b[1] - a[1] * b[0] < 0:

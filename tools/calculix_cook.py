@@ -36,7 +36,8 @@ def corner_history(n, tau, steps, increments, theory, folder):
     for cell in cells:
         on = cell[x[cell] > 48 - 1e-6]
         if len(on) == 8:
-            ends = [m for m in on if z[m] in (0.0, 1.0) and np.isclose((y[m] - 44.0) / 16.0 * n % 1.0, [0.0, 1.0]).any()]
+            along = (y[on] - 44.0) / 16.0 * n  # in elements
+            ends = on[np.isin(z[on], (0.0, 1.0)) & np.isclose(along, np.rint(along))]
             assert len(ends) == 4
             shares[on] += 1.0 / 3.0
             shares[ends] -= 1.0 / 3.0 + 1.0 / 12.0
@@ -54,7 +55,8 @@ def corner_history(n, tau, steps, increments, theory, folder):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=cx.HelpFormatter)
-    parser.add_argument("--n", type=int, nargs="+", default=[4, 8, 16, 32], help="elements along a side (default 4 8 16 32)")
+    parser.add_argument("--n", type=int, nargs="+", default=[4, 8, 16, 32],
+                        help="elements along a side (default 4 8 16 32)")
     parser.add_argument("--tau", type=float, default=0.3125, help="shear traction [kN/mm^2] (default %(default)g)")
     parser.add_argument("--steps", type=int, default=10, help="rows of the history (default %(default)d)")
     parser.add_argument("--increments", type=int, default=4, help="increments to a row (default %(default)d)")
@@ -68,13 +70,15 @@ def main():
     for n, increments, theory in cases:
         factors, vertical, seconds = corner_history(n, options.tau, options.steps, increments, theory, folder)
         columns[f"n{n}_{options.steps * increments}_{theory}"] = vertical
-        print(f"n = {n}, {options.steps * increments} increments, {theory}: {vertical[-1]:.4f} mm ({seconds:.0f} s)", flush=True)
+        print(f"n = {n}, {options.steps * increments} increments, {theory}: {vertical[-1]:.4f} mm ({seconds:.0f} s)",
+              flush=True)
+    rows = [[f"{f:g}", *(f"{c[k]:.6g}" for c in columns.values())] for k, f in enumerate(factors)]
     cx.write_table(options.output / "cook.csv", [
         "Plastic Cook's membrane, plane strain: u_y [mm] of the corner (48, 60) against the load factor (1: tau "
         f"{options.tau:g}).",
         "Column nN_I_T: N x N C3D20R elements, I increments in all, T the theory (see tools/calculix_plate.py).",
         "made by: /usr/bin/python3 tools/calculix_cook.py --output tests/cases/calculix"],
-        ["load_factor", *columns], [[f"{f:g}", *(f"{c[k]:.6g}" for c in columns.values())] for k, f in enumerate(factors)])
+        ["load_factor", *columns], rows)
 
 
 if __name__ == "__main__":

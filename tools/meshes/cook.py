@@ -40,9 +40,9 @@ def write(path, n, thickness):
         for i in range(n):
             ring = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
             elements.append("5 2 3 3 " + " ".join(str(node(*at, k)) for k in (0, 1) for at in ring))
-    names = ['0 4 "corner"', '2 1 "left"', '2 2 "right"', '3 3 "specimen"']
+    names = '4\n0 4 "corner"\n2 1 "left"\n2 2 "right"\n3 3 "specimen"\n'
     with open(path, "w") as out:
-        out.write("$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n4\n" + "\n".join(names) + "\n$EndPhysicalNames\n")
+        out.write("$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n" + names + "$EndPhysicalNames\n")
         out.write(f"$Nodes\n{len(nodes)}\n")
         out.writelines(f"{m} {x:.16g} {y:.16g} {z:.16g}\n" for m, (x, y, z) in enumerate(nodes, 1))
         out.write(f"$EndNodes\n$Elements\n{len(elements)}\n")
