@@ -168,7 +168,7 @@ def forward(nodes, faces, moved, X, Y):
 
 def speckle(options, generator):
     """Discs (x, y, radius) [mm] on the undeformed plate, covering about half of it."""
-    radius_px = (1.4, 3.2)
+    radius_px = (1.6, 3.4)
     wide, high = 20.0, 1.1 * options.height * options.pixel
     mean_area = np.pi * (radius_px[0]**2 + radius_px[0] * radius_px[1] + radius_px[1]**2) / 3.0 * options.pixel**2
     count = int(0.75 * wide * high / mean_area)
@@ -203,7 +203,7 @@ def picture(nodes, faces, moved, discs, options):
     centres, there = forward(nodes, faces, moved, discs[0], discs[1])
     seen = there & (np.abs(centres[:, 1]) < rows[-1] + 1.0)
     stretch = 1.05 * largest_stretch(nodes, faces, moved)
-    clear = paint(X, columns, rows, [d[seen] for d in discs], centres[seen], stretch, 0.5 * pixel)
+    clear = paint(X, columns, rows, [d[seen] for d in discs], centres[seen], stretch, 1.2 * pixel)
     grey = np.where(np.isfinite(X[0]), DISC + (PAINT - DISC) * clear, BACKGROUND)
     grey = 255.0 * grey.reshape(options.height, n, options.width, n).mean((1, 3))
     return grey[::-1], X, columns, rows
