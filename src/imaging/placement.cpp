@@ -376,7 +376,7 @@ struct Fit {
   int agreeing = 0, visible = 0, tried = 0;
   std::vector<int> tried_of_contour, agreeing_of_contour;
   double median = 0.0;     ///< of the distances of the edge points that agree [px]
-  double stiffness = 0.0;  ///< smallest eigenvalue of the normal matrix per edge point: 0 if a movement is free
+  double stiffness = 0.0;  ///< smallest eigenvalue of a similarity's normal matrix per edge point: 0 if one is free
 };
 
 /// How far from the outline an edge is looked for [px].
@@ -436,6 +436,7 @@ Fit step(const cv::Mat1f& image, const CoarseImage& classes, const std::vector<O
   fit.tried = static_cast<int>(count);
   Eigen::MatrixXd matrix = Eigen::MatrixXd::Zero(unknowns, unknowns);
   Eigen::VectorXd right = Eigen::VectorXd::Zero(unknowns);
+  Eigen::Matrix4d of_similarity = Eigen::Matrix4d::Zero();
   double weights = 0.0, squares = 0.0;
   std::vector<double> distances;
   const auto contour_count = static_cast<std::size_t>(outline.back().contour) + 1;
@@ -461,6 +462,8 @@ Fit step(const cv::Mat1f& image, const CoarseImage& classes, const std::vector<O
     if (freedom == Freedom::affine)
       row.tail<4>() << normal.x() * arm.x(), normal.x() * arm.y(), normal.y() * arm.x(), normal.y() * arm.y();
     matrix += weight * row * row.transpose();
+    const Eigen::Vector4d movement(normal.x(), normal.y(), turn, normal.dot(arm));
+    of_similarity += weight * movement * movement.transpose();
     right += weight * offset * row;
     weights += weight;
   }
@@ -469,7 +472,10 @@ Fit step(const cv::Mat1f& image, const CoarseImage& classes, const std::vector<O
   fit.rms = std::sqrt(squares / fit.agreeing);
   fit.median = quantile(distances, 0.5);
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(matrix / weights);
-  fit.stiffness = eigen.eigenvalues()[0];
+  // Even where the scale is known: edges that would leave it free (one corner of the specimen) are no evidence of a
+  // place.
+  fit.stiffness = std::min(freedom == Freedom::affine ? 1.0 : eigen.eigenvalues()[0],
+                           Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d>(of_similarity / weights).eigenvalues()[0]);
   // A movement that the edges leave free is not made.
   Eigen::VectorXd update = Eigen::VectorXd::Zero(unknowns);
   for (Eigen::Index i = 0; i < unknowns; ++i)
@@ -580,8 +586,7 @@ Placement place_bright_specimen(const cv::Mat1f& image, const std::vector<std::v
     if (signed_area(contours[c]) < 0.0 && best.agreeing_of_contour[c] < 0.4 * best.tried_of_contour[c])
       complain(fmt::format("no hole in the image where the mesh has one: an edge at {} of {} points",
                            best.agreeing_of_contour[c], best.tried_of_contour[c]));
-  // Of an affine map, only a small hole may hold the magnification along the specimen.
-  if (best.stiffness < (options.affine ? 2e-4 : 2e-3))
+  if (best.stiffness < 2e-3)
     throw InputError("place.auto", "an outline along which the mesh can slide",
                      "an outline with a hole, a fillet or an end in the image, or place.points");
   return placement;

@@ -192,5 +192,28 @@ TEST(Placement, MeasuredDataPlateIndependent) {
     }
 }
 
+TEST(Placement, MeasuredDataPcabsTension) {
+  if (data_directory().empty()) GTEST_SKIP() << "measured data not found (IMIC3D_DATA)";
+  // The dumbbell of that test between x = -17 and 17 mm: waist 12 x 12, fillets of radius 20.
+  std::vector<Vector2d> outline;
+  const auto half_width = [](double x) {
+    return std::abs(x) <= 6 ? 6.0 : 26 - std::sqrt(400 - std::pow(std::abs(x) - 6, 2));
+  };
+  for (int i = -17; i <= 17; ++i) outline.emplace_back(i, -half_width(i));
+  for (int i = 17; i >= -17; --i) outline.emplace_back(i, half_width(i));
+  const Image image = read_image(data_directory() / "pcabs_tension" / "images" / "frame_000.png");
+  const Placement known = place_by_outline(image, {outline}, {.pixel_size = 0.03929});
+  const Placement free = place_by_outline(image, {outline}, {});
+  std::printf(
+      "[ placement ] pcabs_tension: origin (%.2f, %.2f), rms %.2f px, %d of %d agree; pixel size found %.5f, rms %.2f "
+      "px\n",
+      known.camera.offset.x(), known.camera.offset.y(), known.rms, known.agreeing, known.visible, free.pixel_size,
+      free.rms);
+  EXPECT_LT(known.rms, 1.0);
+  EXPECT_GT(known.agreeing, 0.8 * known.visible);
+  EXPECT_NEAR(free.pixel_size, 0.03929, 0.005 * 0.03929);  // the laboratory's own
+  EXPECT_LT((free.camera.offset - known.camera.offset).norm(), 1.0);
+}
+
 }  // namespace
 }  // namespace imic3d::imaging
