@@ -186,8 +186,8 @@ Matrix6 LogarithmicStrain::spatial_tangent(const Tensor<double>& Fe, const Symme
 
 namespace detail {
 
-void exponential_minus_identity(const SymmetricTensor<double>& A, SymmetricTensor<double>& result, SymmetricTensor<double>* directions,
-                 int count) noexcept {
+void exponential_minus_identity(const SymmetricTensor<double>& A, SymmetricTensor<double>& result,
+                                SymmetricTensor<double>* directions, int count) noexcept {
   const SpectralDecomposition spectrum = spectral_decomposition(A);
   const auto& z = spectrum.values;
   result = push_forward(spectrum.vectors,

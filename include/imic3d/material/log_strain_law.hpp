@@ -2,7 +2,7 @@
 // Makes a small-strain law a finite-strain one: multiplicative plasticity in logarithmic strain with exponential map.
 
 #include <algorithm>
-#include <cmath>
+#include <stdexcept>
 #include <utility>
 
 #include "imic3d/material/scalar_root.hpp"
@@ -20,7 +20,10 @@ namespace imic3d::material {
 template <SmallStrainLaw Law, bool hand_tangent = HasConsistentTangent<Law>>
 class LogStrainLaw final : public FiniteStrainLaw {
  public:
-  explicit LogStrainLaw(Law law) : law_(std::move(law)), name_(law_.name()), parameters_(law_.parameters()) {}
+  /// Throws std::length_error where the law has more than max_parameters parameters.
+  explicit LogStrainLaw(Law law) : law_(std::move(law)), name_(law_.name()), parameters_(law_.parameters()) {
+    if (parameters_.size() > max_parameters) throw std::length_error(name_ + ": more than max_parameters parameters");
+  }
 
   [[nodiscard]] const std::string& name() const override { return name_; }
   [[nodiscard]] const std::vector<ParameterInfo>& parameters() const override { return parameters_; }
