@@ -1,5 +1,6 @@
 #include "imic3d/app/simulation.hpp"
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <set>
 

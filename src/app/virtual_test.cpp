@@ -52,7 +52,7 @@ void virtual_test(const Communicator& world, const CommandOptions& options) {
     throw InputError("cameras.place", "not an origin with a pixel_size", "place: {origin: [column, row]} and pixel_size");
   const auto camera = imaging::camera_from_pose(view.pixel_size, Eigen::Vector2d((*view.place.origin)[0], (*view.place.origin)[1]),
                                                 view.place.rotation, view.place.flip);
-  const auto folder = options.output.empty() ? test.file.parent_path() / declared.directory : options.output;
+  const auto folder = options.output.empty() ? declared.directory : options.output;
   collectively(world, [&] {
     if (world.is_root()) std::filesystem::create_directories(folder / "images");
   });
