@@ -15,7 +15,7 @@ struct ParameterInfo {
   std::string description;                                 ///< one line
   double lower = -std::numeric_limits<double>::infinity();  ///< smallest admissible value
   double upper = std::numeric_limits<double>::infinity();   ///< largest admissible value
-  std::optional<double> null_value;                        ///< the value at which its effect is absent
+  std::optional<double> null_value{};                      ///< the value at which its effect is absent
 };
 
 }  // namespace imic3d

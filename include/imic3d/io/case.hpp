@@ -1,29 +1,40 @@
 #pragma once
-// The case file as data: what a user declares about one test. Read by io::read_case.
+// The case file as data: what a user declares about one test, and how it is read.
+//
+// Frame numbers. A frame has the number that the load record gives it (its `image` column), and this number is used
+// everywhere: in the case file, in the messages and in the results. It need not count the images: a record of 281
+// frames with 51 images has the frames 0-280, and "0-58" selects those of them that have an image. Without a load
+// record the images are numbered 0, 1, 2 … (or as the camera's `frames` says). Case::index_of turns a number into a
+// place in the series of images.
 
 #include <array>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <optional>
 #include <string>
+#include <string_view>
 #include <vector>
 
 #include "imic3d/core/parameter.hpp"
+#include "imic3d/io/frames.hpp"
+#include "imic3d/io/loads.hpp"
+#include "imic3d/mesh/mesh.hpp"
 
 namespace imic3d::io {
-
-/// A range of frames such as "1-5", "0,2,7-9" or "10-40:5", as ascending frame numbers.
-using Frames = std::vector<int>;
 
 struct Units {
   std::string length = "mm", force = "N", time = "s";  ///< stress is force/length^2
 };
 
+/// force/length^2 by its usual name: MPa, Pa, GPa, kPa.
+[[nodiscard]] std::string stress_unit(const Units& units);
+
 struct SpecimenCase {
-  std::filesystem::path mesh;       ///< resolved against the case file's folder
-  double thickness = 0.0;           ///< [length]; 2D meshes only
-  int layers = 4;                   ///< hexahedra through the thickness (of the half, with mid-plane symmetry)
-  int refine = 0;                   ///< uniform refinements of the simulation's mesh (the DIC mesh is the file's own)
+  std::filesystem::path mesh;  ///< resolved against the case file's folder
+  double thickness = 0.0;      ///< [length]; 2D meshes only
+  int layers = 4;              ///< hexahedra through the thickness (of the half, with mid-plane symmetry)
+  int refine = 0;              ///< uniform refinements of the simulation's mesh (the DIC mesh is the file's own)
   std::string element = "hex8";
   bool mid_plane_symmetry = false;  ///< simulate the camera's half of the thickness
   std::string held, loaded;         ///< node groups at the ends
@@ -33,7 +44,7 @@ struct SpecimenCase {
 
 struct PlaceCase {
   std::string automatic;  ///< "outline": from the specimen's outline and hole; empty if points are given
-  std::vector<std::array<double, 4>> points;  ///< rows x [length], y [length], column [px], row [px]; at least 2
+  std::vector<std::array<double, 4>> points;    ///< rows x [length], y [length], column [px], row [px]; at least 2
   std::optional<std::array<double, 2>> origin;  ///< pixel of the mesh's origin (with pixel_size and rotation)
   double rotation = 0.0;                        ///< of the specimen's x axis in the image, counter-clockwise [degree]
   bool flip = false;                            ///< the image is mirrored
@@ -42,18 +53,21 @@ struct PlaceCase {
 struct CameraCase {
   std::string name = "camera";
   std::string model = "telecentric";
-  double pixel_size = 0.0;                       ///< [length/px]
+  double pixel_size = 0.0;  ///< [length/px]
   PlaceCase place;
-  std::vector<std::filesystem::path> images;     ///< in frame order, glob already expanded and sorted; may be empty (virtual)
-  Frames reference = {0};                        ///< frames averaged to the reference image
-  std::optional<double> noise;                   ///< standard deviation [grey level], measured if not given
+  std::vector<std::filesystem::path>
+      images;                   ///< in frame order, glob already expanded and sorted; may be empty (virtual)
+  Frames frames;                ///< number of the frame of each image, ascending
+  Frames reference;             ///< frames averaged to the reference image; the first one if not given
+  std::optional<double> noise;  ///< standard deviation [grey level], measured if not given
 };
 
 struct LoadsCase {
   std::filesystem::path file;
-  std::string image = "frame", time = "time_s", force = "force_N";  ///< column names
-  double force_scale = 1.0;                      ///< multiplies the column (e.g. 1000 for a column in kN)
-  std::optional<double> noise;                   ///< standard deviation [force], measured on static frames if not given
+  LoadColumns columns;              ///< which column holds what
+  double force_scale = 1.0;         ///< multiplies the column (e.g. 1000 for a column in kN)
+  std::optional<double> noise;      ///< standard deviation [force], measured on static frames if not given
+  std::vector<LoadRecord> records;  ///< every row, force already in the case's unit; empty without a file
 };
 
 struct ParameterCase {
@@ -69,45 +83,46 @@ struct MaterialCase {
 };
 
 struct DicCase {
-  std::optional<double> regularisation;  ///< cut-off wavelength of the elastic regularisation [length]; none if 0 or not given
-  int pyramid_levels = -1;               ///< -1: chosen from the image size
+  std::optional<double>
+      regularisation;       ///< cut-off wavelength of the elastic regularisation [length]; none if 0 or not given
+  int pyramid_levels = -1;  ///< -1: chosen from the image size
   int max_iterations = 50;
-  double tolerance = 1e-3;               ///< largest nodal update [px]
-  bool brightness = false;               ///< per-frame gain and offset are fitted with the displacement
-  int groups = 0;                        ///< 0: auto
+  double tolerance = 1e-3;  ///< largest nodal update [px]
+  bool brightness = false;  ///< per-frame gain and offset are fitted with the displacement
+  int groups = 0;           ///< 0: auto
 };
 
 struct StageCase {
   std::vector<std::string> free;
-  Frames frames;
+  Frames frames;  ///< those with an image, not held out
 };
 
 struct IdentifyCase {
   std::string functional = "force_driven";  ///< `force_driven`, `displacement_driven`, `combined`
   std::vector<StageCase> stages;
-  double eta = 1e-3;                         ///< Eq. 13
+  double eta = 1e-3;  ///< Eq. 13
   int max_iterations = 20;
-  Frames held_out;                           ///< frames that are simulated but never fitted
-  int groups = 0;                            ///< concurrent groups of ranks; 0: auto
-  int steps_per_frame = 1;                   ///< load increments between two frames
+  Frames held_out;          ///< frames that are simulated but never fitted
+  int groups = 0;           ///< concurrent groups of ranks; 0: auto
+  int steps_per_frame = 1;  ///< load increments between two frames
 };
 
 struct SimulateCase {
-  std::string control = "displacement";      ///< `displacement`, `force`
-  std::vector<double> time;                  ///< one entry per frame (frame 0 is the reference)
-  std::vector<double> value;                 ///< displacement of `loaded` along `axis` [length], or force [force]
+  std::string control = "displacement";  ///< `displacement`, `force`
+  std::vector<double> time;              ///< one entry per frame (frame 0 is the reference)
+  std::vector<double> value;             ///< displacement of `loaded` along `axis` [length], or force [force]
   int steps_per_frame = 1;
 };
 
 struct VirtualCase {
   double length_between_grips = 0.0;
-  std::array<int, 2> size = {1024, 1024};     ///< columns, rows [px]
+  std::array<int, 2> size = {1024, 1024};        ///< columns, rows [px]
   std::optional<std::filesystem::path> texture;  ///< a speckle image to use; generated if not given
-  double speckle_size = 4.0;                  ///< mean speckle diameter [px]
-  double noise = 0.01;                        ///< of the dynamic (grey-level range of the depth)
-  int depth = 8;                              ///< bits per pixel: 8 or 16
-  double load_noise = 0.0;                    ///< standard deviation [force]
-  int static_frames = 3;                      ///< frames before loading
+  double speckle_size = 4.0;                     ///< mean speckle diameter [px]
+  double noise = 0.01;                           ///< of the dynamic (grey-level range of the depth)
+  int depth = 8;                                 ///< bits per pixel: 8 or 16
+  double load_noise = 0.0;                       ///< standard deviation [force]
+  int static_frames = 3;                         ///< frames before loading
   unsigned seed = 1;
   std::filesystem::path directory = "virtual";
 };
@@ -126,6 +141,33 @@ struct Case {
   std::optional<SimulateCase> simulate;
   std::optional<VirtualCase> virtual_test;
   std::filesystem::path output;  ///< folder for results
+
+  /// Numbers of the frames of the series: those with an image, or 0, 1, 2 … of `simulate` where there are no images.
+  Frames frames;
+  /// Place of frame `number` in `frames`; throws std::out_of_range.
+  [[nodiscard]] int index_of(int number) const;
+  /// Time [time] and force [force] of the frame at place `index` of the series; throws std::out_of_range if the record
+  /// has none.
+  [[nodiscard]] const LoadRecord& load(int index) const;
 };
+
+/// What read_case has to know from other rooms, and what the command needs.
+struct CaseChecks {
+  /// Parameters that the declared material has; may throw InputError. Names and bounds are not checked without it.
+  std::function<std::vector<ParameterInfo>(const MaterialCase&)> parameters_of;
+  /// Reads the mesh (mesh::read); groups and the need of a thickness are not checked without it.
+  std::function<mesh::Mesh(const std::filesystem::path&)> read_mesh;
+  /// Sections that must be there: `cameras`, `loads`, `material`, `identify`, `simulate`, `virtual`.
+  std::vector<std::string> sections;
+  /// Whether the images must be there (all of one size and depth), and a row of loads for each.
+  bool images = true;
+};
+
+/// Reads a case file: YAML, checked against the schema, then for its meaning. Throws InputError that names every
+/// mistake found, in the order of the file's lines.
+[[nodiscard]] Case read_case(const std::filesystem::path& file, const CaseChecks& checks = {});
+
+/// The JSON schema (draft-07) of the case file, the text of inputs/case.schema.json.
+[[nodiscard]] std::string_view case_schema();
 
 }  // namespace imic3d::io

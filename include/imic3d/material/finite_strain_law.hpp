@@ -44,11 +44,19 @@ class FiniteStrainLaw {
                                     std::span<const double> history_old, std::span<double> history_new,
                                     Response& response, bool with_tangent) const noexcept = 0;
   /// d(kirchhoff)/d(parameter), F and history_old held fixed: 6 x number of parameters.
-  [[nodiscard]] virtual bool parameter_derivatives(const Matrix3& F, double time_increment,
-                                                   std::span<const double> parameters,
-                                                   std::span<const double> history_old,
-                                                   Eigen::Ref<Eigen::Matrix<double, 6, Eigen::Dynamic>> derivatives)
-      const noexcept = 0;
+  [[nodiscard]] virtual bool parameter_derivatives(
+      const Matrix3& F, double time_increment, std::span<const double> parameters, std::span<const double> history_old,
+      Eigen::Ref<Eigen::Matrix<double, 6, Eigen::Dynamic>> derivatives) const noexcept = 0;
+  /// Derivatives of the stress and of the new history along one direction in which the deformation gradient, the
+  /// parameters and the old history all move, as direct differentiation of a path needs them: after a step,
+  /// d_history_new is the d_history_old of the next one. d_parameters: [number of parameters]; d_history_old,
+  /// d_history_new: [history_size()], not overlapping. Returns false where `update` would.
+  [[nodiscard]] virtual bool directional_derivative(const Matrix3& F, const Matrix3& dF, double time_increment,
+                                                    std::span<const double> parameters,
+                                                    std::span<const double> d_parameters,
+                                                    std::span<const double> history_old,
+                                                    std::span<const double> d_history_old, Vector6& d_kirchhoff,
+                                                    std::span<double> d_history_new) const noexcept = 0;
 };
 
 /// How a law is chosen in the case file.
@@ -56,7 +64,7 @@ struct LawChoice {
   std::string law = "j2";                  ///< `j2`, `elastic`
   std::string hardening = "power_linear";  ///< `power_linear` (Eq. 18), `linear`, `voce`, `swift`, `table`
   bool tie_initial_modulus = false;        ///< Eq. 19: eps_0 = delta S_y / (E - H) is not a parameter then
-  std::vector<double> table_strain;        ///< for `table`: accumulated plastic strain [-], from 0, ascending
+  std::vector<double> table_strain{};      ///< for `table`: accumulated plastic strain [-], from 0, ascending
 };
 
 /// Makes a law, or throws InputError naming the known laws and hardenings.

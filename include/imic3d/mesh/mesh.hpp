@@ -26,27 +26,52 @@ struct Mesh {
   Cells cells;
   std::map<std::string, std::vector<int>> node_groups;  ///< sorted node numbers (of the group's nodes, edges or faces)
   std::map<std::string, std::vector<int>> cell_groups;  ///< sorted cell numbers
+  /// Boundary edges [k x 2] of a quad mesh or boundary quads [k x 4] of a hex mesh, as node numbers with the outward
+  /// orientation of `boundary_facets`. Every name here is a node group too.
+  std::map<std::string, Cells> facet_groups;
   /// Hex meshes: the quadrilaterals that the cameras see [k x 4], counter-clockwise seen from outside, as node numbers.
   Cells front;
-  /// Number of 2D nodes per layer if the mesh was extruded (layer 0 is the front face, node = layer * this + i); else 0.
+  /// Number of 2D nodes per layer if the mesh was extruded (layer 0 is the front face, node = layer * this + i); else
+  /// 0.
   int nodes_per_layer = 0;
 };
 
-/// Reads Gmsh 2.2 / 4.1 (ASCII) `.msh` or Abaqus `.inp` with named groups (physical names; *NSET, *ELSET). Quadrilateral
-/// meshes are turned counter-clockwise, hexahedra to positive volume where the file's order is merely reversed.
-/// Throws InputError (unreadable, no supported cells, inverted or degenerate cells with their numbers).
+/// Reads Gmsh 2.2 / 4.1 (ASCII) `.msh` or Abaqus `.inp` with named groups (physical names; *NSET, *ELSET).
+/// Quadrilateral meshes are turned counter-clockwise, hexahedra to positive volume where the file's order is merely
+/// reversed. Nodes that no cell uses are dropped; the others keep their order in the file, and so do the cells. `front`
+/// of a hex mesh is the surface group `front` if there is one, else the boundary quads whose outward normal is within
+/// 30 degrees of +z. Throws InputError (unreadable, no supported cells, inverted or degenerate cells with their
+/// numbers).
 [[nodiscard]] Mesh read(const std::filesystem::path& file);
 
-/// Everything wrong with the cells: repeated nodes, zero or negative Jacobian at a corner; with the cell's number and place.
+/// Sets `front` of a hex mesh to the boundary quads of a facet group or, if `group` is a node group only, to the
+/// boundary quads with all nodes in it. Throws InputError (unknown group, no boundary quad in it; says which groups
+/// there are).
+void choose_front(Mesh& mesh, const std::string& group);
+
+/// Everything wrong with the cells: repeated nodes, zero or negative Jacobian at a corner, quads that do not lie in a
+/// plane z = constant, neighbours that overlap (lie on the same side of the edge or face they share); with the cell's
+/// number and place. At most 20 mistakes are listed.
 [[nodiscard]] std::vector<Mistake> check(const Mesh& mesh, const std::string& name);
 
-/// Extrudes a quad mesh lying at z = 0 (the camera's face, layer 0) to z = -thickness with `layers` hexahedra.
-/// Node groups are carried to all layers; the groups `front` and `back` are added. Throws InputError.
+/// Extrudes a quad mesh lying at z = z0 (the camera's face, layer 0) to z = z0 - thickness with `layers` hexahedra.
+/// Node groups are carried to all layers; the groups `front` and `back` are added; hexahedron = layer * quads + quad.
+/// Throws InputError (thickness or layers not positive, not a quad mesh).
 [[nodiscard]] Mesh extrude(const Mesh& quads, double thickness, int layers);
 
 /// Uniform refinement: each quad into 4, each hex into 8. New mid-edge nodes belong to a node group if both ends of
-/// their edge do and the edge lies on the boundary. Keeps the order: coarse nodes first.
+/// their edge do and the edge lies on the boundary (and, for a facet group, on one of its facets); mid-face nodes
+/// likewise. Keeps the order: coarse nodes first, the children of cell c are 4c … 4c+3 (8c … 8c+7), child k at corner
+/// k. `nodes_per_layer` of a refined hex mesh is 0: refine the quads before the extrusion to keep the layers.
 [[nodiscard]] Mesh refine(const Mesh& mesh);
+
+/// The facets that belong to one cell only, in the order of the cells, with the cell of each.
+/// Edges run counter-clockwise around a quad mesh (the cell on their left); quads are counter-clockwise from outside.
+struct Facets {
+  Cells nodes;             ///< [k x 2] or [k x 4]
+  std::vector<int> cells;  ///< [k]
+};
+[[nodiscard]] Facets boundary_facets(const Mesh& mesh);
 
 /// The quads seen by a camera as a mesh of their own; `nodes_of_volume[i]` is the volume's number of surface node i.
 struct Surface {
@@ -55,8 +80,8 @@ struct Surface {
 };
 [[nodiscard]] Surface front_surface(const Mesh& volume);
 
-/// Edges that belong to one cell only, as pairs of node numbers, in order around each contour of a quad mesh
-/// (outer contour counter-clockwise first, then the holes).
+/// Edges that belong to one cell only, as node numbers in order around each contour of a quad mesh
+/// (outer contour counter-clockwise first, then the holes, clockwise). The last node is joined to the first.
 [[nodiscard]] std::vector<std::vector<int>> contours(const Mesh& quads);
 
 }  // namespace imic3d::mesh

@@ -1,0 +1,37 @@
+#pragma once
+// From the case file to the objects that the commands work with.
+
+#include <filesystem>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "imic3d/app/program.hpp"
+#include "imic3d/identification/specimen.hpp"
+#include "imic3d/io/case.hpp"
+#include "imic3d/material/finite_strain_law.hpp"
+
+namespace imic3d::app {
+
+/// The declared material: law, values and bounds in the law's order.
+struct Material {
+  std::shared_ptr<const material::FiniteStrainLaw> law;
+  std::vector<ParameterInfo> information;  ///< bounds narrowed by the case file
+  std::vector<double> values;
+  /// Place of a parameter in the law's order; throws InputError if the law does not have it.
+  [[nodiscard]] int index(const std::string& name) const;
+};
+
+/// Reads and checks a case file; `sections` must be there; `images`: so must the image files.
+[[nodiscard]] io::Case read_case(const CommandOptions& options, std::vector<std::string> sections, bool images);
+
+[[nodiscard]] Material make_material(const io::Case& test);
+
+/// Reads the mesh, refines it, extrudes it if it is 2D, and finds the ends and the camera's face.
+[[nodiscard]] identification::Specimen make_specimen(const io::Case& test);
+
+/// Creates the folder of the results and returns it. Throws InputError if that cannot be done.
+[[nodiscard]] std::filesystem::path output_folder(const io::Case& test, const CommandOptions& options,
+                                                  const Communicator& world);
+
+}  // namespace imic3d::app

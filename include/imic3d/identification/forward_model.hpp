@@ -1,0 +1,74 @@
+#pragma once
+// The forward chain of the mechanics: parameters -> equilibrium paths, several at once as concurrent groups of ranks.
+
+#include <Eigen/Core>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "imic3d/core/parallel.hpp"
+#include "imic3d/identification/specimen.hpp"
+#include "imic3d/material/finite_strain_law.hpp"
+#include "imic3d/mechanics/equilibrium.hpp"
+
+namespace imic3d::identification {
+
+/// What is measured at the simulated frames, in time order (the reference is not among them).
+struct Record {
+  std::vector<int> frames;              ///< frame numbers as the user knows them
+  Eigen::VectorXd time;                 ///< [frames]
+  Eigen::VectorXd force;                ///< measured resultant [frames, force]
+  Eigen::MatrixXd surface_displacement; ///< DIC, on the surface's nodes [2 * surface nodes x frames, length]
+  double start_time = 0.0;
+};
+
+/// One simulated series, what the observations need of it; the same on every rank of the world.
+struct Path {
+  int frames = 0;                ///< frames that converged
+  Eigen::MatrixXd surface;       ///< in-plane displacement of the surface nodes [2 * surface nodes x frames, length]
+  Eigen::VectorXd reaction;      ///< resultant on the loaded end, whole section [frames, force]
+  bool limit_point = false;
+  std::string message;
+  int newton_iterations = 0;
+};
+
+/// Nodal forces of the whole series [3 * nodes x frames]: the distribution of Sec. 3.4.
+struct ForceDistribution {
+  Eigen::MatrixXd force;          ///< sparse in fact: only the ends carry forces [dofs of the ends x frames]
+  std::vector<int> dofs;          ///< natural degrees of freedom of its rows
+  Eigen::VectorXd scale;          ///< measured / simulated resultant per frame
+};
+
+class ForwardModel {
+ public:
+  using FrameSink = std::function<void(int frame, const mechanics::FrameState&)>;
+
+  /// `groups`: number of concurrent groups of ranks (0: as many as ranks and tasks allow; decided for `tasks` tasks).
+  ForwardModel(Communicator world, const Specimen& specimen, std::shared_ptr<const material::FiniteStrainLaw> law,
+               Record record, mechanics::EquilibriumOptions options, int tasks, int groups);
+  ~ForwardModel();
+  ForwardModel(const ForwardModel&) = delete;
+  ForwardModel& operator=(const ForwardModel&) = delete;
+
+  /// Simulates the first `frames` frames for every parameter set, the sets as concurrent groups. Under Control::force
+  /// the nodal forces are `distribution`. `sink` (optional) gets the fields of set 0 on all ranks of the group that
+  /// runs it. Collective over the world.
+  std::vector<Path> simulate(Control control, const std::vector<std::vector<double>>& parameter_sets, int frames,
+                             const ForceDistribution* distribution = nullptr, const FrameSink& sink = {});
+
+  /// Sec. 3.4: the DIC-driven simulation's reactions, scaled so that their resultant is the measured force.
+  ForceDistribution distribute_force(const std::vector<double>& parameters, int frames, Path& driven);
+
+  [[nodiscard]] const Record& record() const { return record_; }
+  [[nodiscard]] const Specimen& specimen() const { return specimen_; }
+  [[nodiscard]] int groups() const;
+
+ private:
+  struct Implementation;
+  const Specimen& specimen_;
+  Record record_;
+  std::unique_ptr<Implementation> impl_;
+};
+
+}  // namespace imic3d::identification

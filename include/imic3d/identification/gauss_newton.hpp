@@ -1,0 +1,89 @@
+#pragma once
+// Identification of the material parameters: Gauss-Newton on the images, Eqs 10-14.
+
+#include <Eigen/Core>
+#include <Eigen/SparseCore>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "imic3d/core/parameter.hpp"
+#include "imic3d/identification/forward_model.hpp"
+
+namespace imic3d::identification {
+
+/// What the parameters are judged by.
+enum class Functional {
+  force_driven,         ///< images of the force-driven simulation: Eq. 16 for alpha -> 0
+  displacement_driven,  ///< images and reaction force of the DIC-driven simulation, each weighted by its noise
+  combined              ///< images of the force-driven, reaction force of the DIC-driven simulation
+};
+[[nodiscard]] Functional functional_from(const std::string& name);  ///< throws InputError
+
+/// The images' answer to a surface displacement at one frame.
+struct ImageEvaluation {
+  Eigen::VectorXd b;     ///< b_DIC of Eq. 9 [2 * surface nodes, grey level^2/length]
+  double squares = 0.0;  ///< sum of squared residuals f - g(x + u) [grey level^2]
+  double pixels = 0.0;   ///< pixels in that sum
+};
+
+/// The images of a series as the identification sees them.
+struct ImageData {
+  Eigen::SparseMatrix<double> M;  ///< M_DIC of Eq. 8 on the surface [2n x 2n, grey level^2/length^2]
+  /// Evaluates frame t (index in the record) at a surface displacement [2n, length]; any rank may call it alone.
+  std::function<ImageEvaluation(int t, const Eigen::VectorXd& displacement)> evaluate;
+  double noise = 1.0;             ///< sigma of Eq. 14 [grey level]
+  double pixels_per_length = 1.0; ///< scale of the camera [px/length]
+};
+
+struct GaussNewtonOptions {
+  Functional functional = Functional::force_driven;
+  double eta = 1e-3;               ///< eta_c of Eq. 13
+  int max_iterations = 20;
+  double force_noise = 1.0;        ///< sigma_F [force]
+  double perturbation = 1e-4;      ///< relative step of the perturbed simulations
+  double image_reach = 1.0;        ///< frames whose model is nearer than this to the DIC (rms, px) are judged by grey
+                                   ///< levels; the others by their distance to the DIC displacement in the norm of M_DIC
+  double largest_step = 0.5;       ///< largest relative change of a parameter in one iteration
+};
+
+/// One stage: which parameters move and which frames judge them.
+struct Stage {
+  std::vector<int> free;    ///< indices of the parameters
+  std::vector<int> frames;  ///< indices in the record, ascending
+};
+
+/// One iteration as it is reported.
+struct Iterate {
+  std::vector<double> parameters;
+  double eta = 0.0;               ///< Eq. 13, of the step that led here (0 at the start)
+  double displacement_rms = 0.0;  ///< distance of the simulated surface from the DIC [px], over the stage's frames
+  double image_rms = 0.0;         ///< grey-level residual [grey level]
+  double force_rms = 0.0;         ///< F - R, where the functional contains it [force]
+  double cost = 0.0;              ///< the weighted sum of squares that step control watches
+  int frames = 0;                 ///< frames of the stage that could be simulated
+};
+
+struct StageResult {
+  std::vector<Iterate> iterates;  ///< the first is the start
+  Eigen::MatrixXd covariance;     ///< of the free parameters: Eq. 14, with the force's noise where it is in the functional
+  bool converged = false;
+  std::string message;            ///< what the user should know: frames that could not be simulated, bounds reached
+};
+
+/// Runs one stage from `parameters` and leaves the result there. `information` describes each parameter (bounds).
+/// `report` is called after each iteration. Collective over `world`.
+StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageData& images,
+                         const std::vector<ParameterInfo>& information, const Stage& stage,
+                         const GaussNewtonOptions& options, std::vector<double>& parameters,
+                         const std::function<void(const Iterate&)>& report = {});
+
+/// In-plane rigid-body modes at the deformed surface [2n x 3].
+[[nodiscard]] Eigen::Matrix<double, Eigen::Dynamic, 3> rigid_modes(const mesh::Mesh& surface,
+                                                                   const Eigen::VectorXd& displacement);
+
+/// Moves a force-driven path by the rigid-body motion that brings it nearest to the DIC displacement in the norm of M.
+void fit_rigid_motion(const mesh::Mesh& surface, const Eigen::SparseMatrix<double>& M, const Eigen::MatrixXd& dic,
+                      Path& path);
+
+}  // namespace imic3d::identification

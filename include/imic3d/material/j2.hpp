@@ -1,0 +1,95 @@
+#pragma once
+// Von Mises plasticity with associated flow and isotropic hardening, integrated by backward Euler (radial return).
+
+#include <cmath>
+#include <utility>
+
+#include "imic3d/material/scalar_root.hpp"
+#include "imic3d/material/small_strain_law.hpp"
+
+namespace imic3d::material {
+
+/// J2 plasticity in logarithmic strain: Simo (1992), Comput. Methods Appl. Mech. Engrg. 99; de Souza Neto, Peric, Owen
+/// (2008), boxes 7.3-7.5 and 14.3. Parameters: E, nu, then those of the hardening. State: accumulated plastic strain.
+template <class Hardening>
+struct J2 {
+  static constexpr int state_size = 1;
+  static constexpr int plastic_strain_index = 0;
+  Hardening yield_stress;
+  std::string label = "j2";
+
+  [[nodiscard]] std::string name() const { return label; }
+
+  [[nodiscard]] std::vector<ParameterInfo> parameters() const {
+    std::vector<ParameterInfo> list = isotropic_elasticity_parameters();
+    for (auto& parameter : yield_stress.parameters()) list.push_back(std::move(parameter));
+    return list;
+  }
+
+  void initialise(std::span<double> state) const { state[0] = 0.0; }
+
+  template <Scalar T>
+  [[nodiscard]] bool update(const StrainStep<T>& step, StressUpdate<T, state_size>& result) const noexcept {
+    using std::sqrt;
+    const std::span<const T> p = step.parameters, hardening = p.subspan(2);
+    const T &E = p[0], &ep_old = step.state[0];
+    const auto [G, K] = IsotropicElasticity<T>(E, p[1]);
+
+    // (i) elastic predictor
+    const T pressure = K * trace(step.trial_strain);
+    SymmetricTensor<T> s = 2.0 * G * deviator(step.trial_strain);
+    const T norm_squared = double_dot(s, s);
+
+    // (ii) admissibility
+    const T yield_old = yield_stress(ep_old, hardening, E);
+    if (!(yield_old > 0.0)) return false;
+    if (1.5 * value(norm_squared) <= value(yield_old) * value(yield_old)) {
+      result.stress = add_spherical(s, pressure);
+      result.plastic_increment = SymmetricTensor<T>::zero();
+      result.state[0] = ep_old;
+      return true;
+    }
+    const T q = sqrt(1.5 * norm_squared);
+
+    // (iii) return mapping: q - 3 G dep - sigma_y(ep_old + dep) = 0
+    const auto residual = [&](const auto& dep, const auto& q_, const auto& G_, const auto& ep_, const auto& hardening_,
+                              const auto& E_) { return q_ - 3.0 * G_ * dep - yield_stress(ep_ + dep, hardening_, E_); };
+    const double q_value = value(q), G_value = value(G), ep_value = value(ep_old), E_value = value(E);
+    const ParameterValues hardening_values(hardening);
+    const auto residual_value = [&](const Dual<1>& dep) {
+      return residual(dep, q_value, G_value, ep_value, std::span<const double>(hardening_values), E_value);
+    };
+    const auto root = bracketed_newton(residual_value, 0.0, q_value / (3.0 * G_value), q_value);
+    if (!root) return false;
+    T dep(*root);
+    if constexpr (derivatives_of < T >> 0)
+      dep = implicit_root(*root, residual(T(*root), q, G, ep_old, hardening, E),
+                          residual_value(Dual<1>::variable(*root, 0)).derivative[0]);
+
+    const T flow = 1.5 * dep / q;
+    result.plastic_increment = flow * s;
+    result.stress = add_spherical((1.0 - 2.0 * G * flow) * s, pressure);
+    result.state[0] = ep_old + dep;
+    return true;
+  }
+
+  /// De Souza Neto et al. (2008), Eq. (7.120), with engineering shears.
+  [[nodiscard]] Matrix6 consistent_tangent(const StrainStep<double>& step,
+                                           const StressUpdate<double, state_size>& result) const {
+    const std::span<const double> p = step.parameters;
+    const double E = p[0];
+    const auto [G, K] = IsotropicElasticity<double>(E, p[1]);
+    const double dep = std::sqrt(2.0 / 3.0 * double_dot(result.plastic_increment, result.plastic_increment));
+    if (dep == 0.0) return isotropic_tangent(K, G);
+    const SymmetricTensor<double> e = deviator(step.trial_strain);
+    const double norm_squared = double_dot(e, e), q = 2.0 * G * std::sqrt(1.5 * norm_squared);
+    const double slope = yield_stress(Dual<1>::variable(result.state[0], 0), p.subspan(2), E).derivative[0];
+    Matrix6 A = isotropic_tangent(K, G * (1.0 - 3.0 * G * dep / q));
+    const double factor = 6.0 * G * G * (dep / q - 1.0 / (3.0 * G + slope)) / norm_squared;
+    const Vector6 n = Eigen::Map<const Vector6>(e.components.data());
+    A.noalias() += factor * n * n.transpose();
+    return A;
+  }
+};
+
+}  // namespace imic3d::material

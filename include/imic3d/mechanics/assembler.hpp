@@ -1,0 +1,78 @@
+#pragma once
+// Internal forces and consistent tangent of the whole mesh, assembled in parallel.
+
+#include <petscmat.h>
+#include <petscvec.h>
+
+#include <Eigen/Core>
+#include <memory>
+#include <vector>
+
+#include "imic3d/core/parallel.hpp"
+#include "imic3d/material/finite_strain_law.hpp"
+#include "imic3d/mesh/mesh.hpp"
+#include "imic3d/mesh/partition.hpp"
+
+namespace imic3d::mechanics {
+
+/// What the material points of this rank's cells remember: a converged and a trial buffer. Evaluation reads the
+/// converged one and writes the trial one; only `commit` moves trial to converged.
+class HistoryField {
+ public:
+  HistoryField(const material::FiniteStrainLaw& law, int cells, int points_per_cell);
+  void initialise(const material::FiniteStrainLaw& law);  ///< the virgin state everywhere
+  void commit() { converged_.swap(trial_); }
+  [[nodiscard]] std::span<const double> converged(int cell) const;
+  [[nodiscard]] std::span<double> trial(int cell);
+
+ private:
+  std::size_t per_cell_;
+  std::vector<double> converged_, trial_;
+};
+
+/// Assembles over the cells of one rank: OpenMP threads fill flat element arrays without any PETSc call, then one
+/// collective insertion (MatSetValuesCOO). Degrees of freedom are 3 * node + component in the partition's global order.
+class Assembler {
+ public:
+  /// `constrained`: flag for each natural degree of freedom (3 * nodes) whose displacement is prescribed.
+  Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
+            std::shared_ptr<const material::FiniteStrainLaw> law, const std::vector<char>& constrained);
+  ~Assembler();
+  Assembler(const Assembler&) = delete;
+  Assembler& operator=(const Assembler&) = delete;
+
+  /// At displacement u [3 * nodes, global order]: internal forces `force`; and, if `increment` is given, the tangent
+  /// with the rows and columns of constrained degrees replaced by the identity, and `lifting`: the tangent's columns of
+  /// the constrained degrees times `increment`, to be taken to the right-hand side. Collective; false on every rank if
+  /// an element anywhere failed.
+  [[nodiscard]] bool assemble(Vec u, double time_increment, std::span<const double> parameters, Vec force,
+                              Vec increment = nullptr, Vec lifting = nullptr);
+
+  [[nodiscard]] Mat tangent() const { return tangent_; }
+  [[nodiscard]] HistoryField& history() { return history_; }
+  /// Cell averages at the last evaluation, for this rank's cells in the order of partition.cells:
+  /// Cauchy stress [cells x 6], accumulated plastic strain [cells].
+  [[nodiscard]] const Eigen::Matrix<double, Eigen::Dynamic, 6, Eigen::RowMajor>& cauchy_stress() const { return stress_; }
+  [[nodiscard]] const Eigen::VectorXd& plastic_strain() const { return plastic_strain_; }
+  [[nodiscard]] const std::vector<char>& constrained_owned() const { return constrained_owned_; }
+
+ private:
+  void gather(Vec global, std::vector<double>& local) const;
+
+  const mesh::Partition& partition_;
+  std::shared_ptr<const material::FiniteStrainLaw> law_;
+  HistoryField history_;
+  std::vector<Eigen::Matrix<double, 8, 3>> nodes_;                 // reference positions per local cell
+  std::vector<std::array<int, 8>> local_nodes_;                    // per local cell, into local arrays
+  std::vector<char> constrained_local_, constrained_owned_;
+  std::vector<double> element_tangents_, element_forces_, element_lifting_;
+  std::vector<double> u_local_, increment_local_;
+  Eigen::Matrix<double, Eigen::Dynamic, 6, Eigen::RowMajor> stress_;
+  Eigen::VectorXd plastic_strain_;
+  Mat tangent_ = nullptr;
+  Vec local_ = nullptr;
+  Vec force_pattern_ = nullptr;  // holds the COO pattern of the element vectors
+  VecScatter scatter_ = nullptr;
+};
+
+}  // namespace imic3d::mechanics

@@ -1,0 +1,77 @@
+#pragma once
+// The equilibrium path of a specimen over a series of frames.
+
+#include <Eigen/Core>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "imic3d/core/parallel.hpp"
+#include "imic3d/material/finite_strain_law.hpp"
+#include "imic3d/mesh/mesh.hpp"
+#include "imic3d/mesh/partition.hpp"
+
+namespace imic3d::mechanics {
+
+/// What drives the specimen at one frame. All vectors are in natural numbering, the same on every rank.
+struct LoadStep {
+  double time = 0.0;
+  Eigen::VectorXd prescribed;  ///< displacement of the constrained degrees, in the order of Constraints::dofs [length]
+  Eigen::VectorXd force;       ///< external nodal forces [3 * nodes, force]; empty if there are none
+};
+
+/// The state at one converged frame. U and reactions in natural numbering, the same on every rank.
+struct FrameState {
+  Eigen::VectorXd displacement;  ///< [3 * nodes, length]
+  Eigen::VectorXd internal;      ///< internal nodal forces [3 * nodes]; at constrained degrees minus F_ext: the reaction
+  Eigen::Matrix<double, Eigen::Dynamic, 6, Eigen::RowMajor> cauchy_stress;  ///< [cells x 6, stress], natural order
+  Eigen::VectorXd plastic_strain;                                          ///< [cells]
+  int iterations = 0;            ///< Newton iterations, summed over increments
+};
+
+struct EquilibriumOptions {
+  int increments = 1;             ///< load increments between two frames
+  int max_iterations = 20;        ///< Newton iterations per increment
+  int max_cuts = 8;               ///< halvings of an increment before giving up
+  double tolerance = 1e-10;       ///< residual relative to the norm of the internal forces
+  bool with_fields = true;        ///< gather stress and plastic strain per frame
+  std::string prefix = "mechanics_";  ///< PETSc options: -mechanics_ksp_type, -mechanics_pc_type …
+};
+
+/// How a series ended.
+struct PathStatus {
+  int frames = 0;         ///< frames that converged, in order
+  bool limit_point = false;  ///< the tangent lost its positive definiteness under prescribed forces
+  std::string message;    ///< why it stopped, empty if all frames converged
+  std::vector<double> residuals;  ///< relative residuals of the last increment's Newton iterations
+  int total_iterations = 0;
+};
+
+/// Finite-strain equilibrium by Newton's method (consistent tangent, step cutting). One object per group
+/// of ranks; collective over the partition's communicator.
+class Equilibrium {
+ public:
+  /// constrained_dofs: natural degrees of freedom (3 * node + component), ascending.
+  Equilibrium(const mesh::Partition& partition, const mesh::Mesh& mesh,
+              std::shared_ptr<const material::FiniteStrainLaw> law, std::vector<int> constrained_dofs,
+              EquilibriumOptions options);
+  ~Equilibrium();
+  Equilibrium(const Equilibrium&) = delete;
+  Equilibrium& operator=(const Equilibrium&) = delete;
+
+  [[nodiscard]] const std::vector<int>& constrained_dofs() const;
+
+  /// Runs the whole series from the virgin state (U = 0 at time `start_time`) and calls `frame_done(i, state)` after
+  /// each frame. `guess(i)` may offer a displacement [3 * nodes] near frame i's solution (empty: none).
+  /// A failed increment is halved and retried; if that fails the frames so far stand and the status says why.
+  PathStatus run(const std::vector<LoadStep>& steps, std::span<const double> parameters, double start_time,
+                 const std::function<void(int, const FrameState&)>& frame_done,
+                 const std::function<const Eigen::VectorXd*(int)>& guess = {});
+
+ private:
+  struct Implementation;
+  std::unique_ptr<Implementation> impl_;
+};
+
+}  // namespace imic3d::mechanics

@@ -1,0 +1,112 @@
+#include "imic3d/app/program.hpp"
+
+#include <fmt/format.h>
+#include <petscsys.h>
+
+#include <CLI/CLI.hpp>
+#include <functional>
+#include <map>
+#include <vector>
+
+#include "imic3d/core/log.hpp"
+
+namespace imic3d::app {
+
+namespace {
+
+/// PETSc options are written with one dash (-mechanics_ksp_view), the program's own with two. Takes the former, each
+/// with its value, out of the arguments.
+std::vector<char*> without_petsc_options(int argc, char** argv, std::vector<char*>& petsc) {
+  std::vector<char*> own;
+  for (int i = 0; i < argc; ++i) {
+    const std::string argument = argv[i];
+    const bool is_petsc = i > 0 && argument.size() > 2 && argument[0] == '-' && argument[1] != '-';
+    (is_petsc ? petsc : own).push_back(argv[i]);
+    if (!is_petsc || i + 1 == argc) continue;
+    const std::string next = argv[i + 1];
+    const bool value = !next.empty() && (next[0] != '-' || (next.size() > 1 && std::isdigit(next[1]) != 0)) &&
+                       !next.ends_with(".yaml") && !next.ends_with(".yml") && !next.ends_with(".h5");
+    if (value) petsc.push_back(argv[++i]);
+  }
+  return own;
+}
+
+int said(const Communicator& world, ExitStatus status, const std::string& text) {
+  if (world.is_root()) fmt::print(stderr, "{}\n", text);
+  return static_cast<int>(status);
+}
+
+}  // namespace
+
+int run(int argc, char** argv) {
+  int provided = 0;
+  MPI_Init_thread(&argc, &argv, MPI_THREAD_FUNNELED, &provided);
+  const Communicator world;
+  int status = 0;
+  {
+    std::vector<char*> petsc_arguments = {argv[0]};
+    std::vector<char*> arguments = without_petsc_options(argc, argv, petsc_arguments);
+
+    CLI::App program("Identifies elasto-plastic parameters from the images and the load record of a mechanical test.",
+                     "imic3d");
+    program.footer("PETSc options are written with a single dash: -mechanics_ksp_type cg -log_view\n"
+                   "Exit status: 0 done, 2 bad input, 3 did not converge, 4 stopped and can be resumed.");
+    CommandOptions options;
+    std::function<void()> command;
+    const auto add = [&](const std::string& name, const std::string& what, auto function, const std::string& file) {
+      CLI::App* sub = program.add_subcommand(name, what);
+      sub->add_option(file, options.case_file, file == "case" ? "the case file (YAML)" : "a results file (HDF5)")->required();
+      sub->add_option("--output", options.output, "folder of the results (default: as the case file says)");
+      sub->callback([&command, &world, &options, function] { command = [&world, &options, function] { function(world, options); }; });
+    };
+    add("check", "reads everything, says everything that is wrong, prints what would be run", check, "case");
+    add("simulate", "the equilibrium path under prescribed displacement or force", simulate, "case");
+    add("virtual", "a virtual test: simulation, images, load record and the true parameters", virtual_test, "case");
+    add("dic", "global finite-element digital image correlation", dic, "case");
+    add("identify", "the parameters of the law and their covariance", identify, "case");
+    add("report", "one self-contained HTML page from a results file", report, "results");
+    program.require_subcommand(0, 1);
+    bool show_version = false;
+    program.add_flag("--version", show_version, "revision and versions of the libraries");
+
+    try {
+      program.parse(static_cast<int>(arguments.size()), arguments.data());
+      if (show_version) {
+        if (world.is_root()) fmt::print("{}", version_text());
+      } else if (!command) {
+        if (world.is_root()) fmt::print("{}", program.help());
+        status = static_cast<int>(ExitStatus::bad_input);
+      }
+    } catch (const CLI::ParseError& error) {
+      if (error.get_exit_code() == 0) {
+        if (world.is_root()) program.exit(error);
+      } else {
+        status = said(world, ExitStatus::bad_input, fmt::format("command line: {}\nimic3d --help lists the commands", error.what()));
+      }
+      command = nullptr;
+    }
+
+    if (command && status == 0) {
+      auto petsc_count = static_cast<int>(petsc_arguments.size());
+      char** petsc_values = petsc_arguments.data();
+      PetscInitialize(&petsc_count, &petsc_values, nullptr, nullptr);
+      PetscPushErrorHandler(PetscReturnErrorHandler, nullptr);
+      start_log(world);
+      try {
+        collectively(world, command);
+      } catch (const InputError& error) {
+        status = said(world, ExitStatus::bad_input, error.what());
+      } catch (const ConvergenceError& error) {
+        status = said(world, ExitStatus::not_converged, fmt::format("did not converge: {}", error.what()));
+      } catch (const std::exception& error) {
+        status = said(world, ExitStatus::internal_error, fmt::format("internal error: {}", error.what()));
+      }
+      PetscPopErrorHandler();
+      PetscFinalize();
+    }
+  }
+  MPI_Finalize();
+  return status;
+}
+
+}  // namespace imic3d::app

@@ -1,0 +1,145 @@
+#include "imic3d/identification/forward_model.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <set>
+
+namespace imic3d::identification {
+
+struct ForwardModel::Implementation {
+  GroupLayout layout;
+  mesh::Partition partition;
+  std::shared_ptr<const material::FiniteStrainLaw> law;
+  mechanics::EquilibriumOptions options;
+  std::array<std::unique_ptr<mechanics::Equilibrium>, 2> solver;  // by Control
+  std::array<std::vector<Eigen::VectorXd>, 2> guess;              // last displacement per frame, by Control
+
+  Implementation(Communicator world, const Specimen& specimen, std::shared_ptr<const material::FiniteStrainLaw> law_,
+                 mechanics::EquilibriumOptions options_, int tasks, int groups)
+      : layout(world, tasks, groups),
+        partition(mesh::partition(specimen.volume, layout.group(), "mechanics_")),
+        law(std::move(law_)),
+        options(std::move(options_)) {}
+
+  mechanics::Equilibrium& equilibrium(const Specimen& specimen, Control control) {
+    auto& slot = solver[static_cast<std::size_t>(control)];
+    if (!slot)
+      slot = std::make_unique<mechanics::Equilibrium>(partition, specimen.volume, law, specimen.dofs(control), options);
+    return *slot;
+  }
+};
+
+ForwardModel::ForwardModel(Communicator world, const Specimen& specimen,
+                           std::shared_ptr<const material::FiniteStrainLaw> law, Record record,
+                           mechanics::EquilibriumOptions options, int tasks, int groups)
+    : specimen_(specimen),
+      record_(std::move(record)),
+      impl_(std::make_unique<Implementation>(world, specimen, std::move(law), std::move(options), tasks, groups)) {}
+
+ForwardModel::~ForwardModel() = default;
+
+int ForwardModel::groups() const { return impl_->layout.groups(); }
+
+std::vector<Path> ForwardModel::simulate(Control control, const std::vector<std::vector<double>>& parameter_sets,
+                                         int frames, const ForceDistribution* distribution, const FrameSink& sink) {
+  const Eigen::Index unknowns = record_.surface_displacement.rows();
+  const Eigen::SparseMatrix<double>& from_surface = specimen_.from_surface(control);
+
+  std::vector<mechanics::LoadStep> steps(static_cast<std::size_t>(frames));
+  for (int t = 0; t < frames; ++t) {
+    auto& step = steps[static_cast<std::size_t>(t)];
+    step.time = record_.time[t];
+    step.prescribed = from_surface * record_.surface_displacement.col(t);
+    if (control != Control::force) continue;
+    step.force.setZero(3 * specimen_.volume.nodes.rows());
+    for (std::size_t i = 0; i < distribution->dofs.size(); ++i)
+      step.force[distribution->dofs[i]] = distribution->force(static_cast<Eigen::Index>(i), t);
+  }
+
+  const auto tasks = static_cast<int>(parameter_sets.size());
+  std::vector<Path> paths(parameter_sets.size());
+  for (auto& path : paths) {
+    path.surface.setZero(unknowns, frames);
+    path.reaction.setZero(frames);
+  }
+  collectively(impl_->layout.world(), [&] {
+    auto& guesses = impl_->guess[static_cast<std::size_t>(control)];
+    // The DIC-driven solution is the best start for the force-driven one.
+    if (guesses.empty() && control == Control::force) guesses = impl_->guess[0];
+    guesses.resize(std::max<std::size_t>(guesses.size(), static_cast<std::size_t>(frames)));
+    auto& equilibrium = impl_->equilibrium(specimen_, control);
+    for (int task : impl_->layout.tasks_of_group(tasks)) {
+      Path& path = paths[static_cast<std::size_t>(task)];
+      const auto status = equilibrium.run(
+          steps, parameter_sets[static_cast<std::size_t>(task)], record_.start_time,
+          [&](int t, const mechanics::FrameState& state) {
+            guesses[static_cast<std::size_t>(t)] = state.displacement;
+            path.surface.col(t) = specimen_.project(state.displacement);
+            double resultant = 0.0;
+            for (int node : specimen_.loaded) resultant += state.internal[3 * node + specimen_.axis];
+            path.reaction[t] = specimen_.section_factor * resultant;
+            if (sink && task == 0) sink(t, state);
+          },
+          [&](int t) { return &guesses[static_cast<std::size_t>(t)]; });
+      path.frames = status.frames;
+      path.limit_point = status.limit_point;
+      path.message = status.message;
+      path.newton_iterations = status.total_iterations;
+    }
+  });
+
+  // Every path to every rank: the root of the group that ran it has it, the others have nothing.
+  const Communicator world = impl_->layout.world();
+  const bool group_root = impl_->layout.group().is_root();
+  for (int task = 0; task < tasks; ++task) {
+    Path& path = paths[static_cast<std::size_t>(task)];
+    const bool mine = group_root && task % impl_->layout.groups() == impl_->layout.index();
+    if (!mine) {
+      path.surface.setZero();
+      path.reaction.setZero();
+    }
+    world.sum(std::span(path.surface.data(), static_cast<std::size_t>(path.surface.size())));
+    world.sum(std::span(path.reaction.data(), static_cast<std::size_t>(path.reaction.size())));
+    path.frames = static_cast<int>(world.sum(mine ? path.frames : 0.0));
+    path.limit_point = world.sum(mine && path.limit_point ? 1.0 : 0.0) > 0.5;
+    path.newton_iterations = static_cast<int>(world.sum(mine ? path.newton_iterations : 0.0));
+    const auto speaker = static_cast<int>(world.max(mine ? world.rank() : -1));
+    world.broadcast(path.message, speaker);
+  }
+  return paths;
+}
+
+ForceDistribution ForwardModel::distribute_force(const std::vector<double>& parameters, int frames, Path& driven) {
+  ForceDistribution distribution;
+  std::set<int> ends;
+  for (const auto* end : {&specimen_.held, &specimen_.loaded})
+    for (int node : *end) ends.insert({3 * node, 3 * node + 1});
+  distribution.dofs.assign(ends.begin(), ends.end());
+  distribution.force.setZero(static_cast<Eigen::Index>(distribution.dofs.size()), frames);
+  const FrameSink keep = [&](int t, const mechanics::FrameState& state) {
+    for (std::size_t i = 0; i < distribution.dofs.size(); ++i)
+      distribution.force(static_cast<Eigen::Index>(i), t) = state.internal[distribution.dofs[i]];
+  };
+  driven = simulate(Control::displacement, {parameters}, frames, nullptr, keep).front();
+
+  const Communicator world = impl_->layout.world();
+  if (!(impl_->layout.group().is_root() && impl_->layout.index() == 0)) distribution.force.setZero();
+  world.sum(std::span(distribution.force.data(), static_cast<std::size_t>(distribution.force.size())));
+
+  // Where the load is so small that noise makes the ratio meaningless, the pattern of the next loaded frame serves.
+  distribution.scale.setOnes(frames);
+  const double small = 0.02 * driven.reaction.head(driven.frames).cwiseAbs().maxCoeff();
+  int loaded = -1;
+  for (int t = driven.frames - 1; t >= 0; --t) {
+    if (std::abs(driven.reaction[t]) > small)
+      loaded = t;
+    else if (loaded >= 0)
+      distribution.force.col(t) = distribution.force.col(loaded);
+    if (loaded >= 0) distribution.scale[t] = record_.force[t] / driven.reaction[loaded];
+  }
+  for (int t = 0; t < frames; ++t) distribution.force.col(t) *= distribution.scale[t];
+  return distribution;
+}
+
+}  // namespace imic3d::identification

@@ -1,0 +1,282 @@
+#include "imic3d/identification/gauss_newton.hpp"
+
+#include <fmt/format.h>
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+
+#include "imic3d/core/error.hpp"
+
+namespace imic3d::identification {
+
+namespace {
+
+/// Simulations of one iteration: the nominal one and, per free parameter, the derivative of what is observed.
+struct Linearisation {
+  Path nominal;
+  std::vector<Eigen::MatrixXd> sensitivity;          // dU/dLambda per free parameter [2n x frames]
+  std::vector<Eigen::VectorXd> force_sensitivity;    // dR/dLambda [frames]
+  Eigen::VectorXd reaction;                          // R of the DIC-driven simulation [frames]
+  std::string message;
+};
+
+/// M_Lambda and b_Lambda of Eqs 10-12 in units of the noise, and the sums that are reported.
+struct NormalEquations {
+  Eigen::MatrixXd matrix;
+  Eigen::VectorXd right;
+  double cost = 0.0, squares = 0.0, pixels = 0.0, distance = 0.0, force = 0.0;
+  int frames = 0;
+};
+
+bool has_force(Functional functional) { return functional != Functional::force_driven; }
+
+double step_of(const std::vector<double>& parameters, int j, const GaussNewtonOptions& options) {
+  const double value = std::abs(parameters[static_cast<std::size_t>(j)]);
+  return options.perturbation * (value > 0.0 ? value : 1.0);
+}
+
+Linearisation linearise(ForwardModel& model, const ImageData& images, const std::vector<double>& parameters,
+                        const Stage& stage, const GaussNewtonOptions& options) {
+  const int frames = stage.frames.back() + 1;
+  std::vector<std::vector<double>> sets(1 + stage.free.size(), parameters);
+  for (std::size_t j = 0; j < stage.free.size(); ++j)
+    sets[1 + j][static_cast<std::size_t>(stage.free[j])] += step_of(parameters, stage.free[j], options);
+
+  Linearisation result;
+  std::vector<Path> driven, paths;
+  if (options.functional == Functional::displacement_driven) {
+    paths = model.simulate(Control::displacement, sets, frames);
+    driven = paths;
+  } else {
+    Path nominal;
+    const auto distribution = model.distribute_force(parameters, frames, nominal);  // Sec. 3.4
+    paths = model.simulate(Control::force, sets, nominal.frames, &distribution);
+    for (auto& path : paths)
+      fit_rigid_motion(model.specimen().surface.mesh, images.M, model.record().surface_displacement, path);
+    driven = {std::move(nominal)};
+    if (options.functional == Functional::combined)
+      driven = model.simulate(Control::displacement, sets, driven.front().frames);
+  }
+  int common = frames;
+  for (const auto& path : paths) common = std::min(common, path.frames);
+  for (const auto& path : driven) common = std::min(common, path.frames);
+  for (const auto& path : paths)
+    if (!path.message.empty()) result.message = path.message;
+  for (const auto& path : driven)
+    if (!path.message.empty()) result.message = path.message;
+
+  result.nominal = paths.front();
+  result.nominal.frames = common;
+  result.reaction = driven.front().reaction.head(common);
+  for (std::size_t j = 0; j < stage.free.size(); ++j) {
+    const double step = step_of(parameters, stage.free[j], options);
+    result.sensitivity.emplace_back((paths[1 + j].surface.leftCols(common) - paths.front().surface.leftCols(common)) / step);
+    if (has_force(options.functional))
+      result.force_sensitivity.emplace_back((driven[1 + j].reaction.head(common) - driven.front().reaction.head(common)) / step);
+  }
+  return result;
+}
+
+NormalEquations assemble(Communicator world, ForwardModel& model, const ImageData& images, const Linearisation& at,
+                         const Stage& stage, const GaussNewtonOptions& options) {
+  const auto unknowns = static_cast<Eigen::Index>(stage.free.size());
+  NormalEquations sums;
+  sums.matrix.setZero(unknowns, unknowns);
+  sums.right.setZero(unknowns);
+  Eigen::VectorXd local = Eigen::VectorXd::Zero(unknowns * unknowns + unknowns + 6);
+  Eigen::Map<Eigen::MatrixXd> matrix(local.data(), unknowns, unknowns);
+  Eigen::Map<Eigen::VectorXd> right(local.data() + unknowns * unknowns, unknowns);
+  auto scalars = local.tail<6>();
+  const double weight = 1.0 / (2.0 * images.noise * images.noise);
+  const double per_length = images.pixels_per_length;
+  const double total = images.M.diagonal().sum();  // for the M-weighted rms distance
+
+  for (std::size_t i = 0; i < stage.frames.size(); ++i) {
+    const int t = stage.frames[i];
+    if (t >= at.nominal.frames || static_cast<int>(i) % world.size() != world.rank()) continue;
+    const Eigen::VectorXd u = at.nominal.surface.col(t);
+    const Eigen::VectorXd gap = model.record().surface_displacement.col(t) - u;
+    const Eigen::VectorXd Mgap = images.M * gap;
+    const double distance = 2.0 * gap.dot(Mgap) / total * per_length * per_length;  // mean square of |gap| [px^2]
+    const ImageEvaluation seen = images.evaluate(t, u);
+    // Grey levels say where the model is wrong only within about a speckle; from afar the DIC displacement does.
+    const Eigen::VectorXd b = std::sqrt(distance) < options.image_reach ? seen.b : Mgap;
+    Eigen::MatrixXd S(u.size(), unknowns);
+    for (Eigen::Index j = 0; j < unknowns; ++j) S.col(j) = at.sensitivity[static_cast<std::size_t>(j)].col(t);
+    matrix += weight * (S.transpose() * (images.M * S));  // Eq. (11)
+    right += weight * (S.transpose() * b);                // Eq. (12)
+    scalars[0] += weight * gap.dot(Mgap);
+    scalars[1] += seen.squares;
+    scalars[2] += seen.pixels;
+    scalars[3] += distance;
+    scalars[5] += 1.0;
+    if (!has_force(options.functional)) continue;
+    Eigen::VectorXd s(unknowns);
+    for (Eigen::Index j = 0; j < unknowns; ++j) s[j] = at.force_sensitivity[static_cast<std::size_t>(j)][t];
+    const double missing = model.record().force[t] - at.reaction[t];
+    const double force_weight = 1.0 / (options.force_noise * options.force_noise);
+    matrix += force_weight * s * s.transpose();
+    right += force_weight * s * missing;
+    scalars[0] += force_weight * missing * missing;
+    scalars[4] += missing * missing;
+  }
+  world.sum(std::span(local.data(), static_cast<std::size_t>(local.size())));
+  sums.matrix = matrix;
+  sums.right = right;
+  sums.cost = scalars[0];
+  sums.squares = scalars[1];
+  sums.pixels = scalars[2];
+  sums.distance = scalars[3];
+  sums.force = scalars[4];
+  sums.frames = static_cast<int>(std::lround(scalars[5]));
+  return sums;
+}
+
+/// Solves Eq. (10) within the bounds: a parameter that would leave them is put on the bound and the others solved again.
+Eigen::VectorXd bounded_step(const NormalEquations& normal, const std::vector<double>& parameters,
+                             const std::vector<ParameterInfo>& information, const Stage& stage,
+                             const GaussNewtonOptions& options) {
+  const auto unknowns = normal.right.size();
+  Eigen::VectorXd scale(unknowns), low(unknowns), high(unknowns);
+  for (Eigen::Index j = 0; j < unknowns; ++j) {
+    const auto k = static_cast<std::size_t>(stage.free[static_cast<std::size_t>(j)]);
+    scale[j] = std::max(std::abs(parameters[k]), 1e-12);
+    const double reach = options.largest_step * scale[j];
+    // Bounds that exclude their own end (E > 0) are approached by halves.
+    low[j] = std::max(-reach, 0.5 * (information[k].lower - parameters[k]) * (1.0 + 1e-12));
+    high[j] = std::min(reach, 0.5 * (information[k].upper - parameters[k]) * (1.0 + 1e-12));
+  }
+  Eigen::VectorXd step = Eigen::VectorXd::Zero(unknowns);
+  std::vector<Eigen::Index> open;
+  for (Eigen::Index j = 0; j < unknowns; ++j) open.push_back(j);
+  while (!open.empty()) {
+    const auto size = static_cast<Eigen::Index>(open.size());
+    Eigen::MatrixXd matrix(size, size);
+    Eigen::VectorXd right(size);
+    const Eigen::VectorXd rest = normal.right - normal.matrix * step;
+    for (Eigen::Index i = 0; i < size; ++i) {
+      right[i] = rest[open[static_cast<std::size_t>(i)]] * scale[open[static_cast<std::size_t>(i)]];
+      for (Eigen::Index j = 0; j < size; ++j)
+        matrix(i, j) = normal.matrix(open[static_cast<std::size_t>(i)], open[static_cast<std::size_t>(j)]) *
+                       scale[open[static_cast<std::size_t>(i)]] * scale[open[static_cast<std::size_t>(j)]];
+    }
+    const Eigen::VectorXd solution = matrix.ldlt().solve(right);
+    Eigen::Index worst = -1;
+    double excess = 1.0;
+    for (Eigen::Index i = 0; i < size; ++i) {
+      const auto j = open[static_cast<std::size_t>(i)];
+      const double value = solution[i] * scale[j];
+      const double ratio = value > 0.0 ? value / std::max(high[j], 1e-300) : value / std::min(low[j], -1e-300);
+      if (ratio > excess) excess = ratio, worst = i;
+    }
+    if (worst < 0) {
+      for (Eigen::Index i = 0; i < size; ++i)
+        step[open[static_cast<std::size_t>(i)]] = solution[i] * scale[open[static_cast<std::size_t>(i)]];
+      break;
+    }
+    const auto j = open[static_cast<std::size_t>(worst)];
+    step[j] = solution[worst] > 0.0 ? high[j] : low[j];
+    open.erase(open.begin() + worst);
+  }
+  return step;
+}
+
+Iterate describe(const NormalEquations& normal, const std::vector<double>& parameters, double eta) {
+  const double frames = std::max(1, normal.frames);
+  return {.parameters = parameters,
+          .eta = eta,
+          .displacement_rms = std::sqrt(normal.distance / frames),
+          .image_rms = std::sqrt(normal.squares / std::max(1.0, normal.pixels)),
+          .force_rms = std::sqrt(normal.force / frames),
+          .cost = normal.cost / frames,
+          .frames = normal.frames};
+}
+
+}  // namespace
+
+Functional functional_from(const std::string& name) {
+  if (name == "force_driven") return Functional::force_driven;
+  if (name == "displacement_driven") return Functional::displacement_driven;
+  if (name == "combined") return Functional::combined;
+  throw InputError("identify.functional", name, "force_driven, displacement_driven, combined");
+}
+
+Eigen::Matrix<double, Eigen::Dynamic, 3> rigid_modes(const mesh::Mesh& surface, const Eigen::VectorXd& displacement) {
+  Eigen::Matrix<double, Eigen::Dynamic, 3> modes(displacement.size(), 3);
+  for (Eigen::Index i = 0; i < surface.nodes.rows(); ++i) {
+    const Eigen::Vector2d x = surface.nodes.row(i).head<2>().transpose() + displacement.segment<2>(2 * i);
+    modes.row(2 * i) << 1.0, 0.0, -x[1];
+    modes.row(2 * i + 1) << 0.0, 1.0, x[0];
+  }
+  return modes;
+}
+
+void fit_rigid_motion(const mesh::Mesh& surface, const Eigen::SparseMatrix<double>& M, const Eigen::MatrixXd& dic,
+                      Path& path) {
+  for (int t = 0; t < path.frames; ++t) {
+    const auto modes = rigid_modes(surface, path.surface.col(t));
+    const Eigen::MatrixXd weighted = M * modes;
+    const Eigen::Vector3d motion = (modes.transpose() * weighted).ldlt().solve(
+        weighted.transpose() * (dic.col(t) - path.surface.col(t)));
+    path.surface.col(t) += modes * motion;
+  }
+}
+
+StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageData& images,
+                         const std::vector<ParameterInfo>& information, const Stage& stage,
+                         const GaussNewtonOptions& options, std::vector<double>& parameters,
+                         const std::function<void(const Iterate&)>& report) {
+  StageResult result;
+  const auto move = [&](const std::vector<double>& from, const Eigen::VectorXd& step) {
+    auto to = from;
+    for (std::size_t j = 0; j < stage.free.size(); ++j)
+      to[static_cast<std::size_t>(stage.free[j])] += step[static_cast<Eigen::Index>(j)];
+    return to;
+  };
+  const auto note = [&](const NormalEquations& normal, double eta) {
+    result.iterates.push_back(describe(normal, parameters, eta));
+    if (report) report(result.iterates.back());
+  };
+
+  Linearisation linear = linearise(model, images, parameters, stage, options);
+  if (linear.nominal.frames == 0) throw ConvergenceError("the first frame cannot be simulated: " + linear.message);
+  NormalEquations normal = assemble(world, model, images, linear, stage, options);
+  note(normal, 0.0);
+
+  for (int iteration = 1; iteration <= options.max_iterations && !result.converged; ++iteration) {
+    Eigen::VectorXd step = bounded_step(normal, parameters, information, stage, options);  // Eq. (10)
+    const double before = result.iterates.back().cost;
+    const int frames_before = result.iterates.back().frames;
+    double eta = 0.0;
+    for (int halving = 0;; ++halving) {
+      const auto trial = move(parameters, step);
+      eta = 0.0;  // Eq. (13)
+      for (std::size_t j = 0; j < stage.free.size(); ++j) {
+        const double value = std::abs(trial[static_cast<std::size_t>(stage.free[j])]);
+        eta = std::max(eta, std::abs(step[static_cast<Eigen::Index>(j)]) / std::max(value, 1e-300));
+      }
+      linear = linearise(model, images, trial, stage, options);
+      normal = assemble(world, model, images, linear, stage, options);
+      const double after = normal.frames > 0 ? normal.cost / normal.frames : INFINITY;
+      // Small steps are taken as they are: the cost no longer tells them apart from the noise.
+      const bool acceptable = after <= 1.02 * before || normal.frames > frames_before || eta < 10.0 * options.eta;
+      if ((acceptable && normal.frames >= frames_before) || halving >= 4) {
+        parameters = trial;
+        break;
+      }
+      step *= 0.5;
+    }
+    note(normal, eta);
+    result.converged = eta < options.eta;
+  }
+
+  result.covariance = normal.matrix.ldlt().solve(
+      Eigen::MatrixXd::Identity(normal.matrix.rows(), normal.matrix.cols()));  // Eq. (14)
+  result.message = linear.message;
+  if (normal.frames < static_cast<int>(stage.frames.size()))
+    result.message = fmt::format("{} of {} frames took part: {}", normal.frames, stage.frames.size(), linear.message);
+  return result;
+}
+
+}  // namespace imic3d::identification

@@ -1,0 +1,105 @@
+#include <fmt/format.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <fstream>
+#include <nlohmann/json.hpp>
+
+#include "imic3d/core/error.hpp"
+#include "imic3d/io/run_results.hpp"
+
+namespace imic3d::io {
+
+namespace {
+
+using nlohmann::json;
+
+json number_or_null(double value) { return std::isfinite(value) ? json(value) : json(nullptr); }
+
+/// Root mean square over the frames where both series have a number; NaN if there are none.
+double rms_difference(const std::vector<double>& a, const std::vector<double>& b) {
+  double sum = 0.0;
+  int n = 0;
+  for (std::size_t i = 0; i < a.size() && i < b.size(); ++i) {
+    if (!std::isfinite(a[i]) || !std::isfinite(b[i])) continue;
+    sum += (a[i] - b[i]) * (a[i] - b[i]);
+    ++n;
+  }
+  return n > 0 ? std::sqrt(sum / n) : std::nan("");
+}
+
+double rms(const std::vector<double>& values) {
+  return rms_difference(values, std::vector<double>(values.size(), 0.0));
+}
+
+json parameters(const ResultsFile& file) {
+  const auto names = file.read_texts("identification/parameters"), units = file.read_texts("identification/units");
+  const auto initial = file.read("identification/initial"), values = file.read("identification/values"),
+             deviation = file.read("identification/standard_deviation");
+  json table = json::object();
+  for (std::size_t i = 0; i < names.size(); ++i)
+    table[names[i]] = {{"value", number_or_null(values[i])},
+                       {"standard_deviation", number_or_null(deviation[i])},
+                       {"initial", number_or_null(initial[i])},
+                       {"unit", units[i]}};
+  return table;
+}
+
+json iterations(const ResultsFile& file) {
+  const std::string group = "identification/iterations/";
+  const auto stage = file.read_integers(group + "stage"), iteration = file.read_integers(group + "iteration");
+  json count = json::array();
+  for (int i = 0; i < file.read_integers(group + "count")[0]; ++i) {
+    const auto row = static_cast<std::size_t>(i), s = static_cast<std::size_t>(stage[row]);
+    while (count.size() <= s) count.push_back(0);
+    count[s] = std::max(count[s].get<int>(), iteration[row]);
+  }
+  return count;
+}
+
+}  // namespace
+
+json quantity(double value, const std::string& unit) { return {{"value", number_or_null(value)}, {"unit", unit}}; }
+
+json summary(const ResultsFile& file) {
+  json result;
+  result["title"] = file.read_text("case/title");
+  result["case_file"] = file.read_text("case/file");
+  for (const auto& name : file.names())
+    if (name.starts_with("program/")) result["program"][name.substr(8)] = file.read_text(name);
+  result["frames"]["number"] = file.shape("frames/number")[0];
+  const auto measured = file.read("frames/force_measured"), predicted = file.read("frames/force_predicted");
+  if (file.has("fields/frames_done")) {
+    result["frames"]["simulated"] = file.frames_done("fields").size();
+    result["force_rms_difference"] = quantity(rms_difference(measured, predicted), file.unit("frames/force_measured"));
+  }
+  if (file.has("dic/frames_done")) {
+    result["frames"]["correlated"] = file.frames_done("dic").size();
+    result["residual_rms_dic"] = quantity(rms(file.read("residual/rms_dic")), "grey level");
+    result["residual_rms_model"] = quantity(rms(file.read("residual/rms_model")), "grey level");
+  }
+  if (file.has("identification/parameters")) {
+    result["parameters"] = parameters(file);
+    result["iterations_per_stage"] = iterations(file);
+  }
+  return result;
+}
+
+void write_text_file(const std::filesystem::path& path, const std::string& text) {
+  const std::filesystem::path temporary = fmt::format("{}.{}.part", path.string(), ::getpid());
+  {
+    std::ofstream stream(temporary, std::ios::binary);
+    stream << text;
+    stream.flush();
+    if (!stream) {
+      std::error_code error;
+      std::filesystem::remove(temporary, error);
+      throw InputError(path.string(), "cannot be written", "a place where results can be written");
+    }
+  }
+  std::filesystem::rename(temporary, path);
+}
+
+void write_json(const std::filesystem::path& path, const json& value) { write_text_file(path, value.dump(2) + "\n"); }
+
+}  // namespace imic3d::io

@@ -1,0 +1,94 @@
+// The laws and hardenings by the names that the case file uses.
+
+#include <cmath>
+#include <utility>
+
+#include "imic3d/core/error.hpp"
+#include "imic3d/material/elastic.hpp"
+#include "imic3d/material/finite_strain_law.hpp"
+#include "imic3d/material/hardening.hpp"
+#include "imic3d/material/j2.hpp"
+#include "imic3d/material/log_strain_law.hpp"
+
+namespace imic3d::material {
+namespace {
+
+using LawPointer = std::shared_ptr<const FiniteStrainLaw>;
+
+template <class Hardening>
+LawPointer j2(const LawChoice& choice, Hardening hardening) {
+  return std::make_shared<LogStrainLaw<J2<Hardening>>>(J2<Hardening>{std::move(hardening), "j2 " + choice.hardening});
+}
+
+Table checked_table(const LawChoice& choice) {
+  const auto& strain = choice.table_strain;
+  const std::string place = "material.table_strain";
+  constexpr int most = max_parameters - 2;
+  const std::string allowed =
+      "2 to " + std::to_string(most) + " accumulated plastic strains [-], the first 0, each greater than the last";
+  if (strain.size() < 2 || strain.size() > most)
+    throw InputError(place, std::to_string(strain.size()) + " values", allowed);
+  if (strain.front() != 0.0) throw InputError(place, std::to_string(strain.front()) + " first", allowed);
+  for (std::size_t i = 1; i < strain.size(); ++i)
+    if (!(strain[i] > strain[i - 1]) || !std::isfinite(strain[i]))
+      throw InputError(place, std::to_string(strain[i]) + " after " + std::to_string(strain[i - 1]), allowed);
+  return {strain};
+}
+
+struct Entry {
+  const char* name;
+  LawPointer (*make)(const LawChoice&);
+};
+
+// A new isotropic hardening law is a struct in hardening.hpp and one line here.
+constexpr Entry hardenings[] = {
+    {"power_linear",
+     [](const LawChoice& c) { return c.tie_initial_modulus ? j2(c, PowerLinearTied{}) : j2(c, PowerLinear{}); }},
+    {"linear", [](const LawChoice& c) { return j2(c, Linear{}); }},
+    {"voce", [](const LawChoice& c) { return j2(c, Voce{}); }},
+    {"swift", [](const LawChoice& c) { return j2(c, Swift{}); }},
+    {"table", [](const LawChoice& c) { return j2(c, checked_table(c)); }},
+};
+
+template <std::size_t n>
+std::vector<std::string> names(const Entry (&entries)[n]) {
+  std::vector<std::string> list;
+  for (const Entry& entry : entries) list.emplace_back(entry.name);
+  return list;
+}
+
+template <std::size_t n>
+LawPointer make_from(const Entry (&entries)[n], const std::string& name, const std::string& place,
+                     const LawChoice& choice) {
+  std::string allowed;
+  for (const Entry& entry : entries) {
+    if (name == entry.name) return entry.make(choice);
+    allowed += (allowed.empty() ? "" : ", ") + std::string(entry.name);
+  }
+  throw InputError(place, name, allowed);
+}
+
+LawPointer make_j2(const LawChoice& choice) {
+  if (choice.tie_initial_modulus && choice.hardening != "power_linear")
+    throw InputError("material.tie_initial_modulus", "true with hardening " + choice.hardening,
+                     "true with hardening power_linear (Eq. 19), or false");
+  return make_from(hardenings, choice.hardening, "material.hardening", choice);
+}
+
+constexpr Entry laws[] = {
+    {"elastic", [](const LawChoice&) -> LawPointer { return std::make_shared<LogStrainLaw<Elastic>>(Elastic{}); }},
+    {"j2", make_j2},
+};
+
+}  // namespace
+
+std::vector<ParameterInfo> isotropic_elasticity_parameters() {
+  return {{.name = "E", .unit = "stress", .description = "Young's modulus", .lower = 1e-12},
+          {.name = "nu", .unit = "-", .description = "Poisson's ratio", .lower = -0.999, .upper = 0.4999}};
+}
+
+LawPointer make_law(const LawChoice& choice) { return make_from(laws, choice.law, "material.law", choice); }
+std::vector<std::string> known_laws() { return names(laws); }
+std::vector<std::string> known_hardenings() { return names(hardenings); }
+
+}  // namespace imic3d::material

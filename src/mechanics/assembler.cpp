@@ -1,0 +1,198 @@
+#include "imic3d/mechanics/assembler.hpp"
+
+#include <algorithm>
+#include <map>
+
+#include "imic3d/mechanics/hexahedron.hpp"
+#include "imic3d/mechanics/petsc.hpp"
+
+namespace imic3d::mechanics {
+
+HistoryField::HistoryField(const material::FiniteStrainLaw& law, int cells, int points_per_cell)
+    : per_cell_(static_cast<std::size_t>(law.history_size() * points_per_cell)),
+      converged_(per_cell_ * static_cast<std::size_t>(cells)),
+      trial_(converged_.size()) {
+  initialise(law);
+}
+
+void HistoryField::initialise(const material::FiniteStrainLaw& law) {
+  const auto size = static_cast<std::size_t>(law.history_size());
+  for (std::size_t begin = 0; size > 0 && begin < converged_.size(); begin += size)
+    law.initialise(std::span(converged_).subspan(begin, size));
+  trial_ = converged_;
+}
+
+std::span<const double> HistoryField::converged(int cell) const {
+  return std::span(converged_).subspan(static_cast<std::size_t>(cell) * per_cell_, per_cell_);
+}
+
+std::span<double> HistoryField::trial(int cell) {
+  return std::span(trial_).subspan(static_cast<std::size_t>(cell) * per_cell_, per_cell_);
+}
+
+Assembler::Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
+                     std::shared_ptr<const material::FiniteStrainLaw> law, const std::vector<char>& constrained)
+    : partition_(partition),
+      law_(std::move(law)),
+      history_(*law_, static_cast<int>(partition.cells.size()), hex8_points) {
+  const std::size_t cells = partition.cells.size();
+  const auto& global_of_natural = partition.global_of_natural;
+
+  // The nodes of this rank's cells, in ascending global order.
+  std::map<PetscInt, int> local_of_global;
+  for (int cell : partition.cells)
+    for (int corner = 0; corner < 8; ++corner)
+      local_of_global.emplace(global_of_natural[static_cast<std::size_t>(mesh.cells(cell, corner))], 0);
+  std::vector<PetscInt> global_nodes;
+  for (auto& [global, local] : local_of_global) {
+    local = static_cast<int>(global_nodes.size());
+    global_nodes.push_back(global);
+  }
+
+  nodes_.resize(cells);
+  local_nodes_.resize(cells);
+  constrained_local_.assign(3 * global_nodes.size(), 0);
+  std::vector<PetscInt> rows, columns, vector_rows;
+  rows.reserve(cells * 576);
+  columns.reserve(cells * 576);
+  vector_rows.reserve(cells * 24);
+  for (std::size_t k = 0; k < cells; ++k) {
+    std::array<PetscInt, 24> dofs;
+    for (int corner = 0; corner < 8; ++corner) {
+      const int natural = mesh.cells(partition.cells[k], corner);
+      const PetscInt global = global_of_natural[static_cast<std::size_t>(natural)];
+      const int local = local_of_global.at(global);
+      nodes_[k].row(corner) = mesh.nodes.row(natural);
+      local_nodes_[k][static_cast<std::size_t>(corner)] = local;
+      for (int i = 0; i < 3; ++i) {
+        dofs[static_cast<std::size_t>(3 * corner + i)] = 3 * global + i;
+        constrained_local_[static_cast<std::size_t>(3 * local + i)] = constrained[static_cast<std::size_t>(3 * natural + i)];
+      }
+    }
+    for (PetscInt row : dofs) {
+      vector_rows.push_back(row);
+      for (PetscInt column : dofs) {
+        rows.push_back(row);
+        columns.push_back(column);
+      }
+    }
+  }
+  // One diagonal entry per owned degree of freedom carries the identity of the constrained ones.
+  const PetscInt first = 3 * partition.first_owned(), owned = 3 * partition.owned_nodes();
+  constrained_owned_.assign(static_cast<std::size_t>(owned), 0);
+  for (std::size_t natural = 0; natural < global_of_natural.size(); ++natural)
+    for (int i = 0; i < 3; ++i) {
+      const PetscInt dof = 3 * global_of_natural[natural] + i;
+      if (dof >= first && dof < first + owned)
+        constrained_owned_[static_cast<std::size_t>(dof - first)] = constrained[3 * natural + static_cast<std::size_t>(i)];
+    }
+  for (PetscInt dof = first; dof < first + owned; ++dof) {
+    rows.push_back(dof);
+    columns.push_back(dof);
+  }
+
+  const MPI_Comm comm = partition.communicator.handle;
+  petsc(MatCreate(comm, &tangent_));
+  petsc(MatSetSizes(tangent_, owned, owned, PETSC_DETERMINE, PETSC_DETERMINE));
+  petsc(MatSetType(tangent_, MATAIJ));
+  petsc(MatSetBlockSize(tangent_, 3));
+  petsc(MatSetOptionsPrefix(tangent_, "mechanics_"));
+  petsc(MatSetFromOptions(tangent_));
+  petsc(MatSetPreallocationCOO(tangent_, static_cast<PetscCount>(rows.size()), rows.data(), columns.data()));
+  petsc(MatSetOption(tangent_, MAT_SYMMETRIC, PETSC_TRUE));
+  petsc(MatSetOption(tangent_, MAT_SYMMETRY_ETERNAL, PETSC_TRUE));
+
+  petsc(VecCreateMPI(comm, owned, PETSC_DETERMINE, &force_pattern_));
+  petsc(VecSetPreallocationCOO(force_pattern_, static_cast<PetscCount>(vector_rows.size()), vector_rows.data()));
+
+  IS from = nullptr;
+  petsc(ISCreateBlock(PETSC_COMM_SELF, 3, static_cast<PetscInt>(global_nodes.size()), global_nodes.data(),
+                      PETSC_COPY_VALUES, &from));
+  petsc(VecCreateSeq(PETSC_COMM_SELF, static_cast<PetscInt>(3 * global_nodes.size()), &local_));
+  petsc(VecScatterCreate(force_pattern_, from, local_, nullptr, &scatter_));
+  petsc(ISDestroy(&from));
+
+  element_tangents_.assign(rows.size(), 0.0);
+  for (PetscInt i = 0; i < owned; ++i)
+    element_tangents_[cells * 576 + static_cast<std::size_t>(i)] = constrained_owned_[static_cast<std::size_t>(i)] != 0;
+  element_forces_.resize(cells * 24);
+  element_lifting_.resize(cells * 24);
+  u_local_.resize(3 * global_nodes.size());
+  increment_local_.resize(3 * global_nodes.size());
+  stress_.setZero(static_cast<Eigen::Index>(cells), 6);
+  plastic_strain_.setZero(static_cast<Eigen::Index>(cells));
+}
+
+Assembler::~Assembler() {
+  VecScatterDestroy(&scatter_);
+  VecDestroy(&local_);
+  VecDestroy(&force_pattern_);
+  MatDestroy(&tangent_);
+}
+
+void Assembler::gather(Vec global, std::vector<double>& local) const {
+  petsc(VecScatterBegin(scatter_, global, local_, INSERT_VALUES, SCATTER_FORWARD));
+  petsc(VecScatterEnd(scatter_, global, local_, INSERT_VALUES, SCATTER_FORWARD));
+  const PetscScalar* values = nullptr;
+  petsc(VecGetArrayRead(local_, &values));
+  std::copy_n(values, local.size(), local.begin());
+  petsc(VecRestoreArrayRead(local_, &values));
+}
+
+bool Assembler::assemble(Vec u, double time_increment, std::span<const double> parameters, Vec force, Vec increment,
+                         Vec lifting) {
+  const bool with_tangent = increment != nullptr;
+  gather(u, u_local_);
+  if (with_tangent) gather(increment, increment_local_);
+
+  const auto cells = static_cast<int>(nodes_.size());
+  int failed = 0;
+#pragma omp parallel for schedule(static) reduction(max : failed)
+  for (int cell = 0; cell < cells; ++cell) {
+    const auto k = static_cast<std::size_t>(cell);
+    Eigen::Matrix<double, 24, 1> displacement, prescribed;
+    std::array<bool, 24> fixed;
+    for (std::size_t corner = 0; corner < 8; ++corner)
+      for (std::size_t i = 0; i < 3; ++i) {
+        const auto local = static_cast<std::size_t>(3 * local_nodes_[k][corner]) + i;
+        const auto dof = static_cast<Eigen::Index>(3 * corner + i);
+        displacement[dof] = u_local_[local];
+        fixed[3 * corner + i] = constrained_local_[local] != 0;
+        prescribed[dof] = with_tangent && fixed[3 * corner + i] ? increment_local_[local] : 0.0;
+      }
+    ElementResult element;
+    if (!evaluate_hex8(*law_, parameters, time_increment, nodes_[k], displacement, history_.converged(cell),
+                       history_.trial(cell), element, with_tangent)) {
+      failed = 1;
+      continue;
+    }
+    std::copy_n(element.force.data(), 24, element_forces_.begin() + 24 * cell);
+    stress_.row(cell) = element.cauchy_stress.transpose();
+    plastic_strain_[cell] = element.plastic_strain;
+    if (!with_tangent) continue;
+    const Eigen::Matrix<double, 24, 1> lift = element.tangent * prescribed;
+    std::copy_n(lift.data(), 24, element_lifting_.begin() + 24 * cell);
+    for (Eigen::Index i = 0; i < 24; ++i)
+      if (fixed[static_cast<std::size_t>(i)]) {
+        element.tangent.row(i).setZero();
+        element.tangent.col(i).setZero();
+      }
+    std::copy_n(element.tangent.data(), 576, element_tangents_.begin() + 576L * cell);
+  }
+  int anywhere = 0;
+  MPI_Allreduce(&failed, &anywhere, 1, MPI_INT, MPI_MAX, partition_.communicator.handle);
+  if (anywhere != 0) return false;
+
+  const auto insert = [this](const std::vector<double>& values, Vec target) {
+    petsc(VecSetValuesCOO(force_pattern_, values.data(), INSERT_VALUES));
+    petsc(VecCopy(force_pattern_, target));
+  };
+  insert(element_forces_, force);
+  if (with_tangent) {
+    petsc(MatSetValuesCOO(tangent_, element_tangents_.data(), INSERT_VALUES));
+    insert(element_lifting_, lifting);
+  }
+  return true;
+}
+
+}  // namespace imic3d::mechanics

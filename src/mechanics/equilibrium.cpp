@@ -1,0 +1,341 @@
+#include "imic3d/mechanics/equilibrium.hpp"
+
+#include <fmt/format.h>
+#include <petscksp.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "imic3d/core/error.hpp"
+#include "imic3d/mechanics/assembler.hpp"
+#include "imic3d/mechanics/petsc.hpp"
+
+namespace imic3d::mechanics {
+
+namespace {
+/// Up to this number of unknowns a direct factorisation is the default, above it CG with GAMG.
+constexpr PetscInt direct_limit = 150'000;
+
+std::vector<char> flags(std::size_t dofs, const std::vector<int>& constrained) {
+  std::vector<char> flag(dofs, 0);
+  for (int dof : constrained) flag[static_cast<std::size_t>(dof)] = 1;
+  return flag;
+}
+}  // namespace
+
+struct Equilibrium::Implementation {
+  const mesh::Partition& partition;
+  const mesh::Mesh& mesh;
+  std::shared_ptr<const material::FiniteStrainLaw> law;
+  std::vector<int> dofs;  // constrained, natural
+  EquilibriumOptions options;
+  Assembler assembler;
+  Vec u = nullptr, trial = nullptr, force = nullptr, external = nullptr, residual = nullptr, increment = nullptr,
+      lifting = nullptr, correction = nullptr;
+  KSP solver = nullptr;
+  bool direct = true;
+  std::vector<double> last_residuals;
+
+  Implementation(const mesh::Partition& partition_, const mesh::Mesh& mesh_,
+                 std::shared_ptr<const material::FiniteStrainLaw> law_, std::vector<int> dofs_, EquilibriumOptions options_)
+      : partition(partition_),
+        mesh(mesh_),
+        law(std::move(law_)),
+        dofs(std::move(dofs_)),
+        options(std::move(options_)),
+        assembler(partition, mesh, law, flags(static_cast<std::size_t>(3 * mesh.nodes.rows()), dofs)) {
+    petsc(MatCreateVecs(assembler.tangent(), &u, nullptr));
+    for (Vec* vector : {&trial, &force, &external, &residual, &increment, &lifting, &correction}) petsc(VecDuplicate(u, vector));
+    make_solver();
+  }
+
+  ~Implementation() {
+    KSPDestroy(&solver);
+    for (Vec* vector : {&u, &trial, &force, &external, &residual, &increment, &lifting, &correction}) VecDestroy(vector);
+  }
+  Implementation(const Implementation&) = delete;
+  Implementation& operator=(const Implementation&) = delete;
+
+  /// MUMPS LDL^T on small problems, CG with GAMG and the rigid-body near-null space above; everything open to options.
+  void make_solver() {
+    petsc(KSPCreate(partition.communicator.handle, &solver));
+    petsc(KSPSetOptionsPrefix(solver, options.prefix.c_str()));
+    PC preconditioner = nullptr;
+    petsc(KSPGetPC(solver, &preconditioner));
+    if (3 * mesh.nodes.rows() <= direct_limit) {
+      petsc(KSPSetType(solver, KSPPREONLY));
+      petsc(PCSetType(preconditioner, PCCHOLESKY));
+      petsc(PCFactorSetMatSolverType(preconditioner, MATSOLVERMUMPS));
+    } else {
+      petsc(KSPSetType(solver, KSPCG));
+      petsc(PCSetType(preconditioner, PCGAMG));
+      petsc(KSPSetTolerances(solver, 1e-8, PETSC_DEFAULT, PETSC_DEFAULT, 1000));
+      attach_near_null_space();
+    }
+    petsc(KSPSetFromOptions(solver));
+    petsc(KSPSetOperators(solver, assembler.tangent(), assembler.tangent()));
+    PetscBool is_factor = PETSC_FALSE;
+    petsc(PetscObjectTypeCompare(reinterpret_cast<PetscObject>(preconditioner), PCCHOLESKY, &is_factor));
+    direct = is_factor == PETSC_TRUE;
+  }
+
+  void attach_near_null_space() {
+    Vec coordinates = nullptr;
+    petsc(VecDuplicate(u, &coordinates));
+    petsc(VecSetBlockSize(coordinates, 3));
+    const Eigen::Map<const Eigen::VectorXd> positions(mesh.nodes.data(), mesh.nodes.size());
+    to_global(positions, coordinates);
+    MatNullSpace rigid = nullptr;
+    petsc(MatNullSpaceCreateRigidBody(coordinates, &rigid));
+    petsc(MatSetNearNullSpace(assembler.tangent(), rigid));
+    petsc(MatNullSpaceDestroy(&rigid));
+    petsc(VecDestroy(&coordinates));
+  }
+
+  [[nodiscard]] int natural_of_owned(int i) const {
+    return partition.natural_of_global[static_cast<std::size_t>(partition.first_owned() + i)];
+  }
+
+  /// Natural, replicated -> global, distributed.
+  void to_global(const Eigen::Ref<const Eigen::VectorXd>& natural, Vec global) const {
+    PetscScalar* values = nullptr;
+    petsc(VecGetArray(global, &values));
+    for (int i = 0; i < partition.owned_nodes(); ++i)
+      for (int k = 0; k < 3; ++k) values[3 * i + k] = natural[3 * natural_of_owned(i) + k];
+    petsc(VecRestoreArray(global, &values));
+  }
+
+  /// Global, distributed -> natural on every rank.
+  [[nodiscard]] Eigen::VectorXd to_natural(Vec global) const {
+    Eigen::VectorXd natural = Eigen::VectorXd::Zero(3 * mesh.nodes.rows());
+    const PetscScalar* values = nullptr;
+    petsc(VecGetArrayRead(global, &values));
+    for (int i = 0; i < partition.owned_nodes(); ++i)
+      for (int k = 0; k < 3; ++k) natural[3 * natural_of_owned(i) + k] = values[3 * i + k];
+    petsc(VecRestoreArrayRead(global, &values));
+    partition.communicator.sum(std::span(natural.data(), static_cast<std::size_t>(natural.size())));
+    return natural;
+  }
+
+  /// u <- prescribed at constrained degrees, exactly.
+  void impose(Vec prescribed_global, Vec displacement) const {
+    PetscScalar* values = nullptr;
+    const PetscScalar* wanted = nullptr;
+    petsc(VecGetArray(displacement, &values));
+    petsc(VecGetArrayRead(prescribed_global, &wanted));
+    const auto& constrained = assembler.constrained_owned();
+    for (std::size_t i = 0; i < constrained.size(); ++i)
+      if (constrained[i] != 0) values[i] = wanted[i];
+    petsc(VecRestoreArrayRead(prescribed_global, &wanted));
+    petsc(VecRestoreArray(displacement, &values));
+  }
+
+  /// increment <- prescribed - u at constrained degrees, 0 elsewhere.
+  void missing_displacement(Vec prescribed_global) const {
+    petsc(VecWAXPY(increment, -1.0, u, prescribed_global));
+    PetscScalar* values = nullptr;
+    petsc(VecGetArray(increment, &values));
+    const auto& constrained = assembler.constrained_owned();
+    for (std::size_t i = 0; i < constrained.size(); ++i)
+      if (constrained[i] == 0) values[i] = 0.0;
+    petsc(VecRestoreArray(increment, &values));
+  }
+
+  /// Norm of the unbalanced forces at free degrees; `residual` is left as external - internal there, 0 elsewhere.
+  [[nodiscard]] double unbalanced() {
+    petsc(VecWAXPY(residual, -1.0, force, external));
+    PetscScalar* values = nullptr;
+    petsc(VecGetArray(residual, &values));
+    const auto& constrained = assembler.constrained_owned();
+    for (std::size_t i = 0; i < constrained.size(); ++i)
+      if (constrained[i] != 0) values[i] = 0.0;
+    petsc(VecRestoreArray(residual, &values));
+    double norm = 0.0;
+    petsc(VecNorm(residual, NORM_2, &norm));
+    return norm;
+  }
+
+  /// Number of negative pivots of the last factorisation, -1 if the solver does not tell.
+  [[nodiscard]] PetscInt negative_pivots() const {
+    if (!direct) return -1;
+    PC preconditioner = nullptr;
+    Mat factor = nullptr;
+    petsc(KSPGetPC(solver, &preconditioner));
+    petsc(PCFactorGetMatrix(preconditioner, &factor));
+    MatSolverType type = nullptr;
+    petsc(MatFactorGetSolverType(factor, &type));
+    if (std::string(type) != MATSOLVERMUMPS) return -1;
+    PetscInt pivots = 0;
+    petsc(MatMumpsGetInfog(factor, 12, &pivots));
+    return pivots;
+  }
+
+  enum class Outcome { converged, diverged, limit_point };
+
+  /// One increment: from u to equilibrium with the prescribed displacement and `external`. Full Newton steps: with a
+  /// consistent tangent the unbalanced forces of a plastic step may well grow before they vanish, and a search that
+  /// forbids it crawls. A step is shortened where an element would be inverted or the forces grow a thousandfold.
+  Outcome newton(Vec prescribed, double time_increment, std::span<const double> parameters, int& iterations) {
+    last_residuals.clear();
+    double previous = 0.0, step = 1.0;
+    bool indefinite = false;
+    Outcome failed = Outcome::diverged;
+    petsc(VecZeroEntries(correction));
+    for (int iteration = 0; iteration <= options.max_iterations; ++iteration) {
+      missing_displacement(prescribed);
+      double missing = 0.0, size = 0.0, load = 0.0, norm = 0.0;
+      for (int halvings = 0;; ++halvings) {
+        const bool valid = assembler.assemble(u, time_increment, parameters, force, increment, lifting);
+        norm = valid ? unbalanced() : INFINITY;
+        if (std::isfinite(norm) && (iteration < 2 || norm < 1e3 * previous)) break;
+        if (iteration == 0 || halvings == 4) return failed;
+        step *= 0.5;
+        petsc(VecAXPY(u, -step, correction));  // back by half of what was taken
+        missing_displacement(prescribed);
+      }
+      petsc(VecNorm(increment, NORM_INFINITY, &missing));
+      petsc(VecNorm(force, NORM_2, &size));
+      petsc(VecNorm(external, NORM_2, &load));
+      const double scale = std::max({size, load, 1e-30});
+      last_residuals.push_back(norm / scale);
+      if (missing == 0.0 && iteration > 0) {
+        // Below the tolerance, or at the level of round-off where it no longer falls.
+        const bool stalled = iteration > 2 && norm > 0.5 * previous && norm < 1e-8 * scale;
+        if (norm <= options.tolerance * scale || stalled)
+          return indefinite && load > 0.0 ? Outcome::limit_point : Outcome::converged;
+      }
+      if (iteration == options.max_iterations) break;
+
+      petsc(VecAXPY(residual, -1.0, lifting));
+      PetscScalar* right = nullptr;
+      const PetscScalar* wanted = nullptr;
+      petsc(VecGetArray(residual, &right));
+      petsc(VecGetArrayRead(increment, &wanted));
+      const auto& constrained = assembler.constrained_owned();
+      for (std::size_t i = 0; i < constrained.size(); ++i)
+        if (constrained[i] != 0) right[i] = wanted[i];
+      petsc(VecRestoreArrayRead(increment, &wanted));
+      petsc(VecRestoreArray(residual, &right));
+      petsc(KSPSolve(solver, residual, correction));
+      KSPConvergedReason reason = KSP_CONVERGED_ITERATING;
+      petsc(KSPGetConvergedReason(solver, &reason));
+      if (reason < 0 && reason != KSP_DIVERGED_ITS) return failed;
+      indefinite = negative_pivots() > 0;
+      // Under prescribed forces a tangent that is not positive definite means a limit point.
+      if (indefinite && load > 0.0) failed = Outcome::limit_point;
+      ++iterations;
+      step = 1.0;
+      petsc(VecAXPY(u, 1.0, correction));
+      impose(prescribed, u);
+      previous = norm;
+    }
+    return failed;
+  }
+
+  void collect(FrameState& state) const {
+    state.displacement = to_natural(u);
+    state.internal = to_natural(force);
+    if (!options.with_fields) return;
+    const Communicator group = partition.communicator;
+    const auto cells = mesh.cells.rows();
+    state.cauchy_stress.setZero(cells, 6);
+    state.plastic_strain.setZero(cells);
+    for (std::size_t i = 0; i < partition.cells.size(); ++i) {
+      const auto row = static_cast<Eigen::Index>(i);
+      state.cauchy_stress.row(partition.cells[i]) = assembler.cauchy_stress().row(row);
+      state.plastic_strain[partition.cells[i]] = assembler.plastic_strain()[row];
+    }
+    group.sum(std::span(state.cauchy_stress.data(), static_cast<std::size_t>(state.cauchy_stress.size())));
+    group.sum(std::span(state.plastic_strain.data(), static_cast<std::size_t>(state.plastic_strain.size())));
+  }
+};
+
+Equilibrium::Equilibrium(const mesh::Partition& partition, const mesh::Mesh& mesh,
+                         std::shared_ptr<const material::FiniteStrainLaw> law, std::vector<int> constrained_dofs,
+                         EquilibriumOptions options)
+    : impl_(std::make_unique<Implementation>(partition, mesh, std::move(law), std::move(constrained_dofs),
+                                             std::move(options))) {}
+
+Equilibrium::~Equilibrium() = default;
+
+const std::vector<int>& Equilibrium::constrained_dofs() const { return impl_->dofs; }
+
+PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const double> parameters, double start_time,
+                            const std::function<void(int, const FrameState&)>& frame_done,
+                            const std::function<const Eigen::VectorXd*(int)>& guess) {
+  auto& s = *impl_;
+  const Eigen::Index dofs = 3 * s.mesh.nodes.rows();
+  PathStatus status;
+  s.assembler.history().initialise(*s.law);
+  petsc(VecSet(s.u, 0.0));
+
+  Vec converged = nullptr, prescribed = nullptr;
+  for (Vec* vector : {&converged, &prescribed}) petsc(VecDuplicate(s.u, vector));
+  petsc(VecSet(converged, 0.0));
+
+  const auto full = [&](const LoadStep* step) {
+    Eigen::VectorXd values = Eigen::VectorXd::Zero(dofs);
+    if (step != nullptr)
+      for (std::size_t i = 0; i < s.dofs.size(); ++i) values[s.dofs[i]] = step->prescribed[static_cast<Eigen::Index>(i)];
+    return values;
+  };
+  const auto nodal_force = [&](const LoadStep* step) {
+    return step != nullptr && step->force.size() > 0 ? step->force : Eigen::VectorXd(Eigen::VectorXd::Zero(dofs));
+  };
+
+  const LoadStep* previous = nullptr;
+  for (int frame = 0; frame < static_cast<int>(steps.size()) && status.message.empty(); ++frame) {
+    const LoadStep& step = steps[static_cast<std::size_t>(frame)];
+    const double begin = previous != nullptr ? previous->time : start_time;
+    const Eigen::VectorXd from = full(previous), to = full(&step), force_from = nodal_force(previous),
+                          force_to = nodal_force(&step);
+    const Eigen::VectorXd* near = guess ? guess(frame) : nullptr;
+    double done = 0.0, size = 1.0 / s.options.increments;
+    int cuts = 0, iterations = 0;
+    bool use_guess = near != nullptr && near->size() == dofs && s.options.increments == 1;
+    while (done < 1.0 - 1e-12) {
+      const double target = std::min(1.0, done + size);
+      s.to_global(from + target * (to - from), prescribed);
+      s.to_global(force_from + target * (force_to - force_from), s.external);
+      if (use_guess)
+        s.to_global(*near, s.u);
+      else
+        petsc(VecCopy(converged, s.u));
+      const auto outcome = s.newton(prescribed, (target - done) * (step.time - begin), parameters, iterations);
+      if (outcome == Implementation::Outcome::converged) {
+        s.assembler.history().commit();
+        petsc(VecCopy(s.u, converged));
+        done = target;
+        use_guess = false;
+        continue;
+      }
+      if (use_guess) {  // a poor guess is no reason to cut the step
+        use_guess = false;
+        continue;
+      }
+      if (++cuts > s.options.max_cuts) {
+        status.limit_point = outcome == Implementation::Outcome::limit_point;
+        status.message = fmt::format("no equilibrium at frame {} of the series (time {:.6g}), {:.3g} of its increment reached{}",
+                                     frame + 1, step.time, done,
+                                     status.limit_point ? ": the prescribed force is at or beyond the maximum load that the "
+                                                          "specimen can carry with these parameters"
+                                                        : "");
+        break;
+      }
+      size *= 0.5;
+    }
+    status.total_iterations += iterations;
+    if (!status.message.empty()) break;
+    FrameState state;
+    s.collect(state);
+    state.iterations = iterations;
+    ++status.frames;
+    frame_done(frame, state);
+    previous = &step;
+  }
+  status.residuals = s.last_residuals;
+  for (Vec* vector : {&converged, &prescribed}) petsc(VecDestroy(vector));
+  return status;
+}
+
+}  // namespace imic3d::mechanics

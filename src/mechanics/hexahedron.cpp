@@ -1,0 +1,143 @@
+#include "imic3d/mechanics/hexahedron.hpp"
+
+#include <Eigen/Dense>
+#include <array>
+#include <cmath>
+
+namespace imic3d::mechanics {
+
+namespace {
+
+using Gradient = Eigen::Matrix<double, 8, 3>;
+
+/// dN/dxi of the trilinear shape functions at the Gauss points; corners in the usual order.
+std::array<Gradient, hex8_points> natural_gradients() {
+  constexpr std::array<std::array<int, 3>, 8> corner = {
+      {{-1, -1, -1}, {1, -1, -1}, {1, 1, -1}, {-1, 1, -1}, {-1, -1, 1}, {1, -1, 1}, {1, 1, 1}, {-1, 1, 1}}};
+  const double g = 1.0 / std::sqrt(3.0);
+  std::array<Gradient, hex8_points> gradients;
+  for (int point = 0; point < hex8_points; ++point) {
+    const Eigen::Vector3d xi(g * corner[point][0], g * corner[point][1], g * corner[point][2]);
+    for (int a = 0; a < 8; ++a) {
+      const double r = 1.0 + corner[a][0] * xi[0], s = 1.0 + corner[a][1] * xi[1], t = 1.0 + corner[a][2] * xi[2];
+      gradients[point].row(a) << corner[a][0] * s * t, r * corner[a][1] * t, r * s * corner[a][2];
+    }
+    gradients[point] *= 0.125;
+  }
+  return gradients;
+}
+
+const std::array<Gradient, hex8_points> dN_dxi = natural_gradients();
+
+Eigen::Matrix3d tensor(const material::Vector6& v) {
+  Eigen::Matrix3d t;
+  t << v[0], v[3], v[5], v[3], v[1], v[4], v[5], v[4], v[2];
+  return t;
+}
+
+}  // namespace
+
+bool evaluate_hex8(const material::FiniteStrainLaw& law, std::span<const double> parameters, double time_increment,
+                   const Eigen::Matrix<double, 8, 3>& nodes, const Eigen::Matrix<double, 24, 1>& displacement,
+                   std::span<const double> history_old, std::span<double> history_new, ElementResult& result,
+                   bool with_tangent) noexcept {
+  const Eigen::Map<const Eigen::Matrix<double, 8, 3, Eigen::RowMajor>> u(displacement.data());
+
+  // Kinematics at the points, the element's volume ratio theta and mean spatial gradient.
+  std::array<Gradient, hex8_points> dN_dx;
+  std::array<Eigen::Matrix3d, hex8_points> F;
+  std::array<double, hex8_points> dV, J;
+  Gradient mean = Gradient::Zero();
+  double reference_volume = 0.0, volume = 0.0;
+  for (int point = 0; point < hex8_points; ++point) {
+    const Eigen::Matrix3d dX_dxi = nodes.transpose() * dN_dxi[point];
+    dV[point] = dX_dxi.determinant();
+    if (!(dV[point] > 0.0)) return false;
+    const Gradient dN_dX = dN_dxi[point] * dX_dxi.inverse();
+    F[point] = Eigen::Matrix3d::Identity() + u.transpose() * dN_dX;
+    J[point] = F[point].determinant();
+    if (!(J[point] > 0.0)) return false;
+    dN_dx[point] = dN_dX * F[point].inverse();
+    reference_volume += dV[point];
+    volume += J[point] * dV[point];
+    mean += J[point] * dV[point] * dN_dx[point];
+  }
+  mean /= volume;
+  const double theta = volume / reference_volume;
+
+  result.force.setZero();
+  result.cauchy_stress.setZero();
+  result.plastic_strain = 0.0;
+  if (with_tangent) result.tangent.setZero();
+  double pressure_volume = 0.0;  // sum of tr(tau)/3 dV
+
+  const auto size = static_cast<std::size_t>(law.history_size());
+  for (int point = 0; point < hex8_points; ++point) {
+    const auto offset = static_cast<std::size_t>(point) * size;
+    material::Response response;
+    const Eigen::Matrix3d Fbar = std::cbrt(theta / J[point]) * F[point];
+    if (!law.update(Fbar, time_increment, parameters, history_old.subspan(offset, size),
+                    history_new.subspan(offset, size), response, with_tangent))
+      return false;
+
+    const Gradient& dN = dN_dx[point];
+    const Gradient dilatation = (mean - dN) / 3.0;  // alpha_ai: what the averaging adds to each normal strain
+    const Eigen::Matrix3d tau = tensor(response.kirchhoff);
+    const Gradient traction = dN * tau;  // tau grad N_a
+    const double trace = tau.trace();
+    const Gradient force = traction + trace * dilatation;
+    for (int a = 0; a < 8; ++a) result.force.segment<3>(3 * a) += dV[point] * force.row(a).transpose();
+
+    result.cauchy_stress += dV[point] / theta * response.kirchhoff;
+    if (law.plastic_strain_index() >= 0)
+      result.plastic_strain += dV[point] * history_new[offset + static_cast<std::size_t>(law.plastic_strain_index())];
+    if (!with_tangent) continue;
+
+    // Material part: Bbar^T c Bbar.
+    Eigen::Matrix<double, 6, 24> B;
+    for (int a = 0; a < 8; ++a) {
+      const auto n = dN.row(a);
+      B.block<6, 3>(0, 3 * a) << n[0], 0, 0, 0, n[1], 0, 0, 0, n[2], n[1], n[0], 0, 0, n[2], n[1], n[2], 0, n[0];
+      B.block<3, 3>(0, 3 * a).rowwise() += dilatation.row(a);
+    }
+    const Eigen::Matrix<double, 6, 24> cB = (dV[point] * response.tangent).lazyProduct(B);
+    result.tangent += B.transpose().lazyProduct(cB);
+
+    // Geometric part: tau : (grad du^T grad Du), and the change of the averaged gradient.
+    const Eigen::Matrix<double, 8, 8> stiffening = dV[point] * traction.lazyProduct(dN.transpose());
+    Eigen::Matrix<double, 24, 1> alpha, t;
+    for (int a = 0; a < 8; ++a) {
+      alpha.segment<3>(3 * a) = dilatation.row(a).transpose();
+      t.segment<3>(3 * a) = dV[point] * (2.0 * traction.row(a) + trace * dilatation.row(a)).transpose();
+    }
+    result.tangent.noalias() += alpha * t.transpose();
+    result.tangent.noalias() += t * alpha.transpose();
+    const double pressure = trace / 3.0 * dV[point];
+    pressure_volume += pressure;
+    for (int a = 0; a < 8; ++a)
+      for (int b = 0; b < 8; ++b) {
+        result.tangent.block<3, 3>(3 * a, 3 * b).diagonal().array() += stiffening(a, b);
+        result.tangent.block<3, 3>(3 * a, 3 * b).noalias() += pressure * dN.row(b).transpose() * dN.row(a);
+      }
+  }
+  result.cauchy_stress /= reference_volume;
+  result.plastic_strain /= reference_volume;
+
+  if (with_tangent) {
+    // p * second variation of theta, up to the part taken at the points above.
+    for (int point = 0; point < hex8_points; ++point) {
+      const Gradient& dN = dN_dx[point];
+      const double weight = pressure_volume * J[point] * dV[point] / volume;
+      for (int a = 0; a < 8; ++a)
+        for (int b = 0; b < 8; ++b)
+          result.tangent.block<3, 3>(3 * a, 3 * b).noalias() +=
+              weight * (dN.row(a).transpose() * dN.row(b) - dN.row(b).transpose() * dN.row(a));
+    }
+    Eigen::Matrix<double, 24, 1> m;
+    for (int a = 0; a < 8; ++a) m.segment<3>(3 * a) = mean.row(a).transpose();
+    result.tangent.noalias() -= pressure_volume * (m * m.transpose());
+  }
+  return result.force.allFinite();
+}
+
+}  // namespace imic3d::mechanics

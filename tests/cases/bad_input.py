@@ -1,0 +1,271 @@
+#!/usr/bin/python3
+"""Bad input: each row of the table spoils one thing of a good small case and says what the program must answer.
+
+Usage: bad_input.py EXECUTABLE [--ranks 2] [--only NAME] [--limit SECONDS] [--keep FOLDER] [--launcher "mpirun ..."]
+
+For each row `EXECUTABLE check case.yaml` runs on some ranks. Every rank must end with status 2; stderr must be the golden
+lines and nothing else (so rank 0 alone speaks); the time from the start of the ranks must stay below the limit. The good
+case itself must pass with status 0. A golden line that starts with "re:" is a regular expression. To be switched on in
+CMake when `imic3d check` is there:
+
+    add_test(NAME bad_input COMMAND ${CMAKE_CURRENT_SOURCE_DIR}/cases/bad_input.py $<TARGET_FILE:imic3d>)
+    set_tests_properties(bad_input PROPERTIES PROCESSORS 2)
+"""
+import argparse
+import os
+import pathlib
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+
+import numpy
+from PIL import Image
+
+CASE = """# yaml-language-server: $schema=case.schema.json
+title: A small strip
+units: {length: mm, force: N, time: s}
+specimen: {mesh: strip.msh, thickness: 1.5, layers: 2, held: bottom, loaded: top, axis: y}
+cameras:
+  - name: left
+    pixel_size: 0.04
+    place: {points: [[0, -3, 70, 170], [0, 3, 70, 20]]}
+    images: "images/*.png"
+loads: {file: loads.csv, image: frame, time: t_s, force: F_N}
+material:
+  hardening: power_linear
+  tie_initial_modulus: true
+  parameters: {E: 198e3, nu: 0.25, S_y: 284, H: 1480, delta: 0.042}
+identify:
+  functional: force_driven
+  stages:
+    - {free: [E], frames: "1-3"}
+    - {free: [S_y, H, delta], frames: "1-5"}
+"""
+FRAMES, COLUMNS, ROWS = 6, 140, 190
+NX, NY = 4, 6  # squares of 1 mm, about the origin
+
+
+def speckle(seed=1, columns=COLUMNS, rows=ROWS, top=255):
+    noise = numpy.random.default_rng(seed).normal(size=(rows, columns))
+    for axis in (0, 1):  # three box blurs make speckles of some pixels
+        for _ in range(3):
+            noise = (noise + numpy.roll(noise, 1, axis) + numpy.roll(noise, -1, axis)) / 3
+    noise = (noise - noise.min()) / (noise.max() - noise.min())
+    return noise * top
+
+
+def write_image(path, columns=COLUMNS, rows=ROWS, bits=8):
+    values = speckle(columns=columns, rows=rows, top=2**bits - 1)
+    path.parent.mkdir(exist_ok=True)
+    Image.fromarray(values.astype(numpy.uint8 if bits == 8 else numpy.uint16)).save(path)
+
+
+def write_mesh(path, moved=(), merged=()):
+    """Gmsh 2.2. moved: {node: (x, y)}; merged: {node: the node that stands in its place in every element}."""
+    moved, merged = dict(moved), dict(merged)
+
+    def node(i, j):
+        return 1 + j * (NX + 1) + i
+
+    nodes = {node(i, j): (i - NX / 2, j - NY / 2) for j in range(NY + 1) for i in range(NX + 1)}
+    nodes.update(moved)
+    elements = [(1, 1, [node(i, 0), node(i + 1, 0)]) for i in range(NX)]
+    elements += [(1, 2, [node(i, NY), node(i + 1, NY)]) for i in range(NX)]
+    elements += [(3, 3, [node(i, j), node(i + 1, j), node(i + 1, j + 1), node(i, j + 1)])
+                 for j in range(NY) for i in range(NX)]
+    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", "3", '1 1 "bottom"', '1 2 "top"',
+             '2 3 "specimen"', "$EndPhysicalNames", "$Nodes", str(len(nodes))]
+    lines += [f"{n} {x} {y} 0" for n, (x, y) in nodes.items()]
+    lines += ["$EndNodes", "$Elements", str(len(elements))]
+    lines += [f"{i + 1} {kind} 2 {group} {group} " + " ".join(str(merged.get(n, n)) for n in corners)
+              for i, (kind, group, corners) in enumerate(elements)]
+    path.write_text("\n".join(lines + ["$EndElements", ""]))
+
+
+def write_good_case(folder):
+    folder.mkdir(parents=True)
+    (folder / "case.yaml").write_text(CASE)
+    (folder / "loads.csv").write_text("frame,t_s,F_N\n" + "".join(f"{i},{i}.0,{100 * i}\n" for i in range(FRAMES)))
+    write_mesh(folder / "strip.msh")
+    for i in range(FRAMES):
+        write_image(folder / f"images/frame_{i}.png")
+
+
+def change(name, old, new):
+    """Replaces a text that is there exactly once in a file of the case."""
+    def apply(folder):
+        text = (folder / name).read_text()
+        assert text.count(old) == 1, (name, old, text.count(old))
+        (folder / name).write_text(text.replace(old, new))
+    return apply
+
+
+def both(*changes):
+    return lambda folder: [apply(folder) for apply in changes]
+
+
+def image(number, **options):
+    return lambda folder: write_image(folder / f"images/frame_{number}.png", **options)
+
+
+def cut(name, size):
+    return lambda folder: os.truncate(folder / name, (folder / name).stat().st_size - size)
+
+
+def mesh(**options):
+    return lambda folder: write_mesh(folder / "strip.msh", **options)
+
+
+# Name, what is spoilt, the lines that must be said.
+TABLE = [
+    ("missing_image", lambda folder: (folder / "images/frame_3.png").unlink(),
+     ["case.yaml:9 cameras[0].images: 5 images; allowed: 6, one for each row of loads.csv; else say which they are: frames: "
+      "from_names, or a list",
+      "case.yaml:19 identify.stages[1].frames: frames 1-5; allowed: among the frames 0-4"]),
+    ("missing_image_named_in_the_record",
+     both(change("case.yaml", '"images/*.png"', "from_loads"),
+          lambda folder: (folder / "loads.csv").write_text(
+              "frame,t_s,F_N,image_file\n" + "".join(f"{i},{i},1,images/frame_{i}.png\n" for i in range(FRAMES))),
+          lambda folder: (folder / "images/frame_3.png").unlink()),
+     ["images/frame_3.png: no such file; allowed: an image"]),
+    ("no_images", change("case.yaml", "images/*.png", "pictures/*.png"),
+     ['case.yaml:9 cameras[0].images: no file "pictures/*.png"; allowed: images that exist']),
+    ("unreadable_image", lambda folder: (folder / "images/frame_3.png").write_text("this is no image at all " * 4),
+     ["images/frame_3.png: not an image; allowed: a PNG, TIFF or BMP image"]),
+    ("incomplete_image", cut("images/frame_3.png", 100),
+     ["images/frame_3.png: an incomplete file; allowed: a whole image"]),
+    ("image_of_another_size", image(3, columns=130),
+     ["images/frame_3.png: 130 x 190 px; allowed: 140 x 190 px as in images/frame_0.png"]),
+    ("image_of_another_bit_depth", image(3, bits=16),
+     ["images/frame_3.png: 16 bits; allowed: 8 bits as in images/frame_0.png"]),
+    ("loads_with_a_missing_frame", change("loads.csv", "3,3.0,300\n", ""),
+     ["loads.csv: no row for frame 3 (images/frame_3.png); allowed: a row for each image"]),
+    ("loads_with_nan", change("loads.csv", "3,3.0,300", "3,3.0,nan"),
+     ['loads.csv:5 column "F_N": nan; allowed: a finite number']),
+    ("loads_with_a_text", change("loads.csv", "3,3.0,300", "3,3.0,three"),
+     ['loads.csv:5 column "F_N": three; allowed: a finite number']),
+    ("loads_without_the_column", change("case.yaml", "force: F_N", "force: F_kN"),
+     ['loads.csv:1 column "F_kN": not there; allowed: one of "frame", "t_s", "F_N"']),
+    ("loads_with_unsorted_time", change("loads.csv", "3,3.0,300", "3,1.5,300"),
+     ['loads.csv:5 column "t_s": 1.5 after 2.0; allowed: a time that does not decrease']),
+    ("loads_with_a_frame_twice", change("loads.csv", "3,3.0,300", "2,3.0,300"),
+     ['loads.csv:5 column "frame": 2; allowed: a frame once (it stands in line 4 too)']),
+    ("loads_missing", change("case.yaml", "loads.csv", "load.csv"),
+     ["case.yaml:10 loads.file: no such file: load.csv; allowed: a .csv file"]),
+    ("mesh_missing", change("case.yaml", "strip.msh", "stripe.msh"),
+     ["case.yaml:4 specimen.mesh: no such file: stripe.msh; allowed: a .msh or .inp file"]),
+    ("mesh_with_an_inverted_element", mesh(moved={13: (0.9, 0.9)}),
+     ["strip.msh element 18 at (-0.275, -0.025, 0): inverted: negative Jacobian at 1 of 4 corners; allowed: a convex, "
+      "counter-clockwise quadrilateral",
+      "strip.msh element 19 at (0.725, -0.025, 0): inverted: negative Jacobian at 2 of 4 corners; allowed: a convex, "
+      "counter-clockwise quadrilateral"]),
+    ("mesh_with_a_degenerate_element", mesh(merged={13: 14}),
+     ["strip.msh element 15 at (0.75, -1.5, 0): the same node twice (degenerate); allowed: a convex, counter-clockwise "
+      "quadrilateral",
+      "strip.msh element 19 at (0.75, -0.5, 0): the same node twice (degenerate); allowed: a convex, counter-clockwise "
+      "quadrilateral"]),
+    ("mesh_not_on_the_image", both(change("case.yaml", "[0, -3, 70, 170]", "[0, -3, 130, 170]"),
+                                   change("case.yaml", "[0, 3, 70, 20]", "[0, 3, 130, 20]")),
+     [r"re:.*(camera|place|image).*; allowed: .*"]),
+    ("unknown_group", change("case.yaml", "held: bottom", "held: botom"),
+     ['case.yaml:4 specimen.held: no group "botom", near to bottom; allowed: bottom, top']),
+    ("negative_thickness", change("case.yaml", "thickness: 1.5", "thickness: -8"),
+     ["case.yaml:4 specimen.thickness: -8; allowed: a positive number [mm]"]),
+    ("thickness_that_is_nan", change("case.yaml", "thickness: 1.5", "thickness: .nan"),
+     ["case.yaml:4 specimen.thickness: .nan; allowed: a finite number"]),
+    ("no_thickness", change("case.yaml", "thickness: 1.5, ", ""),
+     ["case.yaml:4 specimen.thickness: not given; allowed: a positive number [mm]"]),
+    ("unknown_key", change("case.yaml", "layers: 2", "layer: 2"),
+     ["case.yaml:4 specimen.layer: unknown key, near to layers; allowed: axis, element, front, held, layers, loaded, mesh, "
+      "mid_plane_symmetry, refine, thickness"]),
+    ("duplicate_key", change("case.yaml", "layers: 2", "layers: 2, layers: 3"),
+     ["case.yaml:4 specimen.layers: key given twice (first in line 4); allowed: each key once"]),
+    ("parameter_outside_its_bounds", change("case.yaml", "S_y: 284", "S_y: {value: 284, lower: 300, upper: 400}"),
+     ["case.yaml:14 material.parameters.S_y: value 284; allowed: a value between its bounds, from 300, up to 400"]),
+    ("parameter_that_no_material_has", change("case.yaml", "nu: 0.25", "nu: 0.75"),
+     [r"re:case\.yaml:14 material\.parameters\.nu: 0\.75; allowed: a number .*"]),
+    ("unknown_parameter", change("case.yaml", "free: [E]", "free: [e_mod]"),
+     ['case.yaml:18 identify.stages[0].free[0]: no parameter "e_mod"; allowed: E, H, S_y, delta, nu']),
+    ("frames_beyond_the_last", change("case.yaml", '"1-5"', '"1-50"'),
+     ["case.yaml:19 identify.stages[1].frames: frames 1-50; allowed: among the frames 0-5"]),
+    ("more_groups_than_ranks", change("case.yaml", "functional: force_driven", "groups: 8"),
+     [r"re:.*groups: 8.* for 2 ranks; allowed: 1 to 2 .*"]),
+    ("not_yaml", change("case.yaml", "specimen: {", "specimen: [{"),
+     [r"re:case\.yaml:\d+: not YAML at column \d+: .*"]),
+    ("several_mistakes_in_one_go", both(change("case.yaml", "thickness: 1.5", "thickness: 0"),
+                                        change("case.yaml", "axis: y", "axis: z"),
+                                        change("loads.csv", "3,3.0,300", "3,3.0,")),
+     ["case.yaml:4 specimen.axis: \"z\"; allowed: x, y",
+      "case.yaml:4 specimen.thickness: 0; allowed: a positive number [mm]",
+      'loads.csv:5 column "F_N": nothing; allowed: a finite number']),
+]
+
+
+def run(arguments, folder):
+    """Statuses of the ranks, stderr's lines without the folder's name, seconds."""
+    # The shell of each rank says its status, so that the launcher has no failure to comment on.
+    script = '"$0" check "$1"; echo "exit status $?"'
+    command = [*shlex.split(arguments.launcher), "-n", str(arguments.ranks), "sh", "-c", script, arguments.executable,
+               str(folder / "case.yaml")]
+    environment = dict(os.environ, OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", OMPI_ALLOW_RUN_AS_ROOT="1",
+                       OMPI_ALLOW_RUN_AS_ROOT_CONFIRM="1")
+    start = time.monotonic()
+    process = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment, cwd=folder.parent)
+    seconds = time.monotonic() - start
+    said = process.stderr.replace(f"{folder}/", "")
+    return re.findall(r"^exit status (\d+)$", process.stdout, re.M), said.splitlines(), seconds
+
+
+def fits(golden, line):
+    return re.fullmatch(golden[3:], line) is not None if golden.startswith("re:") else golden == line
+
+
+def faults(statuses, lines, seconds, golden, status, arguments):
+    found = []
+    if statuses != [str(status)] * arguments.ranks:
+        found.append(f"exit status {statuses}, not {status} on {arguments.ranks} ranks")
+    if golden is not None and (len(lines) != len(golden) or not all(map(fits, golden, lines))):
+        found += ["said:"] + [f"  {line}" for line in lines] + ["golden:"] + [f"  {line}" for line in golden]
+    if seconds > arguments.limit:
+        found.append(f"{seconds:.2f} s, more than {arguments.limit} s")
+    return found
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("executable", type=os.path.abspath)
+    parser.add_argument("--ranks", type=int, default=2)
+    parser.add_argument("--only", help="the rows whose name has this in it")
+    parser.add_argument("--limit", type=float, default=5.0, help="seconds for a run with the launcher's own start")
+    parser.add_argument("--keep", type=pathlib.Path, help="a folder for the cases, kept")
+    parser.add_argument("--launcher", default="mpirun --oversubscribe")
+    arguments = parser.parse_args()
+    folder = (arguments.keep or pathlib.Path(tempfile.mkdtemp(prefix="imic3d_bad_input_"))).resolve()
+    rows = [("good_case", lambda _: None, None), *TABLE]
+    failed, longest = 0, 0.0
+    for name, spoil, golden in rows:
+        if arguments.only and arguments.only not in name:
+            continue
+        case = folder / name
+        shutil.rmtree(case, ignore_errors=True)
+        write_good_case(case)
+        spoil(case)
+        statuses, lines, seconds = run(arguments, case)
+        longest = max(longest, seconds)
+        found = faults(statuses, lines, seconds, golden, 0 if golden is None else 2, arguments)
+        if golden is None and found:
+            found += ["said:"] + [f"  {line}" for line in lines]
+        failed += bool(found)
+        print(f"{'FAILED' if found else 'passed'}  {name}  {seconds:.2f} s", *found, sep="\n        ")
+    if not arguments.keep:
+        shutil.rmtree(folder)
+    print(f"{failed} failed; the longest run took {longest:.2f} s")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

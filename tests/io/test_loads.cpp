@@ -1,0 +1,97 @@
+#include <gtest/gtest.h>
+
+#include <cstdlib>
+
+#include "imic3d/core/error.hpp"
+#include "imic3d/io/loads.hpp"
+#include "temporary_folder.hpp"
+
+namespace imic3d::io {
+namespace {
+
+namespace fs = std::filesystem;
+
+std::string mistakes_in(const std::string& text, const LoadColumns& columns = {}) {
+  const TemporaryFolder folder;
+  try {
+    const auto records = read_loads(folder.write("loads.csv", text), columns);
+    return "none in " + std::to_string(records.size());
+  } catch (const InputError& error) {
+    return folder.without_folder(error.what());
+  }
+}
+
+TEST(Loads, AnySeparatorCommentsAndQuotes) {
+  const TemporaryFolder folder;
+  for (const char* text : {"frame,time_s,force_N\n0,0,1.5\n1,0.5,-2e3\n",
+                           "# made by hand\n\nframe;time_s;force_N\r\n0;0;1.5\r\n# gap\r\n1;+0.5;-2e3\r\n",
+                           "\xEF\xBB\xBF\"force_N\"\tframe\t\"time_s\"\n1.5\t0\t0\n\"-2e3\"\t1\t0.5"}) {
+    const auto records = read_loads(folder.write("loads.csv", text), {}, 2.0);
+    ASSERT_EQ(records.size(), 2U) << text;
+    EXPECT_EQ(records[1].frame, 1);
+    EXPECT_EQ(records[1].time, 0.5);
+    EXPECT_EQ(records[0].force, 3.0);
+    EXPECT_EQ(records[1].force, -4000.0);
+    EXPECT_TRUE(records[1].image.empty());
+  }
+}
+
+TEST(Loads, FilesOfImagesMayBeNamedAndMayBeAbsent) {
+  const TemporaryFolder folder;
+  const auto file = folder.write("loads.csv", "frame,time_s,force_N,image_file\n0,0,1,\"a, \"\"b\"\".png\"\n4,0,2,\n");
+  const auto records = read_loads(file);
+  EXPECT_EQ(records[0].image, folder.path() / "a, \"b\".png");
+  EXPECT_TRUE(records[1].image.empty());
+  EXPECT_EQ(records[1].frame, 4);
+}
+
+TEST(Loads, MistakesAreNamedWithLineAndColumn) {
+  EXPECT_EQ(mistakes_in("frame,t,force_N\n0,0,1\n"),
+            "loads.csv:1 column \"time_s\": not there; allowed: one of \"frame\", \"t\", \"force_N\"");
+  EXPECT_EQ(mistakes_in("frame,time_s,force_N\n0,0,nan\n1,x,\n"),
+            "loads.csv:2 column \"force_N\": nan; allowed: a finite number\n"
+            "loads.csv:3 column \"time_s\": x; allowed: a finite number\n"
+            "loads.csv:3 column \"force_N\": nothing; allowed: a finite number");
+  EXPECT_EQ(mistakes_in("frame,time_s,force_N\n0,0,1\n1,2,1\n2,1.5,1\n"),
+            "loads.csv:4 column \"time_s\": 1.5 after 2; allowed: a time that does not decrease");
+  EXPECT_EQ(mistakes_in("frame,time_s,force_N\n0,0,1\n2,1,1\n1,2,1\n2,3,1\n"),
+            "loads.csv:4 column \"frame\": 1 after 2; allowed: ascending frames\n"
+            "loads.csv:5 column \"frame\": 2; allowed: a frame once (it stands in line 3 too)");
+  EXPECT_EQ(mistakes_in("frame,time_s,force_N\n0.5,0,1\n1,0\n2,0,\"1\n"),
+            "loads.csv:2 column \"frame\": 0.5; allowed: a frame number (an integer from 0)\n"
+            "loads.csv:3: 2 fields; allowed: 3 as in the header\n"
+            "loads.csv:4: a quote that is not closed");
+  EXPECT_EQ(mistakes_in(""), "loads.csv: an empty file; allowed: a load record (.csv) with a header row");
+  EXPECT_EQ(mistakes_in("frame,time_s,force_N\n"), "loads.csv: no rows; allowed: one row for each frame");
+  EXPECT_EQ(mistakes_in("frame,time_s,force_N,force_N\n"),
+            "loads.csv:1 column \"force_N\": there 2 times; allowed: once");
+  EXPECT_THROW(read_loads("nowhere/loads.csv"), InputError);
+  EXPECT_THROW(read_loads("/tmp"), InputError);
+}
+
+TEST(Loads, StaticFramesMayShareATime) {
+  EXPECT_EQ(mistakes_in("frame,time_s,force_N\n0,0.000,12\n1,0.000,14\n2,0.000,-25\n3,1,6036\n"), "none in 4");
+}
+
+TEST(Loads, AHundredMistakesAreCounted) {
+  std::string text = "frame,time_s,force_N\n";
+  for (int i = 0; i < 100; ++i) text += "x,0,0\n";
+  EXPECT_NE(mistakes_in(text).find("80 more mistakes"), std::string::npos);
+}
+
+TEST(Loads, MeasuredRecords) {
+  const char* given = std::getenv("IMIC3D_DATA");
+  const fs::path data = given ? fs::path(given) : fs::path(IMIC3D_SOURCE_DIRECTORY) / "../shared/data";
+  if (!fs::exists(data)) GTEST_SKIP() << "no measured data at " << data << " (IMIC3D_DATA)";
+  const auto plate = read_loads(data / "plate_independent/loads.csv");
+  EXPECT_EQ(plate.size(), 48U);
+  EXPECT_EQ(plate[3].force, 6036.16);
+  const auto tension = read_loads(data / "pcabs_tension/frames.csv", {.force = "force_kN"}, 1000.0);
+  ASSERT_EQ(tension.size(), 281U);
+  EXPECT_NEAR(tension[8].force, 60.810, 1e-9);
+  EXPECT_EQ(tension[8].image, data / "pcabs_tension/images/frame_008.png");
+  EXPECT_TRUE(tension[13].image.empty());
+}
+
+}  // namespace
+}  // namespace imic3d::io

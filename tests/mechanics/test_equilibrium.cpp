@@ -1,0 +1,163 @@
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <set>
+
+#include "box.hpp"
+#include "imic3d/mechanics/equilibrium.hpp"
+
+namespace imic3d::mechanics {
+namespace {
+
+std::vector<int> all_dofs(const std::vector<int>& nodes) {
+  std::vector<int> dofs;
+  for (int node : nodes)
+    for (int i = 0; i < 3; ++i) dofs.push_back(3 * node + i);
+  return dofs;
+}
+
+struct LawCase {
+  std::string law;
+  std::vector<double> parameters;
+};
+
+std::shared_ptr<const material::FiniteStrainLaw> power_linear() {
+  return material::make_law({.law = "j2", .hardening = "power_linear", .tie_initial_modulus = true, .table_strain = {}});
+}
+const std::vector<double> steel = {198e3, 0.25, 284.0, 1480.0, 0.042};
+
+/// A homogeneous deformation prescribed on the boundary must be found in the interior of a distorted mesh.
+TEST(Equilibrium, PatchTestOnDistortedHexahedra) {
+  const auto mesh = testing::box({3, 3, 3}, {1.0, 1.2, 0.9}, 0.25);
+  const Communicator world;
+  const mesh::Partition partition = mesh::partition(mesh, world);
+  Eigen::Matrix3d G;
+  G << 0.08, 0.03, -0.02, 0.01, -0.03, 0.02, 0.02, -0.01, -0.03;
+  const auto dofs = all_dofs(mesh.node_groups.at("boundary"));
+  Equilibrium equilibrium(partition, mesh, power_linear(), dofs, {});
+  std::vector<LoadStep> steps;
+  for (double s : {0.5, 1.0}) {
+    LoadStep step{.time = s, .prescribed = Eigen::VectorXd(static_cast<Eigen::Index>(dofs.size())), .force = {}};
+    for (std::size_t i = 0; i < dofs.size(); ++i)
+      step.prescribed[static_cast<Eigen::Index>(i)] = s * G.row(dofs[i] % 3).dot(mesh.nodes.row(dofs[i] / 3));
+    steps.push_back(step);
+  }
+  double worst = 0.0, spread = 0.0, plastic = 0.0;
+  const auto status = equilibrium.run(steps, steel, 0.0, [&](int t, const FrameState& state) {
+    for (Eigen::Index node = 0; node < mesh.nodes.rows(); ++node)
+      worst = std::max(worst, (state.displacement.segment<3>(3 * node) -
+                               steps[static_cast<std::size_t>(t)].time * G * mesh.nodes.row(node).transpose()).norm());
+    const Eigen::RowVectorXd mean = state.cauchy_stress.colwise().mean();
+    spread = (state.cauchy_stress.rowwise() - mean).norm() / state.cauchy_stress.norm();
+    plastic = state.plastic_strain.minCoeff();
+  });
+  ASSERT_EQ(status.frames, 2) << status.message;
+  EXPECT_GT(plastic, 0.01);
+  EXPECT_LT(worst, 1e-10);
+  EXPECT_LT(spread, 1e-10);
+}
+
+TEST(Equilibrium, NewtonConvergesQuadratically) {
+  const auto mesh = testing::box({4, 2, 2}, {4.0, 1.0, 1.0}, 0.2);
+  const Communicator world;
+  const mesh::Partition partition = mesh::partition(mesh, world);
+  auto ends = mesh.node_groups.at("left");
+  ends.insert(ends.end(), mesh.node_groups.at("right").begin(), mesh.node_groups.at("right").end());
+  std::sort(ends.begin(), ends.end());
+  const auto dofs = all_dofs(ends);
+  Equilibrium equilibrium(partition, mesh, power_linear(), dofs, {.tolerance = 1e-13});
+  LoadStep step{.time = 1.0, .prescribed = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(dofs.size())), .force = {}};
+  for (std::size_t i = 0; i < dofs.size(); ++i)
+    if (mesh.nodes(dofs[i] / 3, 0) > 2.0) step.prescribed[static_cast<Eigen::Index>(i)] = dofs[i] % 3 == 0 ? 0.3 : 0.1;
+  const auto status = equilibrium.run({step}, steel, 0.0, [](int, const FrameState& state) {
+    EXPECT_GT(state.plastic_strain.minCoeff(), 0.01);
+  });
+  ASSERT_EQ(status.frames, 1) << status.message;
+  const auto& r = status.residuals;
+  double order = 0.0;
+  for (std::size_t i = 2; i < r.size(); ++i)
+    if (r[i - 1] < 1e-2 && r[i] > 1e-12 && r[i] < r[i - 1])
+      order = std::max(order, std::log(r[i]) / std::log(r[i - 1]));
+  // log r_{k+1} / log r_k: 2 for quadratic convergence of a residual that is relative already.
+  EXPECT_GE(order, 1.8) << ::testing::PrintToString(r);
+  EXPECT_LT(r.size(), 12U);
+}
+
+/// Plastic Cook's membrane in plane strain (Simo & Armero 1992): top corner 6.97 to 7.09 mm at convergence.
+double cook(int n, int increments) {
+  auto mesh = testing::box({n, n, 1}, {48.0, 1.0, 1.0});
+  for (Eigen::Index node = 0; node < mesh.nodes.rows(); ++node) {
+    const double x = mesh.nodes(node, 0), s = mesh.nodes(node, 1);
+    const double low = 44.0 * x / 48.0, high = 44.0 + 16.0 * x / 48.0;
+    mesh.nodes(node, 1) = low + s * (high - low);
+  }
+  const Communicator world;
+  const mesh::Partition partition = mesh::partition(mesh, world);
+  const auto law = material::make_law({.law = "j2", .hardening = "voce", .tie_initial_modulus = false, .table_strain = {}});
+  std::vector<double> parameters;
+  for (const auto& parameter : law->parameters()) {
+    const std::map<std::string, double> values = {{"E", 206.9}, {"nu", 0.29}, {"S_y", 0.45}, {"S_inf", 0.715},
+                                                  {"b", 16.93}, {"H", 0.12924}};
+    parameters.push_back(values.at(parameter.name));
+  }
+  std::set<int> dofs;
+  for (Eigen::Index node = 0; node < mesh.nodes.rows(); ++node) dofs.insert(3 * static_cast<int>(node) + 2);
+  for (int node : mesh.node_groups.at("left")) dofs.insert({3 * node, 3 * node + 1});
+  LoadStep step{.time = 1.0, .prescribed = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(dofs.size())),
+                .force = Eigen::VectorXd::Zero(3 * mesh.nodes.rows())};
+  int corner = -1;
+  for (int node : mesh.node_groups.at("right")) {
+    const double y = mesh.nodes(node, 1);
+    const bool end = y < 44.0 + 1e-9 || y > 60.0 - 1e-9;
+    step.force[3 * node + 1] = 0.3125 * 16.0 / n * (end ? 0.5 : 1.0) * 0.5;  // two layers of nodes, thickness 1
+    if (y > 60.0 - 1e-9) corner = node;
+  }
+  Equilibrium equilibrium(partition, mesh, law, std::vector<int>(dofs.begin(), dofs.end()), {.increments = increments});
+  double displacement = 0.0;
+  const auto status = equilibrium.run({step}, parameters, 0.0, [&](int, const FrameState& state) {
+    displacement = state.displacement[3 * corner + 1];
+  });
+  EXPECT_EQ(status.frames, 1) << status.message;
+  return displacement;
+}
+
+TEST(Equilibrium, PlasticCooksMembrane) {
+  const double coarse = cook(8, 10), fine = cook(32, 10);
+  std::printf("Cook's membrane: %.4f mm (8 x 8), %.4f mm (32 x 32)\n", coarse, fine);
+  EXPECT_GE(fine, 6.97);
+  EXPECT_LE(fine, 7.09);
+  EXPECT_NEAR(coarse, fine, 0.4);
+}
+
+/// Past the maximum load a prescribed force has no equilibrium: the series stops there and says so.
+TEST(Equilibrium, AForceBeyondTheMaximumLoadIsNoticed) {
+  const auto mesh = testing::box({2, 1, 1}, {2.0, 1.0, 1.0});
+  const Communicator world;
+  const mesh::Partition partition = mesh::partition(mesh, world);
+  const auto law = material::make_law({.law = "j2", .hardening = "linear", .tie_initial_modulus = false, .table_strain = {}});
+  std::set<int> dofs;
+  for (int node : mesh.node_groups.at("left")) dofs.insert(3 * node);
+  for (Eigen::Index node = 0; node < mesh.nodes.rows(); ++node) {
+    if (mesh.nodes(node, 1) == 0.0) dofs.insert(3 * static_cast<int>(node) + 1);
+    if (mesh.nodes(node, 2) == 0.0) dofs.insert(3 * static_cast<int>(node) + 2);
+  }
+  // True stress S_y + H e with H < S_y: the nominal force falls from the start of yielding on.
+  const std::vector<double> parameters = {200e3, 0.3, 300.0, 100.0};
+  std::vector<LoadStep> steps;
+  for (double force : {200.0, 290.0, 310.0}) {
+    LoadStep step{.time = force, .prescribed = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(dofs.size())),
+                  .force = Eigen::VectorXd::Zero(3 * mesh.nodes.rows())};
+    for (int node : mesh.node_groups.at("right")) step.force[3 * node] = force / 4.0;
+    steps.push_back(step);
+  }
+  Equilibrium equilibrium(partition, mesh, law, std::vector<int>(dofs.begin(), dofs.end()), {.max_cuts = 4});
+  int frames = 0;
+  const auto status = equilibrium.run(steps, parameters, 0.0, [&](int, const FrameState&) { ++frames; });
+  EXPECT_EQ(frames, 2);
+  EXPECT_EQ(status.frames, 2);
+  EXPECT_TRUE(status.limit_point) << status.message;
+}
+
+}  // namespace
+}  // namespace imic3d::mechanics

@@ -1,0 +1,147 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+
+#include "meshes.hpp"
+
+namespace imic3d::mesh {
+namespace {
+
+using ::testing::ElementsAre;
+using ::testing::HasSubstr;
+using ::testing::SizeIs;
+
+TEST(Check, AGoodMeshHasNoMistakes) {
+  EXPECT_THAT(check(grid(3, 2), "grid"), SizeIs(0));
+  EXPECT_THAT(check(extrude(grid(3, 2), 2.0, 3), "block"), SizeIs(0));
+}
+
+TEST(Check, InvertedDegenerateAndFoldedCellsAreNamed) {
+  Mesh inverted = grid(3, 2);
+  inverted.nodes.row(5) << 2.9, 1.9, 0.0;  // an inner node beyond the opposite corner
+  ASSERT_FALSE(check(inverted, "grid").empty());
+  EXPECT_THAT(check(inverted, "grid")[0].message(), HasSubstr("cell"));
+  EXPECT_THAT(check(inverted, "grid")[0].message(), HasSubstr("inverted"));
+
+  Mesh repeated = grid(3, 2);
+  repeated.cells(1, 2) = repeated.cells(1, 1);
+  ASSERT_THAT(check(repeated, "grid"), SizeIs(1));
+  EXPECT_THAT(check(repeated, "grid")[0].message(), HasSubstr("grid cell 1 at"));
+  EXPECT_THAT(check(repeated, "grid")[0].message(), HasSubstr("degenerate"));
+
+  Mesh folded = grid(2, 1);  // the second square is laid over the first
+  folded.nodes.row(2) << 0.0, 0.0, 0.0;
+  folded.nodes.row(5) << 0.0, 1.0, 0.0;
+  folded.cells.row(1) << 1, 4, 5, 2;
+  ASSERT_THAT(check(folded, "grid"), SizeIs(1));
+  EXPECT_THAT(check(folded, "grid")[0].message(), HasSubstr("overlaps its neighbour 0"));
+
+  Mesh block = extrude(grid(2, 2), 1.0, 1);
+  block.nodes(4, 2) -= 1.5;  // the middle of the front beyond the back
+  EXPECT_THAT(check(block, "block"), SizeIs(4));
+
+  Mesh bent = grid(2, 2);
+  bent.nodes(0, 2) = 0.1;
+  ASSERT_THAT(check(bent, "grid"), SizeIs(1));
+  EXPECT_THAT(check(bent, "grid")[0].message(), HasSubstr("z = 0 and 0.1"));
+}
+
+TEST(Extrude, LayersGoDownFromTheCamerasFace) {
+  const Mesh quads = grid(3, 2);
+  const Mesh hexes = extrude(quads, 1.5, 3);
+  EXPECT_EQ(hexes.nodes_per_layer, 12);
+  EXPECT_EQ(hexes.nodes.rows(), 48);
+  EXPECT_EQ(hexes.cells.rows(), 18);
+  EXPECT_NEAR(measure(hexes), 9.0, 1e-12);
+  EXPECT_EQ(hexes.nodes(0, 2), 0.0);
+  EXPECT_NEAR(hexes.nodes(36, 2), -1.5, 1e-15);
+  EXPECT_TRUE(hexes.front == quads.cells);
+  EXPECT_THAT(hexes.node_groups.at("left"), SizeIs(12));
+  EXPECT_THAT(hexes.node_groups.at("back"), SizeIs(12));
+  EXPECT_EQ(hexes.node_groups.at("back").front(), 36);
+  EXPECT_THAT(hexes.cell_groups.at("specimen"), SizeIs(18));
+
+  // Every facet group is a part of the boundary, with its orientation.
+  const Facets boundary = boundary_facets(hexes);
+  EXPECT_EQ(boundary.nodes.rows(), 2 * 6 + 10 * 3);
+  EXPECT_EQ(hexes.facet_groups.at("top").rows(), 9);
+  for (const auto& [name, faces] : hexes.facet_groups)
+    for (Eigen::Index f = 0; f < faces.rows(); ++f) {
+      const bool found =
+          std::any_of(boundary.nodes.rowwise().begin(), boundary.nodes.rowwise().end(), [&](const auto& quad) {
+            for (int turn = 0; turn < 4; ++turn) {
+              bool same = true;
+              for (int k = 0; k < 4; ++k) same = same && quad[k] == faces(f, (k + turn) % 4);
+              if (same) return true;
+            }
+            return false;
+          });
+      EXPECT_TRUE(found) << name << " " << faces.row(f);
+    }
+}
+
+TEST(Extrude, BadThicknessAndLayersAreRefused) {
+  EXPECT_THROW((void)extrude(grid(1, 1), -8.0, 2), InputError);
+  EXPECT_THROW((void)extrude(grid(1, 1), std::nan(""), 2), InputError);
+  EXPECT_THROW((void)extrude(grid(1, 1), 1.0, 0), InputError);
+  EXPECT_THROW((void)extrude(extrude(grid(1, 1), 1.0, 1), 1.0, 1), InputError);
+}
+
+TEST(Refine, QuadsAndHexesKeepMeasureGroupsAndOrder) {
+  Mesh coarse = grid(3, 1);  // one cell wide: both ends of the inner edges are in bottom or top
+  coarse.nodes(1, 0) += 0.2;
+  const Mesh fine = refine(coarse);
+  EXPECT_EQ(fine.cells.rows(), 12);
+  EXPECT_EQ(fine.nodes.rows(), 21);
+  EXPECT_TRUE(fine.nodes.topRows(8) == coarse.nodes);
+  EXPECT_NEAR(measure(fine), 3.0, 1e-14);
+  EXPECT_THAT(check(fine, "fine"), SizeIs(0));
+  EXPECT_THAT(fine.node_groups.at("top"), SizeIs(7));
+  EXPECT_THAT(fine.node_groups.at("left"), SizeIs(3));
+  EXPECT_EQ(fine.facet_groups.at("top").rows(), 6);
+  for (int node : fine.node_groups.at("top")) EXPECT_EQ(fine.nodes(node, 1), 1.0);
+  for (int k = 0; k < 4; ++k) EXPECT_EQ(fine.cells(4 + k, k), coarse.cells(1, k));
+
+  Mesh block = extrude(coarse, 2.0, 2);
+  block.nodes(5 + 8, 1) += 0.1;
+  const Mesh fine_block = refine(block);
+  EXPECT_EQ(fine_block.cells.rows(), 48);
+  EXPECT_EQ(fine_block.nodes.rows(), 7 * 3 * 5);
+  EXPECT_NEAR(measure(fine_block), measure(block), 1e-13);
+  EXPECT_THAT(check(fine_block, "fine"), SizeIs(0));
+  EXPECT_EQ(fine_block.front.rows(), 12);
+  EXPECT_THAT(fine_block.node_groups.at("front"), SizeIs(21));
+  EXPECT_THAT(fine_block.node_groups.at("left"), SizeIs(15));
+  EXPECT_THAT(fine_block.node_groups.at("top"), SizeIs(35));
+  EXPECT_EQ(boundary_facets(fine_block).nodes.rows(), 4 * boundary_facets(block).nodes.rows());
+}
+
+TEST(FrontSurface, IsTheMeshThatWasExtruded) {
+  const Mesh quads = grid(4, 3);
+  const Surface surface = front_surface(extrude(quads, 1.0, 2));
+  EXPECT_TRUE(surface.mesh.nodes == quads.nodes);
+  EXPECT_TRUE(surface.mesh.cells == quads.cells);
+  EXPECT_EQ(surface.nodes_of_volume.back(), 19);
+  EXPECT_EQ(surface.mesh.node_groups.at("left"), quads.node_groups.at("left"));
+  EXPECT_EQ(surface.mesh.cell_groups.at("specimen"), quads.cell_groups.at("specimen"));
+  EXPECT_EQ(surface.mesh.facet_groups.at("top").rows(), 4);
+  EXPECT_FALSE(surface.mesh.facet_groups.contains("front"));
+}
+
+TEST(Contours, OuterCounterClockwiseThenHoles) {
+  Mesh mesh = grid(5, 5);
+  Cells kept(24, 4);
+  kept << mesh.cells.topRows(12), mesh.cells.bottomRows(12);  // the middle cell is the hole
+  mesh.cells = kept;
+  const auto found = contours(mesh);
+  ASSERT_THAT(found, SizeIs(2));
+  EXPECT_THAT(found[0], SizeIs(20));
+  EXPECT_EQ(found[0][0], 0);
+  EXPECT_EQ(found[0][1], 1);
+  EXPECT_THAT(found[1], SizeIs(4));
+  EXPECT_THAT(found[1], ElementsAre(14, 20, 21, 15));
+}
+
+}  // namespace
+}  // namespace imic3d::mesh
