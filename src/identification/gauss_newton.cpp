@@ -190,7 +190,8 @@ Iterate describe(const NormalEquations& normal, const std::vector<double>& param
           .image_rms = std::sqrt(normal.squares / std::max(1.0, normal.pixels)),
           .force_rms = std::sqrt(normal.force / frames),
           .cost = normal.cost / frames,
-          .frames = normal.frames};
+          .frames = normal.frames,
+          .message = {}};
 }
 
 }  // namespace
@@ -234,12 +235,13 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
       to[static_cast<std::size_t>(stage.free[j])] += step[static_cast<Eigen::Index>(j)];
     return to;
   };
+  Linearisation linear = linearise(model, images, parameters, stage, options);
   const auto note = [&](const NormalEquations& normal, double eta) {
     result.iterates.push_back(describe(normal, parameters, eta));
+    result.iterates.back().message = linear.message;
     if (report) report(result.iterates.back());
   };
 
-  Linearisation linear = linearise(model, images, parameters, stage, options);
   if (linear.nominal.frames == 0) throw ConvergenceError("the first frame cannot be simulated: " + linear.message);
   NormalEquations normal = assemble(world, model, images, linear, stage, options);
   note(normal, 0.0);

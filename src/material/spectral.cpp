@@ -186,12 +186,12 @@ Matrix6 LogarithmicStrain::spatial_tangent(const Tensor<double>& Fe, const Symme
 
 namespace detail {
 
-void exponential(const SymmetricTensor<double>& A, SymmetricTensor<double>& result, SymmetricTensor<double>* directions,
-                 int count) noexcept {
+void exponential_minus_identity(const SymmetricTensor<double>& A, SymmetricTensor<double>& result,
+                                SymmetricTensor<double>* directions, int count) noexcept {
   const SpectralDecomposition spectrum = spectral_decomposition(A);
   const auto& z = spectrum.values;
   result = push_forward(spectrum.vectors,
-                        SymmetricTensor<double>{{std::exp(z[0]), std::exp(z[1]), std::exp(z[2]), 0.0, 0.0, 0.0}});
+                        SymmetricTensor<double>{{std::expm1(z[0]), std::expm1(z[1]), std::expm1(z[2]), 0.0, 0.0, 0.0}});
   if (count == 0) return;
   SymmetricTensor<double> first;
   for (int k = 0; k < 6; ++k)

@@ -25,6 +25,7 @@ struct ImageEvaluation {
   Eigen::VectorXd b;     ///< b_DIC of Eq. 9 [2 * surface nodes, grey level^2/length]
   double squares = 0.0;  ///< sum of squared residuals f - g(x + u) [grey level^2]
   double pixels = 0.0;   ///< pixels in that sum
+  Eigen::VectorXd element_rms;  ///< per element of the surface [grey level]
 };
 
 /// The images of a series as the identification sees them.
@@ -62,6 +63,7 @@ struct Iterate {
   double force_rms = 0.0;         ///< F - R, where the functional contains it [force]
   double cost = 0.0;              ///< the weighted sum of squares that step control watches
   int frames = 0;                 ///< frames of the stage that could be simulated
+  std::string message;            ///< why not all of them, if so
 };
 
 struct StageResult {

@@ -2,7 +2,7 @@
 // Makes a small-strain law a finite-strain one: multiplicative plasticity in logarithmic strain with exponential map.
 
 #include <algorithm>
-#include <cmath>
+#include <stdexcept>
 #include <utility>
 
 #include "imic3d/material/scalar_root.hpp"
@@ -20,7 +20,10 @@ namespace imic3d::material {
 template <SmallStrainLaw Law, bool hand_tangent = HasConsistentTangent<Law>>
 class LogStrainLaw final : public FiniteStrainLaw {
  public:
-  explicit LogStrainLaw(Law law) : law_(std::move(law)), name_(law_.name()), parameters_(law_.parameters()) {}
+  /// Throws std::length_error where the law has more than max_parameters parameters.
+  explicit LogStrainLaw(Law law) : law_(std::move(law)), name_(law_.name()), parameters_(law_.parameters()) {
+    if (parameters_.size() > max_parameters) throw std::length_error(name_ + ": more than max_parameters parameters");
+  }
 
   [[nodiscard]] const std::string& name() const override { return name_; }
   [[nodiscard]] const std::vector<ParameterInfo>& parameters() const override { return parameters_; }
@@ -165,8 +168,9 @@ class LogStrainLaw final : public FiniteStrainLaw {
         std::any_of(result.plastic_increment.components.begin(), result.plastic_increment.components.end(),
                     [](const T& x) { return value(x) != 0.0; });
     if (flows) {
-      const Tensor<T> inverse = plastic_inverse(history_old) * exponential(-1.0 * result.plastic_increment);
-      std::copy_n(inverse.components.begin(), 9, history_new.begin());
+      const Tensor<T> change =
+          plastic_inverse(history_old) * exponential_minus_identity(-1.0 * result.plastic_increment);
+      for (std::size_t i = 0; i < 9; ++i) history_new[i] = history_old[i] + change.components[i];
     } else {
       std::copy_n(history_old.begin(), 9, history_new.begin());
     }

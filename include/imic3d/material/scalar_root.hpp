@@ -39,11 +39,10 @@ std::optional<double> bracketed_newton(const Residual& residual, double lower, d
   for (int iteration = 0; iteration < max_iterations; ++iteration) {
     const Dual<1> r = residual(Dual<1>::variable(x, 0));
     if (!std::isfinite(r.value)) return std::nullopt;
+    double next = x - r.value / r.derivative[0];
+    if (std::abs(r.value) <= 4.0 * epsilon * scale) return next >= lower && next <= upper ? next : x;
     if (iteration == 0 && r.value < 0.0) return std::nullopt;
     (r.value > 0.0 ? lower : upper) = x;
-    double next = x - r.value / r.derivative[0];
-    const bool at_noise = std::abs(r.value) <= epsilon * scale;
-    if (at_noise) return next >= lower && next <= upper ? next : x;
     // The first step may come from an infinite slope; later ones must halve what the last one did.
     if (!(next > lower && next < upper) || (iteration > 3 && std::abs(next - x) > 0.5 * last_step)) {
       next = 0.5 * (lower + upper);

@@ -68,9 +68,10 @@ class LogarithmicStrain {
   bool valid_ = false;
 };
 
-/// exp(A) of a symmetric tensor, with derivatives where T is a dual number.
+/// exp(A) - I of a symmetric tensor, with derivatives where T is a dual number. Without the identity, so that rounding
+/// is relative to the increment and the plastic volume does not drift over many steps.
 template <Scalar T>
-[[nodiscard]] SymmetricTensor<T> exponential(const SymmetricTensor<T>& A) noexcept;
+[[nodiscard]] SymmetricTensor<T> exponential_minus_identity(const SymmetricTensor<T>& A) noexcept;
 
 // ---------------------------------------------------------------------------------------------------------------------
 
@@ -111,19 +112,19 @@ SymmetricTensor<T> LogarithmicStrain::second_piola(const SymmetricTensor<T>& B,
 }
 
 namespace detail {
-/// exp(A), and D exp(A) : dA for each of the given directions, in place.
-void exponential(const SymmetricTensor<double>& A, SymmetricTensor<double>& result, SymmetricTensor<double>* directions,
-                 int count) noexcept;
+/// exp(A) - I, and D exp(A) : dA for each of the given directions, in place.
+void exponential_minus_identity(const SymmetricTensor<double>& A, SymmetricTensor<double>& result,
+                                SymmetricTensor<double>* directions, int count) noexcept;
 }  // namespace detail
 
 template <Scalar T>
-SymmetricTensor<T> exponential(const SymmetricTensor<T>& A) noexcept {
+SymmetricTensor<T> exponential_minus_identity(const SymmetricTensor<T>& A) noexcept {
   constexpr int N = derivatives_of<T>;
   SymmetricTensor<double> value_of_result;
   std::array<SymmetricTensor<double>, N> directions;
   if constexpr (N > 0)
     for (int k = 0; k < N; ++k) directions[static_cast<std::size_t>(k)] = derivatives(A, k);
-  detail::exponential(values(A), value_of_result, directions.data(), N);
+  detail::exponential_minus_identity(values(A), value_of_result, directions.data(), N);
   if constexpr (N == 0) {
     return value_of_result;
   } else {

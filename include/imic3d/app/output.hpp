@@ -1,0 +1,51 @@
+#pragma once
+// The results of a run on the root rank: results.h5, results.xdmf, result.json, pictures and the report.
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "imic3d/app/observation.hpp"
+#include "imic3d/io/run_results.hpp"
+
+namespace imic3d::app {
+
+/// How a stage went, for the summary.
+struct StageSummary {
+  std::vector<std::string> free;
+  int iterations = 0;
+  bool converged = false;
+  std::string message;
+};
+
+/// Writes on rank 0 only; every function may be called on every rank.
+class RunOutput {
+ public:
+  RunOutput(const Communicator& world, std::filesystem::path folder, const io::Case& test,
+            const identification::Specimen& specimen, const Material& material, const Observation& seen);
+
+  void dic_frame(int place, const correlation::DicFrame& frame);
+  void noise(double sigma);
+  void iteration(int stage, int iteration, const identification::Iterate& at);
+  void identified(const std::vector<double>& values, const Eigen::MatrixXd& covariance);
+  void simulation_frame(int place, const mechanics::FrameState& state);
+  /// Residual of the model on every frame (collective) and the force of the DIC-driven simulation.
+  void model(const Communicator& world, const identification::ImageData& images, const identification::Record& record,
+             const identification::Path& shown, const identification::Path& driven);
+  /// result.json, pictures and report.html; prints the table of the parameters. `seconds`: time of the run.
+  void finish(const Material& material, const Eigen::MatrixXd& covariance, const std::vector<StageSummary>& stages,
+              double seconds);
+
+ private:
+  std::filesystem::path folder_;
+  const io::Case& test_;
+  const identification::Specimen& specimen_;
+  const Observation& seen_;
+  std::optional<io::ResultsFile> file_;  // on the root only
+};
+
+/// Versions for the results file.
+[[nodiscard]] std::map<std::string, std::string> versions();
+
+}  // namespace imic3d::app

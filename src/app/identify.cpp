@@ -1,0 +1,120 @@
+// imic3d identify: the paper's Secs 3.4 and 4.2, from images and load record to parameters.
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <optional>
+
+#include "imic3d/app/observation.hpp"
+#include "imic3d/app/output.hpp"
+#include "imic3d/app/program.hpp"
+#include "imic3d/app/setup.hpp"
+#include "imic3d/core/log.hpp"
+#include "imic3d/identification/gauss_newton.hpp"
+#include "imic3d/io/run_results.hpp"
+
+namespace imic3d::app {
+
+namespace {
+
+namespace id = identification;
+
+/// Places in the record (frames after the reference) of frame numbers; those before it are left out.
+std::vector<int> places_in_record(const id::Record& record, const io::Frames& numbers) {
+  std::vector<int> places;
+  for (std::size_t t = 0; t < record.frames.size(); ++t)
+    if (std::binary_search(numbers.begin(), numbers.end(), record.frames[t])) places.push_back(static_cast<int>(t));
+  return places;
+}
+
+void say(const Material& material, const std::vector<int>& free, const id::Iterate& at, int iteration) {
+  std::string values;
+  for (int j : free)
+    values += fmt::format("{} {:.6g}  ", material.information[static_cast<std::size_t>(j)].name, at.parameters[static_cast<std::size_t>(j)]);
+  spdlog::info("  {:2}  {} eta {:.1e}  distance {:.4f} px  residual {:.4f} grey levels{}", iteration, values, at.eta,
+               at.displacement_rms, at.image_rms,
+               at.force_rms > 0.0 ? fmt::format("  force {:.4g}", at.force_rms) : std::string());
+  if (!at.message.empty()) spdlog::warn("      {} frames took part: {}", at.frames, at.message);
+}
+
+}  // namespace
+
+void identify(const Communicator& world, const CommandOptions& options) {
+  const auto start = std::chrono::steady_clock::now();
+  const io::Case test = read_case(options, {"cameras", "loads", "material", "identify"}, true);
+  Material material = make_material(test);
+  const id::Specimen specimen = make_specimen(test);
+  Observation seen = observe(test, specimen);
+  const auto folder = output_folder(test, options, world);
+  RunOutput output(world, folder, test, specimen, material, seen);
+
+  // The displacement that the images show, without any law.
+  spdlog::info("{}: {} frames, {} surface nodes, {} unknowns", test.title, seen.places.size(),
+               specimen.surface.mesh.nodes.rows(), 3 * specimen.volume.nodes.rows());
+  correlate(seen, test, world, [&](int place, const correlation::DicFrame& frame) { output.dic_frame(place, frame); });
+  const id::Record record = make_record(seen, test);
+  id::ImageData images = make_image_data(seen, test);
+  output.noise(seen.noise);
+
+  id::GaussNewtonOptions solver;
+  solver.functional = id::functional_from(test.identify.functional);
+  solver.eta = test.identify.eta;
+  solver.max_iterations = test.identify.max_iterations;
+  solver.force_noise = force_noise(seen, test);
+  spdlog::info("noise: {:.3f} grey levels ({}), {:.4g} {} of the force", seen.noise,
+               seen.noise_is_measured ? "static frames or given" : "from the DIC's residual", solver.force_noise, test.units.force);
+
+  std::size_t most_free = 1;
+  for (const auto& stage : test.identify.stages) most_free = std::max(most_free, stage.free.size());
+  id::ForwardModel model(world, specimen, material.law, record, {.increments = test.identify.steps_per_frame, .with_fields = false},
+                         static_cast<int>(1 + most_free), test.identify.groups);
+
+  const auto parameters = static_cast<Eigen::Index>(material.values.size());
+  Eigen::MatrixXd covariance = Eigen::MatrixXd::Constant(parameters, parameters, std::nan(""));
+  std::vector<StageSummary> stages;
+  for (std::size_t k = 0; k < test.identify.stages.size(); ++k) {
+    const auto& declared = test.identify.stages[k];
+    id::Stage stage{.free = {}, .frames = places_in_record(record, declared.frames)};
+    for (const auto& name : declared.free) stage.free.push_back(material.index(name));
+    if (stage.frames.empty())
+      throw InputError(fmt::format("identify.stages[{}].frames", k), "no frame after the reference", "frames after the reference");
+    spdlog::info("stage {}: {} from {} frames, {}", k + 1, fmt::join(declared.free, ", "), stage.frames.size(), test.identify.functional);
+    int iteration = 0;
+    const auto result = id::gauss_newton(world, model, images, material.information, stage, solver, material.values, [&](const id::Iterate& at) {
+      say(material, stage.free, at, iteration);
+      output.iteration(static_cast<int>(k), iteration++, at);
+    });
+    if (!result.converged) spdlog::warn("  not converged: eta is still {:.2e}", result.iterates.back().eta);
+    for (std::size_t i = 0; i < stage.free.size(); ++i)
+      for (std::size_t j = 0; j < stage.free.size(); ++j)
+        covariance(stage.free[i], stage.free[j]) = result.covariance(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j));
+    stages.push_back({declared.free, static_cast<int>(result.iterates.size()) - 1, result.converged, result.message});
+    output.identified(material.values, covariance);
+  }
+
+  // The identified model on every frame, used or held out.
+  spdlog::info("the identified model on all {} frames", record.frames.size());
+  const auto frames = static_cast<int>(record.frames.size());
+  id::ForwardModel final_model(world, specimen, material.law, record, {.increments = test.identify.steps_per_frame}, 1, 1);
+  const bool force_driven = solver.functional != id::Functional::displacement_driven;
+  id::Path driven;
+  const auto fields = [&](int t, const mechanics::FrameState& state) { output.simulation_frame(seen.places[static_cast<std::size_t>(t)], state); };
+  std::vector<id::Path> shown;
+  if (force_driven) {
+    const auto distribution = final_model.distribute_force(material.values, frames, driven);
+    shown = final_model.simulate(id::Control::force, {material.values}, driven.frames, &distribution, fields);
+    id::fit_rigid_motion(specimen.surface.mesh, images.M, record.surface_displacement, shown.front());
+  } else {
+    shown = final_model.simulate(id::Control::displacement, {material.values}, frames, nullptr, fields);
+    driven = shown.front();
+  }
+  if (!shown.front().message.empty()) spdlog::warn("{}", shown.front().message);
+  output.model(world, images, record, shown.front(), driven);
+  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  output.finish(material, covariance, stages, seconds);
+}
+
+}  // namespace imic3d::app

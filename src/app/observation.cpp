@@ -1,0 +1,139 @@
+#include "imic3d/app/observation.hpp"
+
+#include <fmt/format.h>
+
+#include <Eigen/Dense>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <mutex>
+
+#include "imic3d/imaging/noise.hpp"
+#include "placement.hpp"
+
+namespace imic3d::app {
+
+Observation observe(const io::Case& test, const identification::Specimen& specimen) {
+  const auto& declared = test.cameras.front();
+  Observation observation;
+  std::vector<imaging::Image> images;
+  int last = -1;
+  for (int number : declared.reference) {
+    const int place = test.index_of(number);
+    images.push_back(imaging::read_image(declared.images[static_cast<std::size_t>(place)]));
+    last = std::max(last, place);
+  }
+  const imaging::Image reference = imaging::average(images);
+  observation.references = static_cast<int>(images.size());
+  observation.camera = place_camera(declared, specimen.surface.mesh, reference);
+  for (int place = last + 1; place < static_cast<int>(test.frames.size()); ++place) observation.places.push_back(place);
+  if (observation.places.empty())
+    throw InputError("cameras.reference", "no frame comes after the reference", "frames before the last one");
+
+  if (declared.noise) {
+    observation.noise = *declared.noise;
+    observation.noise_is_measured = true;
+  } else if (images.size() > 1) {
+    observation.noise = imaging::noise_of_static_frames(images);
+    observation.noise_is_measured = observation.noise > 0.0;
+  }
+  observation.dic = std::make_unique<correlation::GlobalDic>(
+      specimen.surface.mesh, observation.camera, reference,
+      correlation::DicOptions{.pyramid_levels = test.dic.pyramid_levels,
+                              .max_iterations = test.dic.max_iterations,
+                              .tolerance = test.dic.tolerance,
+                              .regularisation = test.dic.regularisation.value_or(0.0),
+                              .brightness = test.dic.brightness,
+                              .groups = test.dic.groups},
+      "cameras.place");
+  return observation;
+}
+
+void correlate(Observation& observation, const io::Case& test, const Communicator& world,
+               const std::function<void(int, const correlation::DicFrame&)>& done) {
+  std::vector<std::filesystem::path> files;
+  for (int place : observation.places) files.push_back(test.cameras.front().images[static_cast<std::size_t>(place)]);
+  observation.frames = observation.dic->run(world, files, [&](int t, const correlation::DicFrame& frame) {
+    if (done) done(observation.places[static_cast<std::size_t>(t)], frame);
+  });
+  if (observation.noise_is_measured) return;
+  // No static frames: what the DIC leaves in its best frame is noise of that frame and of the reference.
+  double smallest = INFINITY;
+  for (const auto& frame : observation.frames) smallest = std::min(smallest, frame.rms);
+  observation.noise = smallest / std::sqrt(1.0 + 1.0 / observation.references);
+}
+
+std::vector<double> pixels_of_nodes(const Observation& observation, const mesh::Mesh& surface) {
+  std::vector<double> pixels;
+  for (Eigen::Index i = 0; i < surface.nodes.rows(); ++i) {
+    const Eigen::Vector2d pixel = observation.camera.project(surface.nodes.row(i).transpose());
+    pixels.insert(pixels.end(), {pixel[0], pixel[1]});
+  }
+  return pixels;
+}
+
+std::vector<double> three_components(const Eigen::VectorXd& in_plane) {
+  std::vector<double> all;
+  for (Eigen::Index i = 0; i < in_plane.size() / 2; ++i) all.insert(all.end(), {in_plane[2 * i], in_plane[2 * i + 1], 0.0});
+  return all;
+}
+
+identification::Record make_record(const Observation& observation, const io::Case& test) {
+  identification::Record record;
+  const auto frames = static_cast<Eigen::Index>(observation.places.size());
+  record.time.resize(frames);
+  record.force.resize(frames);
+  record.surface_displacement.resize(observation.frames.front().displacement.size(), frames);
+  for (Eigen::Index t = 0; t < frames; ++t) {
+    const int place = observation.places[static_cast<std::size_t>(t)];
+    const auto& load = test.load(place);
+    record.frames.push_back(test.frames[static_cast<std::size_t>(place)]);
+    record.time[t] = load.time;
+    record.force[t] = load.force;
+    record.surface_displacement.col(t) = observation.frames[static_cast<std::size_t>(t)].displacement;
+  }
+  record.start_time = test.load(observation.places.front() - 1).time;
+  return record;
+}
+
+identification::ImageData make_image_data(const Observation& observation, const io::Case& test) {
+  const auto& correlation = observation.dic->correlation();
+  identification::ImageData data;
+  data.M = correlation.M();
+  data.noise = observation.noise;
+  data.pixels_per_length = std::sqrt(std::abs(correlation.pixels_per_length().determinant()));
+  // The splines of the frames that this rank judges are kept while they take less than 2 GB.
+  auto kept = std::make_shared<std::map<int, imaging::BSpline>>();
+  data.evaluate = [&observation, &test, kept](int t, const Eigen::VectorXd& displacement) {
+    constexpr std::size_t budget = 2'000'000'000;
+    const auto& files = test.cameras.front().images;
+    const int place = observation.places[static_cast<std::size_t>(t)];
+    imaging::BSpline fresh;
+    const imaging::BSpline* spline = nullptr;
+    if (const auto found = kept->find(t); found != kept->end()) {
+      spline = &found->second;
+    } else {
+      fresh = imaging::BSpline(imaging::read_image(files[static_cast<std::size_t>(place)]));
+      const std::size_t size = 4UL * static_cast<std::size_t>(fresh.width()) * static_cast<std::size_t>(fresh.height());
+      spline = (kept->size() + 1) * size < budget ? &kept->emplace(t, std::move(fresh)).first->second : &fresh;
+    }
+    const auto seen = observation.dic->correlation().evaluate(*spline, displacement, Communicator{MPI_COMM_SELF});
+    return identification::ImageEvaluation{
+        .b = seen.b, .squares = seen.squares, .pixels = seen.pixels, .element_rms = seen.element_rms};
+  };
+  return data;
+}
+
+double force_noise(const Observation& observation, const io::Case& test) {
+  if (test.loads.noise) return *test.loads.noise;
+  const auto& reference = test.cameras.front().reference;
+  double mean = 0.0, squares = 0.0, largest = 0.0;
+  for (int number : reference) mean += test.load(test.index_of(number)).force / static_cast<double>(reference.size());
+  for (int number : reference) squares += std::pow(test.load(test.index_of(number)).force - mean, 2);
+  for (int place : observation.places) largest = std::max(largest, std::abs(test.load(place).force));
+  const double measured = reference.size() > 2 ? std::sqrt(squares / static_cast<double>(reference.size() - 1)) : 0.0;
+  return measured > 0.0 ? measured : 1e-3 * largest;
+}
+
+}  // namespace imic3d::app

@@ -1,0 +1,130 @@
+#include "imic3d/app/output.hpp"
+
+#include <fmt/format.h>
+
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "imic3d/app/program.hpp"
+#include "imic3d/core/log.hpp"
+#include "imic3d/io/pictures.hpp"
+#include "imic3d/io/report.hpp"
+
+namespace imic3d::app {
+
+namespace {
+
+std::span<const double> span_of(const auto& matrix) { return {matrix.data(), static_cast<std::size_t>(matrix.size())}; }
+
+double von_mises(const Eigen::Matrix<double, 1, 6>& s) {
+  const double a = s[0] - s[1], b = s[1] - s[2], c = s[2] - s[0];
+  return std::sqrt(0.5 * (a * a + b * b + c * c) + 3.0 * s.tail<3>().squaredNorm());
+}
+
+}  // namespace
+
+std::map<std::string, std::string> versions() {
+  std::map<std::string, std::string> result = {{"git_revision", revision()}};
+  std::istringstream lines(version_text());
+  for (std::string line; std::getline(lines, line);) {
+    const auto space = line.find(' ');
+    result[line.substr(0, space)] = line.substr(space + 1);
+  }
+  return result;
+}
+
+RunOutput::RunOutput(const Communicator& world, std::filesystem::path folder, const io::Case& test,
+                     const identification::Specimen& specimen, const Material& material, const Observation& seen)
+    : folder_(std::move(folder)), test_(test), specimen_(specimen), seen_(seen) {
+  collectively(world, [&] {
+    if (!world.is_root()) return;
+    io::RunPlan plan;
+    plan.versions = versions();
+    plan.volume = &specimen.volume;
+    plan.surface = &specimen.surface.mesh;
+    plan.parameters = material.information;
+    file_ = io::create_results(folder_, test, plan);
+    io::draw_mesh_on_image(folder_ / "mesh_on_image.png", test.cameras.front().images[static_cast<std::size_t>(test.index_of(test.cameras.front().reference.front()))],
+                           specimen.surface.mesh, pixels_of_nodes(seen, specimen.surface.mesh));
+  });
+}
+
+void RunOutput::dic_frame(int place, const correlation::DicFrame& frame) {
+  if (!file_) return;
+  if (!frame.converged)
+    spdlog::warn("DIC of frame {} did not converge (residual {:.2f} grey levels)", test_.frames[static_cast<std::size_t>(place)], frame.rms);
+  io::write_dic_frame(*file_, static_cast<std::size_t>(place), three_components(frame.displacement), frame.rms, span_of(frame.element_rms));
+}
+
+void RunOutput::noise(double sigma) {
+  if (file_) io::write_noise(*file_, sigma);
+}
+
+void RunOutput::iteration(int stage, int iteration, const identification::Iterate& at) {
+  if (file_) io::write_iteration(*file_, stage, iteration, at.parameters, at.eta, at.image_rms);
+}
+
+void RunOutput::identified(const std::vector<double>& values, const Eigen::MatrixXd& covariance) {
+  if (file_) io::write_identified(*file_, values, span_of(covariance));
+}
+
+void RunOutput::simulation_frame(int place, const mechanics::FrameState& state) {
+  if (!file_) return;
+  std::vector<double> equivalent;
+  for (Eigen::Index cell = 0; cell < state.cauchy_stress.rows(); ++cell) equivalent.push_back(von_mises(state.cauchy_stress.row(cell)));
+  std::array<double, 3> reaction{};
+  for (int node : specimen_.loaded)
+    for (std::size_t i = 0; i < 3; ++i) reaction[i] += specimen_.section_factor * state.internal[3 * node + static_cast<int>(i)];
+  io::write_simulation_frame(*file_, static_cast<std::size_t>(place),
+                             {.displacement = span_of(state.displacement),
+                              .cauchy_stress = span_of(state.cauchy_stress),
+                              .von_mises = equivalent,
+                              .plastic_strain = span_of(state.plastic_strain),
+                              .reaction = reaction,
+                              .force = std::nan("")});
+}
+
+void RunOutput::model(const Communicator& world, const identification::ImageData& images,
+                      const identification::Record& record, const identification::Path& shown,
+                      const identification::Path& driven) {
+  const Eigen::Index elements = specimen_.surface.mesh.cells.rows();
+  for (int t = 0; t < static_cast<int>(record.frames.size()); ++t) {
+    const auto place = static_cast<std::size_t>(seen_.places[static_cast<std::size_t>(t)]);
+    if (file_ && t < driven.frames) file_->write("frames/force_predicted", place, std::span(&driven.reaction[t], 1));
+    if (t >= shown.frames) continue;
+    Eigen::VectorXd all = Eigen::VectorXd::Zero(elements + 1);
+    collectively(world, [&] {
+      if (t % world.size() != world.rank()) return;
+      const auto answer = images.evaluate(t, shown.surface.col(t));
+      all.head(elements) = answer.element_rms;
+      all[elements] = std::sqrt(answer.squares / std::max(1.0, answer.pixels));
+    });
+    world.sum(std::span(all.data(), static_cast<std::size_t>(all.size())));
+    if (file_) io::write_model_residual(*file_, place, all[elements], {all.data(), static_cast<std::size_t>(elements)});
+  }
+}
+
+void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covariance,
+                       const std::vector<StageSummary>& stages, double seconds) {
+  if (!file_) return;
+  auto json = io::summary(*file_);
+  for (const auto& stage : stages)
+    json["stages"].push_back({{"free", stage.free}, {"iterations", stage.iterations}, {"converged", stage.converged}, {"message", stage.message}});
+  json["noise"] = {{"image", io::quantity(seen_.noise, "grey level")}, {"image_is_measured", seen_.noise_is_measured}};
+  json["time"] = io::quantity(seconds, "s");
+  io::write_json(folder_ / "result.json", json);
+  io::draw_pictures(*file_, folder_);
+  io::write_report(folder_ / "report.html", *file_, io::pictures_in(folder_));
+
+  fmt::print("\n{}\n", test_.title);
+  for (std::size_t j = 0; j < material.values.size(); ++j) {
+    const auto k = static_cast<Eigen::Index>(j);
+    const double deviation = std::sqrt(covariance(k, k));
+    fmt::print("  {:8} {:14.6g} {:10} {}\n", material.information[j].name, material.values[j], material.information[j].unit,
+               std::isfinite(deviation) ? fmt::format("+- {:.2g} (noise alone, Eq. 14)", deviation) : "(fixed)");
+  }
+  fmt::print("  {:.0f} s; report: {}\n", seconds, (folder_ / "report.html").string());
+}
+
+}  // namespace imic3d::app

@@ -1,0 +1,95 @@
+// Time of one material point in the plastic regime on one thread: DESIGN section 6 asks for about 2 microseconds with
+// the tangent. Run: OMP_NUM_THREADS=1 build/release/tests/benchmarks/benchmark_law
+#include <benchmark/benchmark.h>
+
+#include <cstdlib>
+#include <vector>
+
+#include "imic3d/material/hardening.hpp"
+#include "imic3d/material/j2.hpp"
+#include "imic3d/material/log_strain_law.hpp"
+
+namespace imic3d::material {
+namespace {
+
+/// A point of the paper's steel after one plastic step, about to take a second one.
+struct Point {
+  std::vector<double> parameters{198e3, 0.25, 284, 1480, 0.042, 7.16e-5}, history, next;
+  Matrix3 F = Matrix3::Identity();
+
+  Point(const FiniteStrainLaw& law, bool plastic)
+      : history(static_cast<std::size_t>(law.history_size())), next(history) {
+    Matrix3 direction;
+    direction << 1.0, 0.31, -0.2, 0.12, -0.45, 0.07, -0.11, 0.23, -0.5;
+    std::vector<double> virgin(history);
+    law.initialise(virgin);
+    Response response;
+    if (!plastic) {
+      history = virgin;
+      F += 5e-4 * direction;
+      return;
+    }
+    F += 0.02 * direction;
+    if (!law.update(F, 1.0, parameters, virgin, history, response, false)) std::abort();
+    F += 0.005 * direction;
+  }
+};
+
+void update(benchmark::State& state, const FiniteStrainLaw& law, bool plastic, bool with_tangent) {
+  Point point(law, plastic);
+  Response response;
+  for (auto _ : state) {
+    benchmark::DoNotOptimize(point.F);
+    if (!law.update(point.F, 1.0, point.parameters, point.history, point.next, response, with_tangent)) std::abort();
+    benchmark::DoNotOptimize(response);
+  }
+  if (plastic && !(point.next[9] > point.history[9])) state.SkipWithError("the point does not yield");
+}
+
+void stress_elastic(benchmark::State& state) { update(state, *make_law({}), false, false); }
+void stress_and_tangent_elastic(benchmark::State& state) { update(state, *make_law({}), false, true); }
+void stress_plastic(benchmark::State& state) { update(state, *make_law({}), true, false); }
+void stress_and_hand_tangent_plastic(benchmark::State& state) { update(state, *make_law({}), true, true); }
+void stress_and_dual_tangent_plastic(benchmark::State& state) {
+  update(state, LogStrainLaw<J2<PowerLinear>, false>(J2<PowerLinear>{}), true, true);
+}
+void parameter_derivatives_plastic(benchmark::State& state) {
+  const auto law = make_law({});
+  const Point point(*law, true);
+  Eigen::Matrix<double, 6, Eigen::Dynamic> derivatives(6, 6);
+  for (auto _ : state) {
+    if (!law->parameter_derivatives(point.F, 1.0, point.parameters, point.history, derivatives)) std::abort();
+    benchmark::DoNotOptimize(derivatives.data());
+  }
+}
+void directional_derivative_plastic(benchmark::State& state) {
+  const auto law = make_law({});
+  const Point point(*law, true);
+  const std::vector<double> d_parameters(6, 1.0), d_history(10, 0.1);
+  std::vector<double> d_next(10);
+  Vector6 d_kirchhoff;
+  for (auto _ : state) {
+    if (!law->directional_derivative(point.F, point.F, 1.0, point.parameters, d_parameters, point.history, d_history,
+                                     d_kirchhoff, d_next))
+      std::abort();
+    benchmark::DoNotOptimize(d_kirchhoff);
+  }
+}
+void eigenvalues(benchmark::State& state) {
+  const SymmetricTensor<double> A{{0.01, -0.004, -0.006, 0.002, 0.003, -0.001}};
+  for (auto _ : state) benchmark::DoNotOptimize(spectral_decomposition(A));
+}
+
+BENCHMARK(stress_elastic);
+BENCHMARK(stress_and_tangent_elastic);
+BENCHMARK(stress_plastic);
+BENCHMARK(stress_and_hand_tangent_plastic);
+BENCHMARK(stress_and_dual_tangent_plastic);
+BENCHMARK(parameter_derivatives_plastic);
+BENCHMARK(directional_derivative_plastic);
+BENCHMARK(eigenvalues);
+
+}  // namespace
+}  // namespace imic3d::material
+
+BENCHMARK_MAIN();
