@@ -2,304 +2,366 @@
 
 #include <fmt/format.h>
 
-#include <Eigen/Dense>
-#include <array>
-#include <cmath>
-#include <limits>
+#include <Eigen/LU>
+#include <algorithm>
+#include <numeric>
 
-#include "imic3d/core/error.hpp"
+#include "bilinear.hpp"
 
 namespace imic3d::correlation {
-
 namespace {
 
-using Corners = Eigen::Matrix<double, 2, 4>;
-
-template <class T>
-std::array<T, 4> shape(T xi, T eta) {
-  const T a = T(1) - xi, b = T(1) + xi, c = T(1) - eta, d = T(1) + eta;
-  return {T(0.25) * a * c, T(0.25) * b * c, T(0.25) * b * d, T(0.25) * a * d};
-}
-
-Eigen::Matrix<double, 4, 2> shape_gradient(double xi, double eta) {
-  Eigen::Matrix<double, 4, 2> gradient;
-  gradient << -(1 - eta), -(1 - xi), 1 - eta, -(1 + xi), 1 + eta, 1 + xi, -(1 + eta), 1 - xi;
-  return 0.25 * gradient;
-}
-
-/// Local coordinates of a point of a bilinear quadrilateral, by Newton.
-bool invert(const Corners& corners, const Eigen::Vector2d& point, Eigen::Vector2d& local) {
-  for (int iteration = 0; iteration < 25; ++iteration) {
-    const auto n = shape(local[0], local[1]);
-    const Eigen::Vector2d gap = point - corners * Eigen::Map<const Eigen::Vector4d>(n.data());
-    const Eigen::Matrix2d jacobian = corners * shape_gradient(local[0], local[1]);
-    const Eigen::Vector2d step = jacobian.inverse() * gap;
-    local += step;
-    if (!local.allFinite() || local.cwiseAbs().maxCoeff() > 10.0) return false;
-    if (step.cwiseAbs().maxCoeff() < 1e-12) return true;
-  }
-  return true;
-}
+double total(const Eigen::VectorXd& values) { return std::accumulate(values.begin(), values.end(), 0.0); }
 
 }  // namespace
 
-Correlation::Correlation(const mesh::Mesh& surface, const imaging::TelecentricCamera& camera,
-                         const imaging::BSpline& reference, bool brightness, const std::string& place)
-    : surface_(surface), linear_(camera.linear.leftCols<2>()), brightness_(brightness) {
-  const Eigen::Index elements = surface.cells.rows();
-  std::vector<Eigen::Vector2d> projected;
-  for (Eigen::Index i = 0; i < surface.nodes.rows(); ++i) projected.push_back(camera.project(surface.nodes.row(i).transpose()));
-
-  int outside = 0, worst = -1;
-  for (Eigen::Index e = 0; e < elements; ++e)
-    for (int a = 0; a < 4; ++a) {
-      const auto& p = projected[static_cast<std::size_t>(surface.cells(e, a))];
-      if (p[0] >= -0.5 && p[1] >= -0.5 && p[0] <= reference.width() - 0.5 && p[1] <= reference.height() - 0.5) continue;
-      ++outside;
-      worst = static_cast<int>(e);
-      break;
-    }
-  if (outside > 0)
-    throw InputError(place, fmt::format("{} of {} elements of the mesh do not lie on the image (the last: element {})", outside, elements, worst + 1),
-                     fmt::format("a place that puts the whole mesh on the {} x {} pixels", reference.width(), reference.height()));
-
-  // Each pixel belongs to the first element that contains its centre.
-  std::vector<bool> taken(static_cast<std::size_t>(reference.width()) * static_cast<std::size_t>(reference.height()), false);
-  auto& q = quadrature_;
-  q.first.push_back(0);
-  for (Eigen::Index e = 0; e < elements; ++e) {
-    Corners corners;
-    for (int a = 0; a < 4; ++a) corners.col(a) = projected[static_cast<std::size_t>(surface.cells(e, a))];
-    const Eigen::Vector2d low = corners.rowwise().minCoeff(), high = corners.rowwise().maxCoeff();
-    const int x0 = std::max(0, static_cast<int>(std::ceil(low[0]))), x1 = std::min(reference.width() - 1, static_cast<int>(std::floor(high[0])));
-    const int y0 = std::max(0, static_cast<int>(std::ceil(low[1]))), y1 = std::min(reference.height() - 1, static_cast<int>(std::floor(high[1])));
-    for (int y = y0; y <= y1; ++y) {
-      for (int x = x0; x <= x1; ++x) {
-        const auto place_in_image = static_cast<std::size_t>(y) * static_cast<std::size_t>(reference.width()) + static_cast<std::size_t>(x);
-        if (taken[place_in_image]) continue;
-        Eigen::Vector2d local = Eigen::Vector2d::Zero();
-        if (!invert(corners, Eigen::Vector2d(x, y), local) || local.cwiseAbs().maxCoeff() > 1.0 + 1e-9) continue;
-        taken[place_in_image] = true;
-        const auto sample = reference.sample(x, y);
-        q.xi.push_back(static_cast<float>(local[0]));
-        q.eta.push_back(static_cast<float>(local[1]));
-        q.x.push_back(static_cast<float>(x));
-        q.y.push_back(static_cast<float>(y));
-        q.f.push_back(sample.value);
-        q.fx.push_back(sample.slope[0]);
-        q.fy.push_back(sample.slope[1]);
-      }
-    }
-    q.first.push_back(q.x.size());
-  }
+Correlation::Correlation(const mesh::Mesh& surface, std::shared_ptr<const imaging::Camera> camera,
+                         const imaging::BSpline& reference, const CorrelationOptions& options)
+    : surface_(surface), camera_(std::move(camera)), dofs_(options.dofs_per_node), brightness_(options.brightness) {
+  const std::string& place = options.quadrature.place;
+  if (surface_.type != mesh::CellType::quad4 || surface_.cells.cols() != 4 || surface_.cells.rows() == 0)
+    throw InputError(place, "no quadrilaterals", "a surface mesh of 4-node quadrilaterals");
+  if (dofs_ != 2 && dofs_ != 3) throw InputError(place, fmt::format("{} unknowns per node", dofs_), "2 or 3");
+  positions_.resize(nodes(), 2);
+  for (int node = 0; node < nodes(); ++node)
+    positions_.row(node) = camera_->project(surface_.nodes.row(node).transpose()).transpose();
+  quadrature_ = correlation::quadrature(surface_.cells, positions_, reference, options.quadrature);
+  const auto& f = quadrature_.f;
+  if (!f.empty())
+    mean_grey_ = static_cast<float>(std::accumulate(f.begin(), f.end(), 0.0) / static_cast<double>(f.size()));
+  sum_gram();
+  make_pattern();
 }
 
-Correlation::Gradient Correlation::deformed_gradient(const Eigen::VectorXd& U) const {
-  const auto& q = quadrature_;
-  Gradient gradient{std::vector<float>(q.pixels()), std::vector<float>(q.pixels())};
-  const Eigen::Matrix2d inverse = linear_.inverse();
+Eigen::Matrix2d Correlation::pixels_per_length() const {
+  return camera_->jacobian(surface_.nodes.colwise().mean().transpose()).leftCols<2>();
+}
+
+double Correlation::mean_square_gradient() const {
+  double sum = 0.0;
+  for (const Gram& gram : gram_)
+    for (std::size_t pair = 0; pair < 10; ++pair) {
+      const bool diagonal = pair == 0 || pair == 4 || pair == 7 || pair == 9;  // sum of N_i N_j over i, j is one
+      sum += (diagonal ? 0.5 : 1.0) * (gram[pair][0] + gram[pair][2]);
+    }
+  return sum / std::max(1.0, static_cast<double>(quadrature_.pixels()));
+}
+
+Eigen::Matrix<double, 4, 2> Correlation::of_element(const InImage& values, int element) const {
+  Corners corners;
+  for (int i = 0; i < 4; ++i) corners.row(i) = values.row(surface_.cells(element, i));
+  return corners;
+}
+
+// Contiguous blocks of elements with about equal numbers of pixels.
+std::pair<int, int> Correlation::share(const Communicator& group) const {
+  const auto bound = [this, size = group.size()](int rank) {
+    if (rank == size) return elements();
+    const std::size_t pixels = quadrature_.pixels() * static_cast<std::size_t>(rank) / static_cast<std::size_t>(size);
+    return static_cast<int>(std::lower_bound(quadrature_.first.begin(), quadrature_.first.end() - 1, pixels) -
+                            quadrature_.first.begin());
+  };
+  return {bound(group.rank()), bound(group.rank() + 1)};
+}
+
+void Correlation::sum_gram() {
+  const PixelQuadrature& q = quadrature_;
+  gram_.resize(static_cast<std::size_t>(elements()));
 #pragma omp parallel for schedule(static)
-  for (Eigen::Index e = 0; e < surface_.cells.rows(); ++e) {
-    Corners corners, moved;
-    for (int a = 0; a < 4; ++a) {
-      const int node = surface_.cells(e, a);
-      corners.col(a) = surface_.nodes.row(node).head<2>().transpose();
-      moved.col(a) = corners.col(a) + U.segment<2>(2 * node);
-    }
-    for (std::size_t k = q.first[static_cast<std::size_t>(e)]; k < q.first[static_cast<std::size_t>(e) + 1]; ++k) {
-      const auto dn = shape_gradient(q.xi[k], q.eta[k]);
-      // Deformation gradient in pixels: A F A^-1.
-      const Eigen::Matrix2d F = linear_ * (moved * dn) * (corners * dn).inverse() * inverse;
-      const Eigen::Vector2d g = F.transpose().inverse() * Eigen::Vector2d(q.fx[k], q.fy[k]);
-      gradient.x[k] = static_cast<float>(g[0]);
-      gradient.y[k] = static_cast<float>(g[1]);
-    }
-  }
-  return gradient;
-}
-
-Eigen::SparseMatrix<double> Correlation::M(const Gradient& gradient) const {
-  const auto& q = quadrature_;
-  const std::vector<float>&gx = gradient.x.empty() ? q.fx : gradient.x, &gy = gradient.y.empty() ? q.fy : gradient.y;
-  const Eigen::Index elements = surface_.cells.rows();
-  std::vector<Eigen::Matrix<double, 8, 8>> blocks(static_cast<std::size_t>(elements));
-  const Eigen::Matrix2d transposed = linear_.transpose();
-#pragma omp parallel for schedule(dynamic, 8)
-  for (Eigen::Index e = 0; e < elements; ++e) {
-    // Sums of N_a N_b g_i g_j: 10 products of shape functions times 3 of the gradient.
-    std::array<std::array<double, 3>, 10> sums{};
-    for (std::size_t k = q.first[static_cast<std::size_t>(e)]; k < q.first[static_cast<std::size_t>(e) + 1]; ++k) {
-      const auto n = shape<double>(q.xi[k], q.eta[k]);
-      const double xx = gx[k] * gx[k], xy = gx[k] * gy[k], yy = gy[k] * gy[k];
-      std::size_t place = 0;
-      for (std::size_t a = 0; a < 4; ++a)
-        for (std::size_t b = a; b < 4; ++b, ++place) {
-          const double nn = n[a] * n[b];
-          sums[place][0] += nn * xx;
-          sums[place][1] += nn * xy;
-          sums[place][2] += nn * yy;
+  for (int k = 0; k < elements(); ++k) {
+    Gram& gram = gram_[static_cast<std::size_t>(k)];
+    for (auto& sums : gram) sums.fill(0.0);
+    const auto e = static_cast<std::size_t>(k);
+    for (std::size_t p = q.first[e]; p < q.first[e + 1]; ++p) {
+      const double xi = q.xi[p], eta = q.eta[p], fx = q.fx[p], fy = q.fy[p];
+      const std::array<double, 4> N{0.25 * (1 - xi) * (1 - eta), 0.25 * (1 + xi) * (1 - eta),
+                                    0.25 * (1 + xi) * (1 + eta), 0.25 * (1 - xi) * (1 + eta)};
+      const double xx = fx * fx, xy = fx * fy, yy = fy * fy;
+      std::size_t pair = 0;
+      for (std::size_t i = 0; i < 4; ++i)
+        for (std::size_t j = i; j < 4; ++j, ++pair) {
+          const double NN = N[i] * N[j];
+          gram[pair][0] += NN * xx, gram[pair][1] += NN * xy, gram[pair][2] += NN * yy;
         }
     }
-    auto& block = blocks[static_cast<std::size_t>(e)];
-    std::size_t place = 0;
-    for (int a = 0; a < 4; ++a)
-      for (int b = a; b < 4; ++b, ++place) {
-        Eigen::Matrix2d pixel;
-        pixel << sums[place][0], sums[place][1], sums[place][1], sums[place][2];
-        const Eigen::Matrix2d physical = transposed * pixel * linear_;
-        block.block<2, 2>(2 * a, 2 * b) = physical;
-        block.block<2, 2>(2 * b, 2 * a) = physical.transpose();
+  }
+}
+
+// The pattern of M and, for every block of the element matrices, its place among M's values.
+void Correlation::make_pattern() {
+  std::vector<std::vector<int>> neighbours(static_cast<std::size_t>(nodes()));
+  for (int e = 0; e < elements(); ++e)
+    for (int i = 0; i < 4; ++i)
+      for (int j = 0; j < 4; ++j)
+        neighbours[static_cast<std::size_t>(surface_.cells(e, i))].push_back(surface_.cells(e, j));
+  pattern_.resize(unknowns(), unknowns());
+  Eigen::VectorXi entries(unknowns());
+  for (int node = 0; node < nodes(); ++node) {
+    auto& list = neighbours[static_cast<std::size_t>(node)];
+    std::sort(list.begin(), list.end());
+    list.erase(std::unique(list.begin(), list.end()), list.end());
+    for (int a = 0; a < dofs_; ++a) entries[node * dofs_ + a] = static_cast<int>(list.size()) * dofs_;
+  }
+  pattern_.reserve(entries);
+  for (int node = 0; node < nodes(); ++node)
+    for (int a = 0; a < dofs_; ++a)
+      for (const int other : neighbours[static_cast<std::size_t>(node)])
+        for (int c = 0; c < dofs_; ++c) pattern_.insert(other * dofs_ + c, node * dofs_ + a) = 0.0;
+  pattern_.makeCompressed();
+  slots_.reserve(static_cast<std::size_t>(elements() * 16));
+  for (int k = 0; k < elements(); ++k)
+    for (int i = 0; i < 4; ++i)
+      for (int j = 0; j < 4; ++j) {  // first entry of the block (row node i, column node j), column component 0
+        const int row = surface_.cells(k, i), column = surface_.cells(k, j);
+        const auto& list = neighbours[static_cast<std::size_t>(column)];
+        const auto rank = static_cast<int>(std::lower_bound(list.begin(), list.end(), row) - list.begin());
+        slots_.push_back(pattern_.outerIndexPtr()[column * dofs_] + rank * dofs_);
+      }
+}
+
+Eigen::Vector3d Correlation::displaced(int node, const Eigen::VectorXd& U) const {
+  Eigen::Vector3d point(surface_.nodes(node, 0), surface_.nodes(node, 1), surface_.nodes(node, 2));
+  for (int a = 0; a < dofs_; ++a) point[a] += U[static_cast<Eigen::Index>(node) * dofs_ + a];
+  return point;
+}
+
+Eigen::SparseMatrix<double> Correlation::M() const { return assemble(nullptr, nullptr); }
+
+Eigen::SparseMatrix<double> Correlation::M(const Eigen::VectorXd& U) const {
+  std::vector<Eigen::Matrix2d> transport = deformation_gradient(U);
+  for (Eigen::Matrix2d& F : transport) F = F.inverse().transpose().eval();
+  return assemble(&transport, &U);
+}
+
+// Eq. (8): M = N^T grad F grad F^T N. The sums over the pixels were made once; a transported gradient T grad F with one
+// T an element turns each block S into T S T^T, so no pixel is visited again.
+Eigen::SparseMatrix<double> Correlation::assemble(const std::vector<Eigen::Matrix2d>* transport,
+                                                  const Eigen::VectorXd* U) const {
+  Eigen::SparseMatrix<double> M = pattern_;
+  double* const values = M.valuePtr();
+  std::fill(values, values + M.nonZeros(), 0.0);
+  for (int e = 0; e < elements(); ++e) {
+    std::array<Eigen::Matrix<double, 2, 3>, 4> J;  // d(pixel)/d(displacement) at the nodes
+    for (int i = 0; i < 4; ++i)
+      J[static_cast<std::size_t>(i)] =
+          camera_->jacobian(U != nullptr ? displaced(surface_.cells(e, i), *U)
+                                         : Eigen::Vector3d(surface_.nodes.row(surface_.cells(e, i)).transpose()));
+    const Gram& gram = gram_[static_cast<std::size_t>(e)];
+    std::size_t pair = 0;
+    for (int i = 0; i < 4; ++i)
+      for (int j = i; j < 4; ++j, ++pair) {
+        Eigen::Matrix2d S;
+        S << gram[pair][0], gram[pair][1], gram[pair][1], gram[pair][2];
+        if (transport != nullptr) {
+          const Eigen::Matrix2d& T = (*transport)[static_cast<std::size_t>(e)];
+          S = (T * S * T.transpose()).eval();
+        }
+        const Eigen::Matrix3d block = J[static_cast<std::size_t>(i)].transpose() * S * J[static_cast<std::size_t>(j)];
+        const auto add = [&](int row, int column, const Eigen::Matrix3d& entries) {
+          int slot = slots_[static_cast<std::size_t>(e * 16 + row * 4 + column)];
+          const int stride = M.outerIndexPtr()[surface_.cells(e, column) * dofs_ + 1] -
+                             M.outerIndexPtr()[surface_.cells(e, column) * dofs_];
+          for (int c = 0; c < dofs_; ++c, slot += stride)
+            for (int a = 0; a < dofs_; ++a) values[slot + a] += entries(a, c);
+        };
+        add(i, j, block);
+        if (i != j) add(j, i, block.transpose());
       }
   }
-  std::vector<Eigen::Triplet<double>> entries;
-  entries.reserve(static_cast<std::size_t>(elements) * 64);
-  for (Eigen::Index e = 0; e < elements; ++e)
-    for (int i = 0; i < 8; ++i)
-      for (int j = 0; j < 8; ++j)
-        entries.emplace_back(2 * surface_.cells(e, i / 2) + i % 2, 2 * surface_.cells(e, j / 2) + j % 2,
-                             blocks[static_cast<std::size_t>(e)](i, j));
-  const Eigen::Index size = 2 * surface_.nodes.rows();
-  Eigen::SparseMatrix<double> matrix(size, size);
-  matrix.setFromTriplets(entries.begin(), entries.end());
-  return matrix;
+  return M;
+}
+
+InImage Correlation::pixel_displacement(const Eigen::VectorXd& U) const {
+  if (U.size() != unknowns())
+    throw InputError("displacement", fmt::format("{} values", U.size()),
+                     fmt::format("{} ({} per node)", unknowns(), dofs_));
+  InImage shift(nodes(), 2);
+  for (int node = 0; node < nodes(); ++node)
+    shift.row(node) = camera_->project(displaced(node, U)).transpose() - positions_.row(node);
+  return shift;
+}
+
+std::vector<Eigen::Matrix2d> Correlation::deformation_gradient(const Eigen::VectorXd& U) const {
+  const InImage shift = pixel_displacement(U);
+  std::vector<Eigen::Matrix2d> F(static_cast<std::size_t>(elements()));
+  const Corners slopes = central_slopes();
+  for (int e = 0; e < elements(); ++e) {
+    const Eigen::Matrix2d reference = of_element(positions_, e).transpose() * slopes;
+    F[static_cast<std::size_t>(e)] =
+        Eigen::Matrix2d::Identity() + of_element(shift, e).transpose() * slopes * reference.inverse();
+  }
+  return F;
+}
+
+// g(x + u) at the pixels of an element; NaN where they have left the image.
+void Correlation::interpolate(const imaging::BSpline& g, int element, const InImage& shift, float* values,
+                              float* slope_x, float* slope_y) const {
+  const Corners u = of_element(shift, element);
+  const Corners deformed = u + of_element(positions_, element);
+  // The whole pixels of the displacement are taken out, so that single precision is enough for the rest.
+  const int whole_x = static_cast<int>(std::floor(u.col(0).mean())),
+            whole_y = static_cast<int>(std::floor(u.col(1).mean()));
+  const Eigen::Vector4f ux = bilinear(u.col(0).array() - whole_x).cast<float>(),
+                        uy = bilinear(u.col(1).array() - whole_y).cast<float>();
+  // A pixel beyond an element's outline by rounding must not touch what lies outside: one pixel of margin.
+  const bool inside = deformed.minCoeff() >= 1.0 && deformed.col(0).maxCoeff() <= g.width() - 2 &&
+                      deformed.col(1).maxCoeff() <= g.height() - 2;
+  std::size_t p = quadrature_.first[static_cast<std::size_t>(element)];
+  for (const PixelRow& run : quadrature_.rows_of(element)) {
+    const int column0 = run.column + whole_x, row0 = run.row + whole_y;
+    for (int i = 0; i < run.count; ++i, ++p) {
+      const float xi = quadrature_.xi[p], eta = quadrature_.eta[p];
+      const float dx = ux[0] + ux[1] * xi + eta * (ux[2] + ux[3] * xi);
+      const float dy = uy[0] + uy[1] * xi + eta * (uy[2] + uy[3] * xi);
+      const float floor_x = std::floor(dx), floor_y = std::floor(dy);
+      const int column = column0 + i + static_cast<int>(floor_x), row = row0 + static_cast<int>(floor_y);
+      const float tx = dx - floor_x, ty = dy - floor_y;
+      if (slope_x == nullptr && inside) {
+        *values++ = g.value(column, row, tx, ty);
+        continue;
+      }
+      const double x = column + static_cast<double>(tx), y = row + static_cast<double>(ty);
+      const bool seen = g.contains(x, y);
+      const auto sample = seen ? g.sample(x, y) : imaging::BSpline::Sample{NAN, {NAN, NAN}};
+      *values++ = sample.value;
+      if (slope_x != nullptr) *slope_x++ = sample.slope.x(), *slope_y++ = sample.slope.y();
+    }
+  }
 }
 
 Evaluation Correlation::evaluate(const imaging::BSpline& g, const Eigen::VectorXd& U, const Communicator& group,
-                                 const Gradient& gradient) const {
-  const auto& q = quadrature_;
-  const std::vector<float>&gx = gradient.x.empty() ? q.fx : gradient.x, &gy = gradient.y.empty() ? q.fy : gradient.y;
-  const Eigen::Index elements = surface_.cells.rows();
-  const Eigen::Index begin = elements * group.rank() / group.size(), end = elements * (group.rank() + 1) / group.size();
+                                 Gradient gradient) const {
+  const PixelQuadrature& q = quadrature_;
+  const InImage shift = pixel_displacement(U);
+  const bool own_slopes = gradient == Gradient::deformed;
+  const auto [begin, end] = share(group);
+  const auto mine = static_cast<std::size_t>(end - begin);
 
-  // Per element: sums of N_a g_i r, N_a g_i g(x+u), N_a g_i; r^2; pixels; and the moments that the light needs.
-  constexpr int values = 8;
-  struct Sums {
-    std::array<double, values> with_f{}, with_g{}, with_one{};
-    double n = 0, f = 0, g = 0, ff = 0, fg = 0, gg = 0;
-  };
-  std::vector<Sums> sums(static_cast<std::size_t>(elements));
-#pragma omp parallel for schedule(dynamic, 8)
-  for (Eigen::Index e = begin; e < end; ++e) {
-    std::array<float, 4> ux, uy;
-    for (int a = 0; a < 4; ++a) {
-      const Eigen::Vector2d u = linear_ * U.segment<2>(2 * surface_.cells(e, a));
-      ux[static_cast<std::size_t>(a)] = static_cast<float>(u[0]);
-      uy[static_cast<std::size_t>(a)] = static_cast<float>(u[1]);
-    }
-    Sums& s = sums[static_cast<std::size_t>(e)];
-    const std::size_t last = q.first[static_cast<std::size_t>(e) + 1];
-    for (std::size_t k = q.first[static_cast<std::size_t>(e)]; k < last; ++k) {
-      const auto n = shape(q.xi[k], q.eta[k]);
-      const float x = q.x[k] + n[0] * ux[0] + n[1] * ux[1] + n[2] * ux[2] + n[3] * ux[3];
-      const float y = q.y[k] + n[0] * uy[0] + n[1] * uy[1] + n[2] * uy[2] + n[3] * uy[3];
-      if (!g.contains(x, y)) continue;
-      const double f = q.f[k], v = g.value(x, y);
-      s.n += 1.0;
-      s.f += f;
-      s.g += v;
-      s.ff += f * f;
-      s.fg += f * v;
-      s.gg += v * v;
-      for (std::size_t a = 0; a < 4; ++a) {
-        const double bx = n[a] * gx[k], by = n[a] * gy[k];
-        s.with_f[2 * a] += bx * f;
-        s.with_f[2 * a + 1] += by * f;
-        s.with_g[2 * a] += bx * v;
-        s.with_g[2 * a + 1] += by * v;
-        s.with_one[2 * a] += bx;
-        s.with_one[2 * a + 1] += by;
+  // Element sums. Grey levels are counted from the reference's mean, so that the moments keep their digits.
+  enum : std::size_t { of_b = 0, of_gb = 8, of_1b = 16, squares_f = 24, f_, g_, fg, gg, seen_, dropped_, entries };
+  std::vector<std::array<double, entries>> sums(mine);
+  const float grey0 = mean_grey_;
+#pragma omp parallel
+  {
+    std::vector<float> values, dx, dy;
+#pragma omp for schedule(static)
+    for (int e = begin; e < end; ++e) {
+      const std::size_t at = q.first[static_cast<std::size_t>(e)], count = q.pixels_of(e);
+      values.resize(count);
+      const float *gx = q.fx.data() + at, *gy = q.fy.data() + at;
+      if (own_slopes) dx.resize(count), dy.resize(count), gx = dx.data(), gy = dy.data();
+      interpolate(g, e, shift, values.data(), own_slopes ? dx.data() : nullptr, own_slopes ? dy.data() : nullptr);
+      auto& sum = sums[static_cast<std::size_t>(e - begin)];
+      sum.fill(0.0);
+      std::size_t i = 0;
+      for (const PixelRow& row : q.rows_of(e)) {
+        using Four = Eigen::Array4f;
+        Four bx = Four::Zero(), by = bx, gbx = bx, gby = bx, obx = bx, oby = bx;
+        Eigen::Array4d moments = Eigen::Array4d::Zero();
+        double squares = 0.0;
+        int seen = 0;
+        for (int j = 0; j < row.count; ++j, ++i) {
+          const float a = q.f[at + i] - grey0, b = values[i] - grey0;
+          if (std::isnan(b)) continue;
+          const float xi = q.xi[at + i], eta = q.eta[at + i];
+          const float low = 0.25F - 0.25F * eta, high = 0.25F + 0.25F * eta;
+          const Four N(low - low * xi, low + low * xi, high + high * xi, high - high * xi);
+          const Four Nx = N * gx[i], Ny = N * gy[i];
+          const float r = a - b;
+          bx += r * Nx, by += r * Ny;
+          if (brightness_) gbx += b * Nx, gby += b * Ny, obx += Nx, oby += Ny;
+          moments += Eigen::Array4d(a, b, static_cast<double>(a) * b, static_cast<double>(b) * b);
+          squares += static_cast<double>(r) * r;
+          ++seen;
+        }
+        for (int n = 0; n < 4; ++n) {
+          const auto k = static_cast<std::size_t>(2 * n);
+          sum[of_b + k] += bx[n], sum[of_b + k + 1] += by[n];
+          sum[of_gb + k] += gbx[n], sum[of_gb + k + 1] += gby[n];
+          sum[of_1b + k] += obx[n], sum[of_1b + k + 1] += oby[n];
+          sum[f_ + static_cast<std::size_t>(n)] += moments[n];
+        }
+        sum[squares_f] += squares;
+        sum[seen_] += seen;
+        sum[dropped_] += row.count - seen;
       }
     }
   }
 
-  // Light: least squares of f = gain g + offset over all pixels.
+  // Light and correlation coefficient from the moments of all pixels.
   Evaluation result;
-  std::array<double, 6> total{};
-  for (Eigen::Index e = begin; e < end; ++e) {
-    const Sums& s = sums[static_cast<std::size_t>(e)];
-    const std::array<double, 6> mine = {s.n, s.f, s.g, s.ff, s.fg, s.gg};
-    for (std::size_t i = 0; i < 6; ++i) total[i] += mine[i];
+  std::array<double, 7> all{};
+  for (const auto& sum : sums) {
+    const std::array<double, 7> part{sum[f_], sum[g_], sum[fg], sum[gg], sum[seen_], sum[dropped_], sum[squares_f]};
+    for (std::size_t i = 0; i < all.size(); ++i) all[i] += part[i];
   }
-  if (group.size() > 1) group.sum(total);
-  result.pixels = total[0];
-  if (brightness_ && total[0] > 1.0) {
-    const double variance = total[5] - total[2] * total[2] / total[0];
-    result.gain = variance > 0.0 ? (total[4] - total[1] * total[2] / total[0]) / variance : 1.0;
-    result.offset = (total[1] - result.gain * total[2]) / total[0];
+  if (group.size() > 1) group.sum(all);
+  const double n = std::max(1.0, all[4]), covariance = all[2] - all[0] * all[1] / n;
+  const double variance_g = all[3] - all[1] * all[1] / n;
+  // sum of f^2 = sum of (f - g)^2 + 2 f g - g^2
+  const double variance_f = all[6] + 2.0 * all[2] - all[3] - all[0] * all[0] / n;
+  result.pixels = all[4];
+  result.dropped = all[5];
+  if (variance_f > 0.0 && variance_g > 0.0) result.coefficient = covariance / std::sqrt(variance_f * variance_g);
+  double gain = 1.0, offset = 0.0;  // of grey levels counted from the mean
+  if (brightness_ && variance_g > 1e-9 * all[3]) {
+    gain = covariance / variance_g;
+    offset = (all[0] - gain * all[1]) / n;
   }
+  result.gain = gain;
+  result.offset = offset + static_cast<double>(grey0) * (1.0 - gain);
 
-  const double gain = result.gain, offset = result.offset;
-  const Eigen::Index unknowns = 2 * surface_.nodes.rows();
-  Eigen::VectorXd all = Eigen::VectorXd::Zero(unknowns + elements + 1);
-  for (Eigen::Index e = begin; e < end; ++e) {
-    const Sums& s = sums[static_cast<std::size_t>(e)];
-    const double squares = s.ff + gain * gain * s.gg + offset * offset * s.n - 2.0 * gain * s.fg - 2.0 * offset * s.f +
-                           2.0 * gain * offset * s.g;
-    all[unknowns + e] = s.n > 0.0 ? std::sqrt(std::max(0.0, squares) / s.n) : 0.0;
-    all[unknowns + elements] += squares;
-    for (int a = 0; a < 4; ++a) {
-      Eigen::Vector2d b;
-      for (int i = 0; i < 2; ++i) {
-        const auto k = static_cast<std::size_t>(2 * a + i);
-        b[i] = s.with_f[k] - gain * s.with_g[k] - offset * s.with_one[k];
-      }
-      all.segment<2>(2 * surface_.cells(e, a)) += linear_.transpose() * b;
-    }
+  std::vector<Eigen::Matrix2d> transport;
+  if (gradient == Gradient::transported) {
+    transport = deformation_gradient(U);
+    for (Eigen::Matrix2d& F : transport) F = F.inverse().transpose().eval();
   }
-  if (group.size() > 1) group.sum(std::span(all.data(), static_cast<std::size_t>(all.size())));
-  result.b = all.head(unknowns);
-  result.element_rms = all.segment(unknowns, elements);
-  result.squares = all[unknowns + elements];
+  // One message for everything: b, squares and pixels of the elements.
+  std::vector<double> message(static_cast<std::size_t>(unknowns() + 2 * elements()), 0.0);
+  const double d = 1.0 - gain;  // f - gain g - offset = (f - g) + (1 - gain) g - offset
+  for (int e = begin; e < end; ++e) {
+    const auto& sum = sums[static_cast<std::size_t>(e - begin)];
+    for (int i = 0; i < 4; ++i) {
+      const auto k = static_cast<std::size_t>(2 * i);
+      Eigen::Vector2d part(sum[of_b + k] + d * sum[of_gb + k] - offset * sum[of_1b + k],
+                           sum[of_b + k + 1] + d * sum[of_gb + k + 1] - offset * sum[of_1b + k + 1]);
+      if (own_slopes) part *= gain;
+      if (!transport.empty()) part = (transport[static_cast<std::size_t>(e)] * part).eval();
+      const int node = surface_.cells(e, i);
+      const Eigen::Vector3d force = camera_->jacobian(displaced(node, U)).transpose() * part;
+      for (int a = 0; a < dofs_; ++a) message[static_cast<std::size_t>(node * dofs_ + a)] += force[a];
+    }
+    const double squares = sum[squares_f] + d * d * sum[gg] + offset * offset * sum[seen_] +
+                           2.0 * d * (sum[fg] - sum[gg]) - 2.0 * offset * (sum[f_] - sum[g_]) -
+                           2.0 * d * offset * sum[g_];
+    message[static_cast<std::size_t>(unknowns() + e)] = std::max(0.0, squares);
+    message[static_cast<std::size_t>(unknowns() + elements() + e)] = sum[seen_];
+  }
+  if (group.size() > 1) group.sum(message);
+  result.b = Eigen::Map<Eigen::VectorXd>(message.data(), unknowns());
+  result.element_squares = Eigen::Map<Eigen::VectorXd>(message.data() + unknowns(), elements());
+  result.element_pixels = Eigen::Map<Eigen::VectorXd>(message.data() + unknowns() + elements(), elements());
+  result.element_rms = (result.element_squares.array() / result.element_pixels.array().max(1.0)).sqrt();
+  result.squares = total(result.element_squares);
   return result;
 }
 
 std::vector<float> Correlation::residual(const imaging::BSpline& g, const Eigen::VectorXd& U) const {
-  const auto& q = quadrature_;
-  const Evaluation light = brightness_ ? evaluate(g, U, Communicator{MPI_COMM_SELF}) : Evaluation{};
-  std::vector<float> residual(q.pixels(), std::numeric_limits<float>::quiet_NaN());
-#pragma omp parallel for schedule(static)
-  for (Eigen::Index e = 0; e < surface_.cells.rows(); ++e)
-    for (std::size_t k = q.first[static_cast<std::size_t>(e)]; k < q.first[static_cast<std::size_t>(e) + 1]; ++k) {
-      const auto n = shape<double>(q.xi[k], q.eta[k]);
-      Eigen::Vector2d u = Eigen::Vector2d::Zero();
-      for (int a = 0; a < 4; ++a) u += n[static_cast<std::size_t>(a)] * (linear_ * U.segment<2>(2 * surface_.cells(e, a)));
-      const auto x = static_cast<float>(q.x[k] + u[0]), y = static_cast<float>(q.y[k] + u[1]);
-      if (g.contains(x, y)) residual[k] = q.f[k] - static_cast<float>(light.gain * g.value(x, y) + light.offset);
-    }
-  return residual;
-}
-
-Eigen::SparseMatrix<double> Correlation::gradient_energy() const {
-  std::vector<Eigen::Triplet<double>> entries;
-  const double g = 1.0 / std::sqrt(3.0);
-  for (Eigen::Index e = 0; e < surface_.cells.rows(); ++e) {
-    Corners corners;
-    for (int a = 0; a < 4; ++a) corners.col(a) = surface_.nodes.row(surface_.cells(e, a)).head<2>().transpose();
-    Eigen::Matrix4d block = Eigen::Matrix4d::Zero();
-    for (double xi : {-g, g})
-      for (double eta : {-g, g}) {
-        const auto dn = shape_gradient(xi, eta);
-        const Eigen::Matrix2d jacobian = corners * dn;
-        const Eigen::Matrix<double, 4, 2> gradient = dn * jacobian.inverse();
-        block += jacobian.determinant() * gradient * gradient.transpose();
-      }
-    for (int a = 0; a < 4; ++a)
-      for (int b = 0; b < 4; ++b)
-        for (int i = 0; i < 2; ++i)
-          entries.emplace_back(2 * surface_.cells(e, a) + i, 2 * surface_.cells(e, b) + i, block(a, b));
+  float gain = 1.0F, offset = 0.0F;
+  if (brightness_) {
+    const Evaluation seen = evaluate(g, U, Communicator{MPI_COMM_SELF});
+    gain = static_cast<float>(seen.gain), offset = static_cast<float>(seen.offset);
   }
-  const Eigen::Index size = 2 * surface_.nodes.rows();
-  Eigen::SparseMatrix<double> matrix(size, size);
-  matrix.setFromTriplets(entries.begin(), entries.end());
-  return matrix;
-}
-
-double Correlation::optical_density() const {
-  const auto& q = quadrature_;
-  double sum = 0.0;
-  for (std::size_t k = 0; k < q.pixels(); ++k) sum += q.fx[k] * q.fx[k] + q.fy[k] * q.fy[k];
-  const double scale = std::abs(linear_.determinant());  // pixels per area
-  return 0.5 * sum / static_cast<double>(std::max<std::size_t>(1, q.pixels())) * scale * scale;
+  const InImage shift = pixel_displacement(U);
+  std::vector<float> residual(quadrature_.pixels());
+#pragma omp parallel for schedule(static)
+  for (int e = 0; e < elements(); ++e) {
+    const auto at = static_cast<std::size_t>(e);
+    interpolate(g, e, shift, residual.data() + quadrature_.first[at], nullptr, nullptr);
+    for (std::size_t p = quadrature_.first[at]; p < quadrature_.first[at + 1]; ++p)
+      residual[p] = quadrature_.f[p] - (gain * residual[p] + offset);
+  }
+  return residual;
 }
 
 }  // namespace imic3d::correlation

@@ -3,74 +3,116 @@
 
 #include <Eigen/Core>
 #include <Eigen/SparseCore>
-#include <string>
+#include <array>
+#include <cmath>
+#include <memory>
 #include <vector>
 
 #include "imic3d/core/parallel.hpp"
-#include "imic3d/imaging/bspline.hpp"
+#include "imic3d/correlation/pixel_quadrature.hpp"
 #include "imic3d/imaging/camera.hpp"
-#include "imic3d/mesh/mesh.hpp"
 
 namespace imic3d::correlation {
 
-/// The pixels of the reference image that the mesh covers, element by element: each pixel whose centre lies in the
-/// projected reference element, once. Pixel-wise quadrature: sums over pixels replace integrals.
-struct PixelQuadrature {
-  std::vector<std::size_t> first;  ///< pixels of element e: first[e] … first[e + 1] - 1
-  std::vector<float> xi, eta;      ///< local coordinates in the element
-  std::vector<float> x, y;         ///< column and row [px]
-  std::vector<float> f, fx, fy;    ///< grey level and gradient [grey level/px] of the reference there
-  [[nodiscard]] std::size_t pixels() const { return x.size(); }
+/// Unknowns of a node that one telecentric camera sees: the displacement in its plane.
+inline constexpr int in_plane = 2;
+
+struct CorrelationOptions {
+  int dofs_per_node = in_plane;  ///< 2: displacement (x, y); 3: (x, y, z)
+  bool brightness = false;  ///< the residual is f - (gain * g + offset), with the gain and offset that fit each U best
+  QuadratureOptions quadrature = {};
+};
+
+/// Which gradient stands for grad G in b.
+enum class Gradient {
+  reference,    ///< grad F: the modified algorithm of Eqs 8-9
+  transported,  ///< F^-T grad F, F the deformation gradient in the image at the element's centre: what f(x) = g(x + u)
+                ///< makes of it; the tangent at large strain, equal to `reference` where nothing is strained
+  deformed      ///< grad g(x + u): b is then minus the exact derivative of the functional (biased by noise)
 };
 
 /// What an image answers to a displacement.
 struct Evaluation {
-  Eigen::VectorXd b;        ///< b_DIC [2 * nodes, grey level^2/length]
-  double squares = 0.0;     ///< sum of squared residuals
-  double pixels = 0.0;      ///< pixels that took part (those that left the deformed image do not)
-  double gain = 1.0, offset = 0.0;  ///< light: f = gain * g + offset
-  Eigen::VectorXd element_rms;      ///< per element [grey level]
+  Eigen::VectorXd b;                ///< N^T grad(F) (F - G), Eq. 9 [nodes * dofs, grey level^2/length]
+  double squares = 0.0;             ///< sum of squared residuals [grey level^2]
+  double pixels = 0.0;              ///< number of pixels in the sums
+  double dropped = 0.0;             ///< pixels that have left the deformed image: in no sum
+  double gain = 1.0, offset = 0.0;  ///< light that was fitted: f = gain * g + offset
+  double coefficient = 0.0;         ///< correlation coefficient of f and g(x + u) over all pixels
+  Eigen::VectorXd element_squares;  ///< [elements, grey level^2]
+  Eigen::VectorXd element_pixels;   ///< [elements] number of pixels in it
+  Eigen::VectorXd element_rms;      ///< [elements, grey level]
+  [[nodiscard]] double rms() const { return pixels > 0.0 ? std::sqrt(squares / pixels) : 0.0; }  ///< [grey level]
 };
 
-/// Displacements are physical, in the plane of the image: U [2 * nodes, length]. Only the camera's in-plane part acts.
+/// M_DIC and b_DIC of a camera. Displacements are physical, U [nodes * dofs, length], node by node:
+/// U[node * dofs + component]. The displacement in the image is bilinear in each element between the projected
+/// displacements of the nodes, which for a telecentric camera is exact.
+///
+/// Every rank holds all pixels; `group` says over which ranks a sum is split (contiguous blocks of elements with about
+/// equal numbers of pixels), and such calls are collective over it. Sums do not depend on the number of threads.
 class Correlation {
  public:
-  /// Throws InputError if the mesh does not lie on the image, naming the elements. brightness: fit gain and offset of
-  /// every deformed image together with the displacement.
-  Correlation(const mesh::Mesh& surface, const imaging::TelecentricCamera& camera, const imaging::BSpline& reference,
-              bool brightness, const std::string& place);
+  /// `surface` [quad4], `reference` the spline of f. Throws InputError if the surface is no quad mesh or does not lie
+  /// on the image. The result is the same on every rank; not collective.
+  Correlation(const mesh::Mesh& surface, std::shared_ptr<const imaging::Camera> camera,
+              const imaging::BSpline& reference, const CorrelationOptions& options = {});
 
-  [[nodiscard]] const PixelQuadrature& quadrature() const { return quadrature_; }
   [[nodiscard]] const mesh::Mesh& surface() const { return surface_; }
-  [[nodiscard]] const Eigen::Matrix2d& pixels_per_length() const { return linear_; }
+  [[nodiscard]] const imaging::Camera& camera() const { return *camera_; }
+  [[nodiscard]] const PixelQuadrature& quadrature() const { return quadrature_; }
+  [[nodiscard]] int nodes() const { return static_cast<int>(surface_.nodes.rows()); }
+  [[nodiscard]] int elements() const { return static_cast<int>(surface_.cells.rows()); }
+  [[nodiscard]] int dofs_per_node() const { return dofs_; }
+  [[nodiscard]] int unknowns() const { return nodes() * dofs_; }
+  [[nodiscard]] const InImage& positions() const { return positions_; }  ///< of the nodes in the reference
+  /// d(pixel)/d(in-plane displacement) in the middle of the surface [px/length]; everywhere for a telecentric camera.
+  [[nodiscard]] Eigen::Matrix2d pixels_per_length() const;
+  /// Mean of |grad F|^2 / 2 [grey level^2/px^2].
+  [[nodiscard]] double mean_square_gradient() const;
 
-  /// Grey-level gradient per pixel to linearise with: grad F, or F^-T grad F at displacement U where strains are large.
-  struct Gradient {
-    std::vector<float> x, y;  ///< [grey level/px]; empty: that of the reference
-  };
-  [[nodiscard]] Gradient deformed_gradient(const Eigen::VectorXd& U) const;
+  /// M_DIC of Eq. 8 [unknowns x unknowns, grey level^2/length^2], symmetric, both triangles stored.
+  [[nodiscard]] Eigen::SparseMatrix<double> M() const;
+  /// The same with the gradient transported by U (Gradient::transported). No pixel is visited again.
+  [[nodiscard]] Eigen::SparseMatrix<double> M(const Eigen::VectorXd& U) const;
 
-  /// M_DIC = N^T grad F grad F N (Eq. 8) [2n x 2n, grey level^2/length^2].
-  [[nodiscard]] Eigen::SparseMatrix<double> M(const Gradient& gradient = {}) const;
-
-  /// Residual f - g(x + u) and b_DIC (Eq. 9). Elements are split over the ranks of `group`; sums do not depend on the
-  /// number of threads.
+  /// Residual f - g(x + u), b_DIC (Eq. 9) and sums of the deformed image `g` at U.
   [[nodiscard]] Evaluation evaluate(const imaging::BSpline& g, const Eigen::VectorXd& U, const Communicator& group,
-                                    const Gradient& gradient = {}) const;
+                                    Gradient gradient = Gradient::reference) const;
 
-  /// Residual of every pixel, in the order of the quadrature; NaN where the pixel left the image.
+  /// f - (gain * g(x + u) + offset) [pixels of the quadrature, grey level]; NaN where the pixel left the image. The
+  /// gain and offset are fitted if the options say so. Not collective.
   [[nodiscard]] std::vector<float> residual(const imaging::BSpline& g, const Eigen::VectorXd& U) const;
 
-  /// Stiffness of grad u : grad u on the surface [2n x 2n, -], for regularisation.
-  [[nodiscard]] Eigen::SparseMatrix<double> gradient_energy() const;
-  /// Mean of |grad F|^2 / 2 per covered area [grey level^2/length^2 per length^2].
-  [[nodiscard]] double optical_density() const;
+  /// Displacement of the nodes in the image.
+  [[nodiscard]] InImage pixel_displacement(const Eigen::VectorXd& U) const;
+  /// Deformation gradient d(deformed px)/d(reference px) at the centre of every element [elements].
+  [[nodiscard]] std::vector<Eigen::Matrix2d> deformation_gradient(const Eigen::VectorXd& U) const;
 
  private:
+  /// Sums over an element's pixels of N_i N_j (fx fx, fx fy, fy fy) for i <= j.
+  using Gram = std::array<std::array<double, 3>, 10>;
+
+  void sum_gram();
+  void make_pattern();
+  [[nodiscard]] Eigen::SparseMatrix<double> assemble(const std::vector<Eigen::Matrix2d>* transport,
+                                                     const Eigen::VectorXd* U) const;
+  [[nodiscard]] Eigen::Vector3d displaced(int node, const Eigen::VectorXd& U) const;
+  [[nodiscard]] Eigen::Matrix<double, 4, 2> of_element(const InImage& values, int element) const;
+  [[nodiscard]] std::pair<int, int> share(const Communicator& group) const;
+  void interpolate(const imaging::BSpline& g, int element, const InImage& shift, float* values, float* slope_x,
+                   float* slope_y) const;
+
   mesh::Mesh surface_;
-  Eigen::Matrix2d linear_;
+  std::shared_ptr<const imaging::Camera> camera_;
+  int dofs_;
   bool brightness_;
+  InImage positions_;
   PixelQuadrature quadrature_;
+  float mean_grey_ = 0.0F;
+  std::vector<Gram> gram_;
+  Eigen::SparseMatrix<double> pattern_;
+  std::vector<int> slots_;  // of the element matrices' blocks in the pattern's values
 };
 
 }  // namespace imic3d::correlation

@@ -6,66 +6,101 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
+#include <string>
 #include <vector>
 
 #include "imic3d/core/parallel.hpp"
 #include "imic3d/correlation/correlation.hpp"
+#include "imic3d/imaging/image.hpp"
 
 namespace imic3d::correlation {
 
 struct DicOptions {
-  int pyramid_levels = -1;        ///< coarser levels above the image; -1: until the shorter side is below 100 px
-  int max_iterations = 50;
-  double tolerance = 1e-3;        ///< largest nodal update [px]
-  double regularisation = 0.0;    ///< cut-off wavelength of the smoothing at the finest level [length]; 0: none
-  bool brightness = false;        ///< fit gain and offset per frame
-  double large_strain = 0.02;     ///< from here on grad F is carried to the deformed configuration
-  int groups = 0;                 ///< groups of ranks over frames; 0: as many as ranks and frames allow
+  int pyramid_levels = -1;      ///< coarser levels above the image; -1: until the mesh's shorter side is below 100 px
+  int max_iterations = 50;      ///< at the finest level
+  double tolerance = 1e-3;      ///< largest nodal update [px]
+  double regularisation = 0.0;  ///< cut-off wavelength of the smoothing at the finest level [length]; 0: none
+  bool brightness = false;      ///< fit gain and offset of every frame together with the displacement
+  double strain_change = 0.02;  ///< M is built anew, with the gradient transported, when an element's deformation
+                                ///< gradient has changed by more than this
+  double lost = 0.5;            ///< a frame whose grey levels correlate less than this with the reference's is lost
+  int groups = 0;               ///< groups of ranks over frames; 0: as many as ranks and frames allow
+  const imaging::Image* mask = nullptr;  ///< pixels of the reference whose level is 0 there are left out
 };
 
 /// The correlation of one frame.
 struct DicFrame {
-  Eigen::VectorXd displacement;  ///< [2 * nodes, length]
-  bool converged = false;
-  int iterations = 0;            ///< at the finest level
-  double rms = 0.0;              ///< residual [grey level]
-  double pixels = 0.0;
-  Eigen::VectorXd element_rms;   ///< [grey level]
+  Eigen::VectorXd displacement;     ///< [nodes * dofs, length]
+  bool converged = false;           ///< the largest nodal update fell below the tolerance
+  bool lost = false;                ///< the images do not match: the displacement means nothing
+  int iterations = 0;               ///< at the finest level
+  double rms = 0.0;                 ///< residual [grey level]
+  double coefficient = 0.0;         ///< correlation coefficient of f and g(x + u)
+  double pixels = 0.0;              ///< pixels in the sums
+  double dropped = 0.0;             ///< pixels that left the image
+  double gain = 1.0, offset = 0.0;  ///< brightness: f = gain * g + offset
+  Eigen::VectorXd element_rms;      ///< [elements, grey level]
 };
 
+/// Gauss-Newton on f - g(x + u) (Eqs 5-9 without the mechanical term) from coarse images to fine ones.
+///
+/// Modified algorithm: the gradient of the reference stands for that of the deformed image, so that M is factorised
+/// once. Where a strain or a rotation is large, grad F is a poor tangent: f(x) = g(x + u) gives grad g = F^-T grad f,
+/// and that gradient is used in b, always, and in M, which is built anew (without visiting the pixels) whenever the
+/// deformation has changed by `strain_change`. For small strain this is Eqs 8-9.
+///
+/// Coarse levels hold few pixels per element: there the change of the displacement is smoothed over about two elements
+/// (curvature energy, free of bias for affine motion); at the finest level only if the user asks for it.
 class GlobalDic {
  public:
-  /// The reference image, the mesh's surface and the camera define the operators of every pyramid level.
+  using Source = std::function<imaging::Image(int frame)>;
+  using Done = std::function<void(int frame, const DicFrame&)>;
+
+  /// The reference image, the mesh's surface and the camera define the operators of every pyramid level; `place` is
+  /// what messages call the mesh. Throws InputError (the mesh does not lie on the image; elements without speckle).
+  GlobalDic(const mesh::Mesh& surface, std::shared_ptr<const imaging::Camera> camera, const imaging::Image& reference,
+            DicOptions options, const std::string& place);
   GlobalDic(const mesh::Mesh& surface, const imaging::TelecentricCamera& camera, const imaging::Image& reference,
             DicOptions options, const std::string& place);
 
   /// The finest level's operators.
   [[nodiscard]] const Correlation& correlation() const { return *levels_.front().correlation; }
   [[nodiscard]] const DicOptions& options() const { return options_; }
-
-  /// Correlates a series of image files with the reference. The coarse levels follow the series frame by frame, each
-  /// starting from the frame before; the finer levels then run over groups of ranks side by side. The result is the
-  /// same on every rank. Collective over `world`. Throws InputError (an image that cannot be read or has another size).
-  [[nodiscard]] std::vector<DicFrame> run(const Communicator& world, const std::vector<std::filesystem::path>& images,
-                                          const std::function<void(int, const DicFrame&)>& frame_done = {}) const;
-
-  /// One image from a given start, on all levels from `coarsest` down.
-  [[nodiscard]] DicFrame correlate(const imaging::Image& image, const Eigen::VectorXd& start, int coarsest,
-                                   int finest, const Communicator& group) const;
   [[nodiscard]] int levels() const { return static_cast<int>(levels_.size()); }
 
-  /// Standard deviation of each displacement unknown [2 * nodes, length] by Eq. 14's M_DIC for a grey-level noise of
-  /// `sigma` in a frame and a reference averaged over `references` images: sigma^2 (1 + 1/references) diag(M^-1).
+  /// Correlates a series of images with the reference. The coarse levels follow the series frame by frame, each frame
+  /// starting from the ones before or, where they lead astray, from patches found anywhere in the image; the finer
+  /// levels then run over groups of ranks side by side. The result is the same on every rank; `done` is called in order
+  /// on all. Collective over `world`. Throws InputError (an image that cannot be read or has another size).
+  [[nodiscard]] std::vector<DicFrame> run(const Communicator& world, const std::vector<std::filesystem::path>& images,
+                                          const Done& done = {}) const;
+  /// The same for images from any source: `source(frame)` is called on one rank or another, more than once.
+  [[nodiscard]] std::vector<DicFrame> run(const Communicator& world, int frames, const Source& source,
+                                          const Done& done = {}) const;
+
+  /// One image from the displacement `start`, on the levels from `coarsest` down to `finest` (0: the image itself),
+  /// split over `group`, collective.
+  [[nodiscard]] DicFrame correlate(const imaging::Image& image, const Eigen::VectorXd& start, int coarsest, int finest,
+                                   const Communicator& group) const;
+
+  /// Standard deviation of each displacement unknown [nodes * dofs, length] for a white noise of `sigma` [grey level]
+  /// in every frame and in each of the `references` images that were averaged: sigma^2 (1 + 1/references) M^-1 (Eq.
+  /// 14's factor 2 for one reference); with smoothing H = M + S: H^-1 M H^-1 instead of M^-1. A fitted brightness is
+  /// not counted.
   [[nodiscard]] Eigen::VectorXd standard_deviation(double sigma, int references) const;
 
  private:
+  using Factor = Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>>;
   struct Level {
     imaging::BSpline reference;
     std::shared_ptr<Correlation> correlation;
-    Eigen::SparseMatrix<double> M, smoothing;  // smoothing: weight * gradient energy
-    std::shared_ptr<Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>>> factor;  // of M + smoothing
+    Eigen::SparseMatrix<double> smoothing;  // weight * curvature energy
+    std::shared_ptr<Factor> factor;         // of M + smoothing, undeformed
   };
   void solve_level(int level, const imaging::BSpline& g, const Communicator& group, DicFrame& frame) const;
+  [[nodiscard]] DicFrame follow(const imaging::Image& coarse, const std::vector<Eigen::VectorXd>& before,
+                                int finest) const;
+  void require_speckle(const Level& level, const std::string& place) const;
 
   DicOptions options_;
   std::vector<Level> levels_;

@@ -30,10 +30,11 @@ class BSpline {
     return x >= 0.0 && y >= 0.0 && x <= width_ - 1 && y <= height_ - 1;
   }
 
-  [[nodiscard]] float value(double x, double y) const {
-    const Cell cell = locate(x, y);
-    const Four wx = weights(cell.tx), wy = weights(cell.ty);
-    return (wx * (wy[0] * line(cell, 0) + wy[1] * line(cell, 1) + wy[2] * line(cell, 2) + wy[3] * line(cell, 3))).sum();
+  [[nodiscard]] float value(double x, double y) const { return interpolate(locate(x, y)); }
+  /// The value at (column + tx, row + ty) without any check: 0 <= column < width, 0 <= row < height, t in [0, 1], and
+  /// t = 0 in the last column or row. For the pixel loops.
+  [[nodiscard]] float value(int column, int row, float tx, float ty) const {
+    return interpolate({corner(column, row), tx, ty});
   }
   /// (d/dx, d/dy) [grey level/px].
   [[nodiscard]] Eigen::Vector2f gradient(double x, double y) const { return sample(x, y).slope; }
@@ -59,12 +60,16 @@ class BSpline {
     x = std::clamp(x, 0.0, static_cast<double>(width_ - 1));
     y = std::clamp(y, 0.0, static_cast<double>(height_ - 1));
     const int column = static_cast<int>(x), row = static_cast<int>(y);
-    return {coefficients_.data() + static_cast<std::ptrdiff_t>(row + border - 1) * stride_ + column + border - 1,
-            static_cast<float>(x - column), static_cast<float>(y - row)};
+    return {corner(column, row), static_cast<float>(x - column), static_cast<float>(y - row)};
   }
-  [[nodiscard]] Four line(const Cell& cell, int j) const {
-    return Eigen::Map<const Four>(cell.corner + static_cast<std::ptrdiff_t>(j) * stride_);
+  [[nodiscard]] const float* corner(int column, int row) const {
+    return coefficients_.data() + (row + border - 1) * stride_ + column + border - 1;
   }
+  [[nodiscard]] float interpolate(const Cell& cell) const {
+    const Four wx = weights(cell.tx), wy = weights(cell.ty);
+    return (wx * (wy[0] * line(cell, 0) + wy[1] * line(cell, 1) + wy[2] * line(cell, 2) + wy[3] * line(cell, 3))).sum();
+  }
+  [[nodiscard]] Four line(const Cell& cell, int j) const { return Eigen::Map<const Four>(cell.corner + j * stride_); }
   // The four cubic B-splines that reach the cell, as polynomials of t in [0, 1).
   [[nodiscard]] static Four weights(float t) {
     static const Four a(1.0F / 6, 2.0F / 3, 1.0F / 6, 0.0F), b(-0.5F, 0.0F, 0.5F, 0.0F), c(0.5F, -1.0F, 0.5F, 0.0F),

@@ -1,0 +1,20 @@
+#pragma once
+// Regularisation of the measured displacement.
+
+#include <Eigen/SparseCore>
+
+#include "imic3d/correlation/correlation.hpp"
+#include "imic3d/mesh/mesh.hpp"
+
+namespace imic3d::correlation {
+
+/// The energy u^T C u = integral of |grad grad u|^2 of every in-plane component on a quad mesh [unknowns x unknowns,
+/// 1/length^2]: jumps of the gradient between neighbouring elements and the hourglass mode inside each. Any affine
+/// motion is free, up to the mesh's edge: rigid motion and uniform strain of any size are not biased.
+[[nodiscard]] Eigen::SparseMatrix<double> curvature_energy(const mesh::Mesh& surface, int dofs_per_node);
+
+/// Weight of that energy at which it equals the optical term for waves of length `cut_off` [length]: shorter ones are
+/// smoothed, with the fourth power of the ratio (like the mechanical regularisation of Réthoré, Hild and Roux 2009).
+[[nodiscard]] double smoothing_weight(const Correlation& correlation, double cut_off);
+
+}  // namespace imic3d::correlation

@@ -1,0 +1,71 @@
+#include "imic3d/correlation/smoothing.hpp"
+
+#include <Eigen/LU>
+#include <cmath>
+#include <map>
+#include <vector>
+
+#include "bilinear.hpp"
+
+namespace imic3d::correlation {
+namespace {
+
+/// A linear form of a nodal field: sum of weight * u[node].
+using Form = std::vector<std::pair<int, double>>;
+
+void add_square(const Form& form, double weight, int dofs, std::vector<Eigen::Triplet<double>>& entries) {
+  for (const auto& [i, a] : form)
+    for (const auto& [j, b] : form)
+      for (int component = 0; component < dofs; ++component)
+        entries.emplace_back(i * dofs + component, j * dofs + component, weight * a * b);
+}
+
+}  // namespace
+
+Eigen::SparseMatrix<double> curvature_energy(const mesh::Mesh& surface, int dofs_per_node) {
+  struct Element {
+    Corners corners, slopes;  // dN/d(x, y) at the centre
+  };
+  std::vector<Element> elements(static_cast<std::size_t>(surface.cells.rows()));
+  std::vector<Eigen::Triplet<double>> entries;
+  std::map<std::pair<int, int>, int> owner;  // edge -> the first element that has it
+  const Eigen::Vector4d hourglass = corner_xi.cwiseProduct(corner_eta);
+  for (int e = 0; e < static_cast<int>(elements.size()); ++e) {
+    Element& element = elements[static_cast<std::size_t>(e)];
+    for (int i = 0; i < 4; ++i) element.corners.row(i) = surface.nodes.row(surface.cells(e, i)).head<2>();
+    const Eigen::Matrix2d jacobian = element.corners.transpose() * central_slopes();
+    element.slopes = central_slopes() * jacobian.inverse();
+    // Hourglass mode without its affine part (Flanagan and Belytschko 1981).
+    const Eigen::Vector4d mode = hourglass - element.slopes * (element.corners.transpose() * hourglass);
+    Form form;
+    for (int i = 0; i < 4; ++i) form.emplace_back(surface.cells(e, i), 0.25 * mode[i]);
+    add_square(form, 16.0 / (4.0 * std::abs(jacobian.determinant())), dofs_per_node, entries);
+    for (int i = 0; i < 4; ++i) {
+      const int a = surface.cells(e, i), b = surface.cells(e, (i + 1) % 4);
+      const auto [place, is_new] = owner.try_emplace({std::min(a, b), std::max(a, b)}, e);
+      if (is_new) continue;
+      const Element& other = elements[static_cast<std::size_t>(place->second)];
+      const double length = (surface.nodes.row(a) - surface.nodes.row(b)).norm();
+      const double distance = (element.corners.colwise().mean() - other.corners.colwise().mean()).norm();
+      for (int direction = 0; direction < 2; ++direction) {
+        Form jump;
+        for (int k = 0; k < 4; ++k) {
+          jump.emplace_back(surface.cells(e, k), element.slopes(k, direction));
+          jump.emplace_back(surface.cells(place->second, k), -other.slopes(k, direction));
+        }
+        add_square(jump, length / distance, dofs_per_node, entries);
+      }
+    }
+  }
+  const Eigen::Index size = surface.nodes.rows() * dofs_per_node;
+  Eigen::SparseMatrix<double> energy(size, size);
+  energy.setFromTriplets(entries.begin(), entries.end());
+  return energy;
+}
+
+double smoothing_weight(const Correlation& correlation, double cut_off) {
+  const double scale = std::abs(correlation.pixels_per_length().determinant());  // [px^2/length^2]
+  return correlation.mean_square_gradient() * scale * scale * std::pow(cut_off / (2.0 * M_PI), 4);
+}
+
+}  // namespace imic3d::correlation

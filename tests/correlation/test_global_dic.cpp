@@ -1,0 +1,247 @@
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <Eigen/Cholesky>
+#include <Eigen/LU>
+
+#include "imic3d/correlation/covariance.hpp"
+#include "imic3d/correlation/global_dic.hpp"
+#include "imic3d/correlation/smoothing.hpp"
+#include "speckle.hpp"
+
+namespace imic3d::correlation {
+namespace {
+
+using namespace test;
+using imaging::BSpline;
+using imaging::Image;
+
+const Communicator alone{MPI_COMM_SELF};
+
+/// Errors of the nodes' displacement [px]: root mean square and largest.
+struct Miss {
+  double rms, largest;
+};
+Miss miss(const Eigen::VectorXd& U, const mesh::Mesh& quads, const imaging::TelecentricCamera& eye,
+          const Motion& motion) {
+  const Eigen::VectorXd error = U - nodal(quads, eye, motion);
+  const double scale = std::sqrt(std::abs(eye.linear.leftCols<2>().determinant()));
+  return {scale * error.norm() / std::sqrt(static_cast<double>(error.size())), scale * error.cwiseAbs().maxCoeff()};
+}
+
+struct Scene {
+  int width, height;
+  Speckle speckle{width, height};
+  Image reference = photograph(speckle, width, height);
+};
+
+const Scene& scene() {
+  static const Scene made{180, 160};
+  return made;
+}
+
+class KnownMotion : public ::testing::TestWithParam<std::pair<const char*, Motion>> {};
+
+TEST_P(KnownMotion, IsMeasuredToThousandthsOfAPixel) {
+  const auto eye = camera(20.0, 10.0, 150.0, true, 0.02);
+  const mesh::Mesh quads = rectangle(0.8, 0.8, 7.2, 6.0, 8, 7);
+  const GlobalDic dic(quads, *eye, scene().reference, {}, "mesh");
+  const auto& [name, motion] = GetParam();
+  const std::vector<DicFrame> frames =
+      dic.run(alone, 1, [&](int) { return photograph(scene().speckle, 180, 160, motion); });
+  const Miss error = miss(frames[0].displacement, quads, *eye, motion);
+  EXPECT_TRUE(frames[0].converged);
+  EXPECT_FALSE(frames[0].lost);
+  EXPECT_LT(error.rms, 0.003) << name;
+  std::cout << "[          ] " << name << ": rms error " << error.rms << " px, largest " << error.largest << " px, "
+            << frames[0].iterations << " iterations, rms residual " << frames[0].rms << " of 65535\n";
+}
+
+INSTANTIATE_TEST_SUITE_P(Dic, KnownMotion,
+                         ::testing::Values(std::pair<const char*, Motion>{"nothing", at_rest},
+                                           std::pair<const char*, Motion>{
+                                               "shift of 0.25 px",
+                                               [](const Eigen::Vector2d&) { return Eigen::Vector2d(0.25, -0.1); }},
+                                           std::pair<const char*, Motion>{
+                                               "shift of 0.5 px",
+                                               [](const Eigen::Vector2d&) { return Eigen::Vector2d(0.5, 0.5); }},
+                                           std::pair<const char*, Motion>{
+                                               "shift of 7.3 px",
+                                               [](const Eigen::Vector2d&) { return Eigen::Vector2d(-3.7, 7.3); }},
+                                           std::pair<const char*, Motion>{"1 % stretch",
+                                                                          [](const Eigen::Vector2d& x) {
+                                                                            return Eigen::Vector2d(0.01 * x.x() - 0.7,
+                                                                                                   -0.003 * x.y());
+                                                                          }},
+                                           std::pair<const char*, Motion>{"rotation of 3 degrees",
+                                                                          [](const Eigen::Vector2d& x) {
+                                                                            const double c = std::cos(0.0524) - 1.0,
+                                                                                         s = std::sin(0.0524);
+                                                                            const Eigen::Vector2d r =
+                                                                                x - Eigen::Vector2d(90, 80);
+                                                                            return Eigen::Vector2d(
+                                                                                c * r.x() - s * r.y(),
+                                                                                s * r.x() + c * r.y());
+                                                                          }},
+                                           std::pair<const char*, Motion>{
+                                               "quadratic field", [](const Eigen::Vector2d& x) {
+                                                 const Eigen::Vector2d r = x - Eigen::Vector2d(90, 80);
+                                                 return Eigen::Vector2d(4e-5 * r.x() * r.x() + 3e-5 * r.x() * r.y(),
+                                                                        -4e-5 * r.y() * r.y());
+                                               }}));
+
+TEST(GlobalDic, NoiseOfTheDisplacementIsTheOnePredicted) {
+  const Speckle speckle(110, 110, 1.7, 5);
+  const Motion motion = [](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.3 + 0.002 * x.x(), -0.2); };
+  const Image f = photograph(speckle, 110, 110), g = photograph(speckle, 110, 110, motion);
+  const mesh::Mesh quads = rectangle(14, 14, 94, 94, 4, 4);
+  constexpr double sigma = 0.01 * 65535;
+  constexpr int draws = 100;
+  std::mt19937 generator(11);
+  Eigen::MatrixXd measured(50, draws);
+  Eigen::VectorXd predicted = Eigen::VectorXd::Zero(50);
+  for (int draw = 0; draw < draws; ++draw) {
+    Image noisy_f = f, noisy_g = g;
+    add_noise(noisy_f, sigma, generator);
+    add_noise(noisy_g, sigma, generator);
+    const GlobalDic dic(quads, *camera(), noisy_f, {.pyramid_levels = 0}, "mesh");
+    const DicFrame frame = dic.correlate(noisy_g, nodal(quads, *camera(), motion), 0, 0, alone);
+    EXPECT_TRUE(frame.converged);
+    measured.col(draw) = frame.displacement;
+    predicted += dic.standard_deviation(sigma, 1) / draws;
+  }
+  const Eigen::MatrixXd centred = measured.colwise() - measured.rowwise().mean();
+  const double deviation = std::sqrt(centred.squaredNorm() / (50.0 * (draws - 1)));
+  const double expected = std::sqrt(predicted.squaredNorm() / 50.0);
+  std::cout << "[          ] noise of 1 % of the dynamic: measured " << deviation << " px, predicted " << expected
+            << " px, ratio " << deviation / expected << '\n';
+  EXPECT_NEAR(deviation / expected, 1.0, 0.1);
+}
+
+TEST(GlobalDic, FollowsAHundredPixelsAndFortyPercentStrain) {
+  const Communicator world;
+  constexpr int width = 400, height = 200, count = 10;
+  const Speckle speckle(width, height, 1.7, 3);
+  const Image reference = photograph(speckle, width, height);
+  const mesh::Mesh quads = rectangle(30, 30, 190, 170, 8, 7);
+  const auto motion = [](int frame) {
+    return [s = (frame + 1.0) / count](const Eigen::Vector2d& x) {
+      const double r = x.x() - 30.0, middle = x.y() - 100.0;
+      return Eigen::Vector2d(100.0 * s + 0.4 * s * r, -0.15 * s * middle + 0.0002 * s * r * middle);
+    };
+  };
+  const GlobalDic dic(quads, *camera(), reference, {}, "mesh");
+  const std::vector<DicFrame> frames =
+      dic.run(world, count, [&](int frame) { return photograph(speckle, width, height, motion(frame)); });
+  for (int frame = 0; frame < count; ++frame) {
+    const DicFrame& found = frames[static_cast<std::size_t>(frame)];
+    const Miss error = miss(found.displacement, quads, *camera(), motion(frame));
+    EXPECT_TRUE(found.converged && !found.lost) << frame;
+    EXPECT_LT(error.rms, 0.02) << frame;
+    if (world.is_root())
+      std::cout << "[          ] frame " << frame << ": rms error " << error.rms << " px, " << found.iterations
+                << " iterations\n";
+  }
+}
+
+TEST(GlobalDic, FindsALargeJumpAndSaysWhatIsLost) {
+  const Communicator world;
+  constexpr int width = 300, height = 220;
+  const Speckle speckle(width, height, 1.7, 9), other(width, height, 1.7, 10);
+  const mesh::Mesh quads = rectangle(20, 20, 160, 140, 7, 6);
+  const Motion jump = [](const Eigen::Vector2d& x) {
+    return Eigen::Vector2d(95.0 + 0.03 * (x.x() - 90), 55.0 - 0.02 * (x.y() - 80));
+  };
+  const GlobalDic dic(quads, *camera(), photograph(speckle, width, height), {}, "mesh");
+  const std::vector<DicFrame> frames = dic.run(world, 3, [&](int frame) {
+    return frame == 1 ? photograph(other, width, height) : photograph(speckle, width, height, jump);
+  });
+  EXPECT_TRUE(frames[0].converged && !frames[0].lost);
+  EXPECT_LT(miss(frames[0].displacement, quads, *camera(), jump).rms, 0.01);
+  EXPECT_TRUE(frames[1].lost);
+  EXPECT_FALSE(frames[2].lost);
+  EXPECT_LT(miss(frames[2].displacement, quads, *camera(), jump).rms, 0.01);
+}
+
+TEST(GlobalDic, RanksAndGroupsDoNotChangeTheResult) {
+  const Communicator world;
+  const mesh::Mesh quads = rectangle(20, 20, 150, 140, 6, 5);
+  const auto image = [&](int frame) {
+    return photograph(scene().speckle, 180, 160, [frame](const Eigen::Vector2d& x) {
+      return Eigen::Vector2d(0.6 * frame + 0.002 * frame * x.x(), 0.3 * frame);
+    });
+  };
+  const GlobalDic dic(quads, *camera(), scene().reference, {}, "mesh");
+  const std::vector<DicFrame> mine = dic.run(alone, 3, image), side_by_side = dic.run(world, 3, image);
+  const GlobalDic one_group(quads, *camera(), scene().reference, {.groups = 1}, "mesh");
+  const std::vector<DicFrame> together = one_group.run(world, 3, image);
+  for (std::size_t frame = 0; frame < 3; ++frame) {
+    const double size = std::max(1.0, mine[frame].displacement.norm());
+    EXPECT_LT((mine[frame].displacement - side_by_side[frame].displacement).norm(), 1e-8 * size);
+    EXPECT_LT((mine[frame].displacement - together[frame].displacement).norm(), 1e-8 * size);
+    EXPECT_EQ(mine[frame].iterations, together[frame].iterations);
+    EXPECT_NEAR(mine[frame].rms, together[frame].rms, 1e-8 * mine[frame].rms);
+  }
+}
+
+TEST(GlobalDic, BrightnessThatChangesIsNotTakenForMotion) {
+  const mesh::Mesh quads = rectangle(20, 20, 150, 140, 6, 5);
+  const Motion motion = [](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.4 + 0.003 * x.x(), 0.2); };
+  const auto image = [&](int) {
+    Image dark = photograph(scene().speckle, 180, 160, motion);
+    for (float& g : dark.grey) g = 0.9F * g + 1500.0F;
+    return dark;
+  };
+  const GlobalDic dic(quads, *camera(), scene().reference, {.brightness = true}, "mesh");
+  const DicFrame frame = dic.run(alone, 1, image).front();
+  EXPECT_LT(miss(frame.displacement, quads, *camera(), motion).rms, 0.003);
+  EXPECT_NEAR(frame.gain, 1.0 / 0.9, 1e-3);
+}
+
+TEST(GlobalDic, SmoothingLeavesUniformStrainAlone) {
+  const mesh::Mesh quads = rectangle(20, 20, 150, 140, 6, 5);
+  const Motion stretch = [](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.05 * x.x() - 3.0, -0.02 * x.y()); };
+  const GlobalDic dic(quads, *camera(), scene().reference, {.regularisation = 100.0}, "mesh");
+  const DicFrame frame = dic.run(alone, 1, [&](int) { return photograph(scene().speckle, 180, 160, stretch); }).front();
+  EXPECT_LT(miss(frame.displacement, quads, *camera(), stretch).rms, 0.003);
+  // Smoothing halves the noise at least.
+  const GlobalDic plain(quads, *camera(), scene().reference, {}, "mesh");
+  EXPECT_LT(dic.standard_deviation(1.0, 1).norm(), 0.5 * plain.standard_deviation(1.0, 1).norm());
+}
+
+TEST(GlobalDic, MistakesAreExplained) {
+  const mesh::Mesh quads = rectangle(20, 20, 150, 140, 6, 5);
+  try {
+    const GlobalDic dic(quads, *camera(), Image(180, 160, 8, 100.0F), {}, "camera.place");
+    FAIL();
+  } catch (const InputError& error) {
+    EXPECT_THAT(error.what(), ::testing::HasSubstr("too little speckle"));
+  }
+  const GlobalDic dic(quads, *camera(), scene().reference, {}, "camera.place");
+  EXPECT_THROW((void)dic.run(Communicator{}, 1, [](int) { return Image(100, 100); }), InputError);
+  EXPECT_THROW((void)dic.run(Communicator{}, {"absent.tif"}), InputError);
+}
+
+TEST(Smoothing, AffineMotionIsFreeAndAWaveCostsItsCurvature) {
+  mesh::Mesh quads = rectangle(0, 0, 8, 6, 40, 30);
+  for (Eigen::Index n = 0; n < quads.nodes.rows(); ++n) quads.nodes(n, 0) += 0.05 * quads.nodes(n, 1);
+  const Eigen::SparseMatrix<double> C = curvature_energy(quads, 2);
+  const Eigen::VectorXd affine = nodal(
+      quads, *camera(), [](const Eigen::Vector2d& x) { return Eigen::Vector2d(1 + 2 * x.x() - x.y(), 3 * x.y()); });
+  EXPECT_LT(affine.dot(C * affine), 1e-18 * C.norm() * affine.squaredNorm());
+  const double k = 2 * M_PI / 2.0;
+  const Eigen::VectorXd wave =
+      nodal(quads, *camera(), [&](const Eigen::Vector2d& x) { return Eigen::Vector2d(std::sin(k * x.y()), 0.0); });
+  EXPECT_NEAR(wave.dot(C * wave) / (0.5 * std::pow(k, 4) * 48.0), 1.0, 0.1);
+}
+
+TEST(Covariance, DiagonalOfTheInverse) {
+  const Correlation correlation(rectangle(20, 20, 150, 140, 6, 5), camera(), BSpline(scene().reference));
+  const Eigen::SparseMatrix<double> M = correlation.M();
+  const Eigen::VectorXd dense = Eigen::MatrixXd(M).inverse().diagonal();
+  const Eigen::VectorXd sparse = diagonal_of_inverse(Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>>(M));
+  EXPECT_LT((dense - sparse).norm(), 1e-10 * dense.norm());
+}
+
+}  // namespace
+}  // namespace imic3d::correlation
