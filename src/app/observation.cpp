@@ -9,6 +9,7 @@
 #include <map>
 #include <mutex>
 
+#include "imic3d/core/log.hpp"
 #include "imic3d/imaging/noise.hpp"
 #include "placement.hpp"
 
@@ -57,6 +58,22 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
   observation.frames = observation.dic->run(world, files, [&](int t, const correlation::DicFrame& frame) {
     if (done) done(observation.places[static_cast<std::size_t>(t)], frame);
   });
+  // A frame whose displacement is not known drives no simulation and judges none.
+  std::vector<int> kept;
+  std::vector<correlation::DicFrame> known;
+  std::string left_out;
+  for (std::size_t t = 0; t < observation.frames.size(); ++t) {
+    if (observation.frames[t].converged && !observation.frames[t].lost) {
+      kept.push_back(observation.places[t]);
+      known.push_back(std::move(observation.frames[t]));
+    } else {
+      left_out += fmt::format(" {}", test.frames[static_cast<std::size_t>(observation.places[t])]);
+    }
+  }
+  if (!left_out.empty()) spdlog::warn("frames left out, their correlation was lost or did not converge:{}", left_out);
+  if (known.empty()) throw ConvergenceError("no frame could be correlated with the reference");
+  observation.places = std::move(kept);
+  observation.frames = std::move(known);
   if (observation.noise_is_measured) return;
   // No static frames: what the DIC leaves in its best frame is noise of that frame and of the reference.
   double smallest = INFINITY;

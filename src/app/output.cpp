@@ -68,8 +68,6 @@ RunOutput::RunOutput(const Communicator& world, std::filesystem::path folder, co
 
 void RunOutput::dic_frame(int place, const correlation::DicFrame& frame) {
   if (!file_) return;
-  if (!frame.converged)
-    spdlog::warn("DIC of frame {} did not converge (residual {:.2f} grey levels)", test_.frames[static_cast<std::size_t>(place)], frame.rms);
   io::write_dic_frame(*file_, static_cast<std::size_t>(place), three_components(frame.displacement), frame.rms, span_of(frame.element_rms));
 }
 
