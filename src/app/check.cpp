@@ -1,2 +1,53 @@
+// imic3d check: everything that can be said about a case before any long work starts.
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+
+#include "imic3d/app/observation.hpp"
 #include "imic3d/app/program.hpp"
-namespace imic3d::app { void check(const Communicator&, const CommandOptions&) {} }
+#include "imic3d/app/setup.hpp"
+#include "imic3d/correlation/correlation.hpp"
+#include "placement.hpp"
+
+namespace imic3d::app {
+
+void check(const Communicator& world, const CommandOptions& options) {
+  const io::Case test = read_case(options, {}, true);
+  const identification::Specimen specimen = make_specimen(test);
+  std::size_t most_free = 0;
+  for (const auto& stage : test.identify.stages) most_free = std::max(most_free, stage.free.size());
+  const GroupLayout simulations(world, static_cast<int>(1 + most_free), test.identify.groups);
+  const GroupLayout frames(world, std::max(1, static_cast<int>(test.frames.size())), test.dic.groups);
+  std::string images = "none";
+  if (!test.cameras.empty() && !test.cameras.front().images.empty()) {
+    const auto& camera = test.cameras.front();
+    const auto reference = imaging::read_image(camera.images[static_cast<std::size_t>(test.index_of(camera.reference.front()))]);
+    const auto placed = place_camera(camera, specimen.surface.mesh, reference);
+    const double pixel = 1.0 / std::sqrt(std::abs(placed.linear.leftCols<2>().determinant()));
+    double area = 0.0;
+    const auto& surface = specimen.surface.mesh;
+    for (Eigen::Index e = 0; e < surface.cells.rows(); ++e) {
+      const Eigen::Vector3d d1 = surface.nodes.row(surface.cells(e, 2)) - surface.nodes.row(surface.cells(e, 0));
+      const Eigen::Vector3d d2 = surface.nodes.row(surface.cells(e, 3)) - surface.nodes.row(surface.cells(e, 1));
+      area += 0.5 * (d1[0] * d2[1] - d1[1] * d2[0]);
+    }
+    images = fmt::format("{} frames of {} x {} px, {:.6g} {} per pixel, {:.0f} pixels per element", camera.images.size(),
+                         reference.width, reference.height, pixel, test.units.length,
+                         area / (pixel * pixel) / static_cast<double>(surface.cells.rows()));
+  }
+  if (!world.is_root()) return;
+  fmt::print("{}\n", test.title);
+  fmt::print("  simulation   {} hexahedra, {} unknowns\n", specimen.volume.cells.rows(), 3 * specimen.volume.nodes.rows());
+  fmt::print("  correlation  {} elements, {} unknowns\n", specimen.surface.mesh.cells.rows(), 2 * specimen.surface.mesh.nodes.rows());
+  fmt::print("  images       {}\n", images);
+  for (std::size_t k = 0; k < test.identify.stages.size(); ++k)
+    fmt::print("  stage {}      {} from frames {}\n", k + 1, fmt::join(test.identify.stages[k].free, ", "), io::to_text(test.identify.stages[k].frames));
+  fmt::print("  ranks        {}: simulations in {} group{}, frames of the correlation in {}\n", world.size(), simulations.groups(),
+             simulations.groups() == 1 ? "" : "s", frames.groups());
+}
+
+}  // namespace imic3d::app

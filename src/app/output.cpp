@@ -22,6 +22,22 @@ double von_mises(const Eigen::Matrix<double, 1, 6>& s) {
   return std::sqrt(0.5 * (a * a + b * b + c * c) + 3.0 * s.tail<3>().squaredNorm());
 }
 
+void write_fields(io::ResultsFile& file, std::size_t place, const identification::Specimen& specimen,
+                  const mechanics::FrameState& state, double force) {
+  std::vector<double> equivalent;
+  for (Eigen::Index cell = 0; cell < state.cauchy_stress.rows(); ++cell) equivalent.push_back(von_mises(state.cauchy_stress.row(cell)));
+  std::array<double, 3> reaction{};
+  for (int node : specimen.loaded)
+    for (std::size_t i = 0; i < 3; ++i) reaction[i] += specimen.section_factor * state.internal[3 * node + static_cast<int>(i)];
+  io::write_simulation_frame(file, place,
+                             {.displacement = span_of(state.displacement),
+                              .cauchy_stress = span_of(state.cauchy_stress),
+                              .von_mises = equivalent,
+                              .plastic_strain = span_of(state.plastic_strain),
+                              .reaction = reaction,
+                              .force = force});
+}
+
 }  // namespace
 
 std::map<std::string, std::string> versions() {
@@ -70,19 +86,7 @@ void RunOutput::identified(const std::vector<double>& values, const Eigen::Matri
 }
 
 void RunOutput::simulation_frame(int place, const mechanics::FrameState& state) {
-  if (!file_) return;
-  std::vector<double> equivalent;
-  for (Eigen::Index cell = 0; cell < state.cauchy_stress.rows(); ++cell) equivalent.push_back(von_mises(state.cauchy_stress.row(cell)));
-  std::array<double, 3> reaction{};
-  for (int node : specimen_.loaded)
-    for (std::size_t i = 0; i < 3; ++i) reaction[i] += specimen_.section_factor * state.internal[3 * node + static_cast<int>(i)];
-  io::write_simulation_frame(*file_, static_cast<std::size_t>(place),
-                             {.displacement = span_of(state.displacement),
-                              .cauchy_stress = span_of(state.cauchy_stress),
-                              .von_mises = equivalent,
-                              .plastic_strain = span_of(state.plastic_strain),
-                              .reaction = reaction,
-                              .force = std::nan("")});
+  if (file_) write_fields(*file_, static_cast<std::size_t>(place), specimen_, state, std::nan(""));
 }
 
 void RunOutput::model(const Communicator& world, const identification::ImageData& images,
@@ -125,6 +129,26 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
                std::isfinite(deviation) ? fmt::format("+- {:.2g} (noise alone, Eq. 14)", deviation) : "(fixed)");
   }
   fmt::print("  {:.0f} s; report: {}\n", seconds, (folder_ / "report.html").string());
+}
+
+SimulationOutput::SimulationOutput(const Communicator& world, std::filesystem::path folder, const io::Case& test,
+                                   const identification::Specimen& specimen)
+    : folder_(std::move(folder)), specimen_(specimen) {
+  collectively(world, [&] {
+    if (!world.is_root()) return;
+    io::RunPlan plan;
+    plan.versions = versions();
+    plan.volume = &specimen.volume;
+    file_ = io::create_results(folder_, test, plan);
+  });
+}
+
+void SimulationOutput::frame(int frame, const mechanics::FrameState& state, double force) {
+  if (file_) write_fields(*file_, static_cast<std::size_t>(frame), specimen_, state, force);
+}
+
+void SimulationOutput::finish() {
+  if (file_) io::write_json(folder_ / "result.json", io::summary(*file_));
 }
 
 }  // namespace imic3d::app

@@ -493,6 +493,8 @@ class CaseReader {
     auto& simulate = case_.simulate.emplace();
     section.get("control", simulate.control);
     section.get("value", simulate.value);
+    section.get("clamped", simulate.clamped);
+    section.get("centred", simulate.centred);
     section.get("steps_per_frame", simulate.steps_per_frame);
     for (std::size_t i = 0; i < simulate.value.size(); ++i) simulate.time.push_back(static_cast<double>(i));
     section.get("time", simulate.time);
@@ -558,7 +560,6 @@ class CaseReader {
     if (!root_.has("virtual")) return;
     const auto section = root_.group("virtual");
     auto& test = case_.virtual_test.emplace();
-    section.get("length_between_grips", test.length_between_grips);
     section.get("size", test.size);
     section.get("texture", test.texture);
     section.get("speckle_size", test.speckle_size);

@@ -45,6 +45,20 @@ class RunOutput {
   std::optional<io::ResultsFile> file_;  // on the root only
 };
 
+/// The results of a direct simulation; rank 0 writes, every function may be called on every rank.
+class SimulationOutput {
+ public:
+  SimulationOutput(const Communicator& world, std::filesystem::path folder, const io::Case& test,
+                   const identification::Specimen& specimen);
+  void frame(int frame, const mechanics::FrameState& state, double force);
+  void finish();  ///< result.json
+
+ private:
+  std::filesystem::path folder_;
+  const identification::Specimen& specimen_;
+  std::optional<io::ResultsFile> file_;
+};
+
 /// Versions for the results file.
 [[nodiscard]] std::map<std::string, std::string> versions();
 

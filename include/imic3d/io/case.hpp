@@ -111,11 +111,12 @@ struct SimulateCase {
   std::string control = "displacement";  ///< `displacement`, `force`
   std::vector<double> time;              ///< one entry per frame (frame 0 is the reference)
   std::vector<double> value;             ///< displacement of `loaded` along `axis` [length], or force [force]
+  bool clamped = true;                   ///< the ends cannot move across the axis
+  bool centred = false;                  ///< both ends move, each by half
   int steps_per_frame = 1;
 };
 
 struct VirtualCase {
-  double length_between_grips = 0.0;
   std::array<int, 2> size = {1024, 1024};        ///< columns, rows [px]
   std::optional<std::filesystem::path> texture;  ///< a speckle image to use; generated if not given
   double speckle_size = 4.0;                     ///< mean speckle diameter [px]

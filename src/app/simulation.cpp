@@ -1,0 +1,94 @@
+#include "imic3d/app/simulation.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <set>
+
+#include "imic3d/core/log.hpp"
+
+namespace imic3d::app {
+
+namespace {
+
+/// Area share of each node of the loaded end [length^2]: a quarter of each face whose corners are all on it.
+Eigen::VectorXd end_areas(const identification::Specimen& specimen) {
+  const auto& mesh = specimen.volume;
+  Eigen::VectorXd share = Eigen::VectorXd::Zero(mesh.nodes.rows());
+  const std::set<int> end(specimen.loaded.begin(), specimen.loaded.end());
+  const auto facets = mesh::boundary_facets(mesh);
+  for (Eigen::Index f = 0; f < facets.nodes.rows(); ++f) {
+    std::array<Eigen::Vector3d, 4> x;
+    bool on_end = true;
+    for (int a = 0; a < 4; ++a) {
+      on_end = on_end && end.contains(facets.nodes(f, a));
+      x[static_cast<std::size_t>(a)] = mesh.nodes.row(facets.nodes(f, a)).transpose();
+    }
+    if (!on_end) continue;
+    const double area = 0.5 * (x[2] - x[0]).cross(x[3] - x[1]).norm();
+    for (int a = 0; a < 4; ++a) share[facets.nodes(f, a)] += 0.25 * area;
+  }
+  return share;
+}
+
+}  // namespace
+
+void run_simulation(const Communicator& world, const io::Case& test, const identification::Specimen& specimen,
+                    const Material& material,
+                    const std::function<void(int, const mechanics::FrameState&, double)>& done) {
+  const io::SimulateCase& declared = *test.simulate;
+  const bool force_control = declared.control == "force";
+  const std::set<int> held(specimen.held.begin(), specimen.held.end()), loaded(specimen.loaded.begin(), specimen.loaded.end());
+  const auto along = [&](int dof) { return dof % 3 == specimen.axis; };
+
+  // Both ends along the axis; across it too if clamped, else just what keeps the specimen from turning away.
+  std::set<int> dofs;
+  for (int dof : specimen.displacement_dofs) {
+    const bool on_loaded = loaded.contains(dof / 3), on_held = held.contains(dof / 3);
+    const bool through_thickness = dof % 3 == 2;
+    if (through_thickness || (along(dof) && (on_held || !force_control)) ||
+        (!along(dof) && declared.clamped && (on_held || on_loaded)))
+      dofs.insert(dof);
+  }
+  if (!declared.clamped) {  // the node of the held end nearest the axis cannot move across
+    int middle = specimen.held.front();
+    for (int node : specimen.held)
+      if (std::abs(specimen.volume.nodes(node, 1 - specimen.axis)) < std::abs(specimen.volume.nodes(middle, 1 - specimen.axis)) - 1e-9)
+        middle = node;
+    dofs.insert(3 * middle + 1 - specimen.axis);
+  }
+  const std::vector<int> constrained(dofs.begin(), dofs.end());
+  const Eigen::VectorXd areas = force_control ? end_areas(specimen) : Eigen::VectorXd();
+
+  std::vector<mechanics::LoadStep> steps;
+  for (std::size_t frame = 1; frame < declared.value.size(); ++frame) {
+    mechanics::LoadStep step;
+    step.time = frame < declared.time.size() ? declared.time[frame] : static_cast<double>(frame);
+    step.prescribed.setZero(static_cast<Eigen::Index>(constrained.size()));
+    const double value = declared.value[frame];
+    if (force_control) {
+      step.force.setZero(3 * specimen.volume.nodes.rows());
+      for (int node : specimen.loaded)
+        step.force[3 * node + specimen.axis] = value / specimen.section_factor * areas[node] / areas.sum();
+    } else {
+      for (std::size_t i = 0; i < constrained.size(); ++i) {
+        if (!along(constrained[i])) continue;
+        const double part = loaded.contains(constrained[i] / 3) ? (declared.centred ? 0.5 : 1.0) : (declared.centred ? -0.5 : 0.0);
+        step.prescribed[static_cast<Eigen::Index>(i)] = part * value;
+      }
+    }
+    steps.push_back(std::move(step));
+  }
+  const mesh::Partition partition = mesh::partition(specimen.volume, world, "mechanics_");
+  mechanics::Equilibrium equilibrium(partition, specimen.volume, material.law, constrained, {.increments = declared.steps_per_frame});
+  Progress progress(world, "simulation", static_cast<int>(steps.size()));
+  const auto status = equilibrium.run(steps, material.values, declared.time.empty() ? 0.0 : declared.time.front(),
+                                      [&](int t, const mechanics::FrameState& state) {
+                                        double force = 0.0;
+                                        for (int node : specimen.loaded) force += state.internal[3 * node + specimen.axis];
+                                        done(t + 1, state, specimen.section_factor * force);
+                                        progress.update(t + 1);
+                                      });
+  if (!status.message.empty()) throw ConvergenceError(status.message);
+}
+
+}  // namespace imic3d::app

@@ -1,0 +1,8 @@
+#!/usr/bin/env bash
+# Configures and builds the release preset.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+log=$(mktemp)
+cmake --preset release >"$log" 2>&1 || { cat "$log"; exit 1; }
+rm -f "$log"
+cmake --build --preset release

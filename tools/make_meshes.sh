@@ -1,0 +1,14 @@
+#!/usr/bin/env bash
+# Makes the meshes of the shipped inputs with Gmsh.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+mesh() { # script, output, parameters …
+  local script=$1 output=$2; shift 2
+  local arguments=()
+  while [ $# -gt 0 ]; do arguments+=(-setnumber "$1" "$2"); shift 2; done
+  gmsh -2 -v 2 "${arguments[@]}" -format msh41 "tools/meshes/$script.geo" -o "$output"
+}
+mesh plate_with_hole inputs/plate_with_hole/generate.msh length 40 size_hole 0.3 size_far 1.0
+mesh plate_with_hole inputs/plate_with_hole/identify.msh length 24 size_hole 0.45 size_far 1.3
+mesh plate_with_hole inputs/plate_independent/plate.msh length 24 size_hole 0.3 size_far 0.9
+mesh dumbbell inputs/pcabs_tension/dumbbell.msh region 28 size 1.0
