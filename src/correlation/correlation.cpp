@@ -11,6 +11,14 @@
 namespace imic3d::correlation {
 namespace {
 
+/// F^-T of every element; an element that has collapsed keeps the reference's gradient.
+std::vector<Eigen::Matrix2d> transport_of(std::vector<Eigen::Matrix2d> F) {
+  for (Eigen::Matrix2d& of_element : F)
+    of_element = of_element.determinant() > 0.05 ? Eigen::Matrix2d(of_element.inverse().transpose())
+                                                 : Eigen::Matrix2d::Identity();
+  return F;
+}
+
 double total(const Eigen::VectorXd& values) { return std::accumulate(values.begin(), values.end(), 0.0); }
 
 }  // namespace
@@ -81,7 +89,7 @@ void Correlation::sum_gram() {
       for (std::size_t i = 0; i < 4; ++i)
         for (std::size_t j = i; j < 4; ++j, ++pair) {
           const double NN = N[i] * N[j];
-          gram[pair][0] += NN * xx, gram[pair][1] += NN * xy, gram[pair][2] += NN * yy;
+          gram[pair][0] += NN * xx, gram[pair][1] += NN * xy, gram[pair][2] += NN * yy, gram[pair][3] += NN;
         }
     }
   }
@@ -125,18 +133,37 @@ Eigen::Vector3d Correlation::displaced(int node, const Eigen::VectorXd& U) const
   return point;
 }
 
-Eigen::SparseMatrix<double> Correlation::M() const { return assemble(nullptr, nullptr); }
-
-Eigen::SparseMatrix<double> Correlation::M(const Eigen::VectorXd& U) const {
-  std::vector<Eigen::Matrix2d> transport = deformation_gradient(U);
-  for (Eigen::Matrix2d& F : transport) F = F.inverse().transpose().eval();
-  return assemble(&transport, &U);
+// Eq. (8): M = N^T grad F grad F^T N, from sums over the pixels that were made once.
+Eigen::SparseMatrix<double> Correlation::M() const {
+  return assemble(
+      [](int, const std::array<double, 4>& sums) {
+        return Eigen::Matrix2d{{sums[0], sums[1]}, {sums[1], sums[2]}};
+      },
+      nullptr);
 }
 
-// Eq. (8): M = N^T grad F grad F^T N. The sums over the pixels were made once; a transported gradient T grad F with one
-// T an element turns each block S into T S T^T, so no pixel is visited again.
-Eigen::SparseMatrix<double> Correlation::assemble(const std::vector<Eigen::Matrix2d>* transport,
-                                                  const Eigen::VectorXd* U) const {
+// A transported gradient T grad F with one T an element turns each block S into T S T^T.
+Eigen::SparseMatrix<double> Correlation::M(const Eigen::VectorXd& U) const {
+  const std::vector<Eigen::Matrix2d> transport = transport_of(deformation_gradient(U));
+  return assemble(
+      [&transport](int e, const std::array<double, 4>& sums) {
+        const Eigen::Matrix2d& T = transport[static_cast<std::size_t>(e)];
+        const Eigen::Matrix2d S{{sums[0], sums[1]}, {sums[1], sums[2]}};
+        return Eigen::Matrix2d(T * S * T.transpose());
+      },
+      &U);
+}
+
+Eigen::SparseMatrix<double> Correlation::gradient_noise() const {
+  static const double response = 9.0 * (2.0 / std::sqrt(3.0) - 1.0);
+  return assemble(
+      [](int, const std::array<double, 4>& sums) {
+        return Eigen::Matrix2d(response * sums[3] * Eigen::Matrix2d::Identity());
+      },
+      nullptr);
+}
+
+Eigen::SparseMatrix<double> Correlation::assemble(const Block& block_of, const Eigen::VectorXd* U) const {
   Eigen::SparseMatrix<double> M = pattern_;
   double* const values = M.valuePtr();
   std::fill(values, values + M.nonZeros(), 0.0);
@@ -150,12 +177,7 @@ Eigen::SparseMatrix<double> Correlation::assemble(const std::vector<Eigen::Matri
     std::size_t pair = 0;
     for (int i = 0; i < 4; ++i)
       for (int j = i; j < 4; ++j, ++pair) {
-        Eigen::Matrix2d S;
-        S << gram[pair][0], gram[pair][1], gram[pair][1], gram[pair][2];
-        if (transport != nullptr) {
-          const Eigen::Matrix2d& T = (*transport)[static_cast<std::size_t>(e)];
-          S = (T * S * T.transpose()).eval();
-        }
+        const Eigen::Matrix2d S = block_of(e, gram[pair]);
         const Eigen::Matrix3d block = J[static_cast<std::size_t>(i)].transpose() * S * J[static_cast<std::size_t>(j)];
         const auto add = [&](int row, int column, const Eigen::Matrix3d& entries) {
           int slot = slots_[static_cast<std::size_t>(e * 16 + row * 4 + column)];
@@ -304,18 +326,17 @@ Evaluation Correlation::evaluate(const imaging::BSpline& g, const Eigen::VectorX
   result.dropped = all[5];
   if (variance_f > 0.0 && variance_g > 0.0) result.coefficient = covariance / std::sqrt(variance_f * variance_g);
   double gain = 1.0, offset = 0.0;  // of grey levels counted from the mean
-  if (brightness_ && variance_g > 1e-9 * all[3]) {
-    gain = covariance / variance_g;
+  if (brightness_ && variance_g > 1e-9 * all[3] && variance_f > 0.0) {
+    // Not covariance/variance_g, the least squares of f on g: noise of g makes that too small, and what it leaves of
+    // the speckle in the residual is taken for motion.
+    gain = std::sqrt(variance_f / variance_g);
     offset = (all[0] - gain * all[1]) / n;
   }
   result.gain = gain;
   result.offset = offset + static_cast<double>(grey0) * (1.0 - gain);
 
   std::vector<Eigen::Matrix2d> transport;
-  if (gradient == Gradient::transported) {
-    transport = deformation_gradient(U);
-    for (Eigen::Matrix2d& F : transport) F = F.inverse().transpose().eval();
-  }
+  if (gradient == Gradient::transported) transport = transport_of(deformation_gradient(U));
   // One message for everything: b, squares and pixels of the elements.
   std::vector<double> message(static_cast<std::size_t>(unknowns() + 2 * elements()), 0.0);
   const double d = 1.0 - gain;  // f - gain g - offset = (f - g) + (1 - gain) g - offset

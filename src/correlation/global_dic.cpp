@@ -300,7 +300,21 @@ std::vector<DicFrame> GlobalDic::run(const Communicator& world, int frames, cons
 Eigen::VectorXd GlobalDic::standard_deviation(double sigma, int references) const {
   const Level& finest = levels_.front();
   const double factor = sigma * sigma * (1.0 + 1.0 / references);
-  if (options_.regularisation <= 0.0) return (factor * diagonal_of_inverse(*finest.factor)).cwiseMax(0.0).cwiseSqrt();
+  if (options_.regularisation <= 0.0) {
+    // diag(T^-1 M T^-1) = diag(T^-1) + diag(T^-1 V T^-1), the latter as the derivative of (T - h V)^-1 in h.
+    const Eigen::SparseMatrix<double> V = sigma * sigma / references * finest.correlation->gradient_noise();
+    const Eigen::SparseMatrix<double> T = finest.correlation->M() - V;
+    constexpr double h = 0.01;
+    const Factor tangent(T), less(T - h * V), more(T + h * V);
+    if (less.info() == Eigen::Success && less.vectorD().minCoeff() > 0.0) {
+      const Eigen::VectorXd slope = (diagonal_of_inverse(less) - diagonal_of_inverse(more)) / (2.0 * h);
+      return (factor * (diagonal_of_inverse(tangent) + slope)).cwiseMax(0.0).cwiseSqrt();
+    }
+    spdlog::warn(
+        "the noise is as strong as the speckle in parts of the reference: the displacement's standard deviation is "
+        "underestimated");
+    return (factor * diagonal_of_inverse(*finest.factor)).cwiseMax(0.0).cwiseSqrt();
+  }
   const Eigen::SparseMatrix<double> M = finest.correlation->M();
   Eigen::VectorXd variance(M.cols());
 #pragma omp parallel for schedule(static)

@@ -173,4 +173,11 @@ PixelQuadrature quadrature(const mesh::Cells& cells, const InImage& positions, c
   return q;
 }
 
+imaging::Image footprint(const PixelQuadrature& quadrature, int width, int height) {
+  imaging::Image image(width, height);
+  for (const PixelRow& row : quadrature.rows)
+    for (int i = 0; i < row.count; ++i) image(row.column + i, row.row) = 255.0F;
+  return image;
+}
+
 }  // namespace imic3d::correlation

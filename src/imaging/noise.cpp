@@ -15,10 +15,16 @@ float median(std::vector<float>& values) {
 }
 
 // Variance of a - b over two.
-double half_variance_of_difference(const Image& a, const Image& b) {
-  std::vector<float> difference(a.grey.size());
+double half_variance_of_difference(const Image& a, const Image& b, const Image* mask) {
+  std::vector<float> difference;
+  difference.reserve(a.grey.size());
   double mean = 0.0;
-  for (std::size_t i = 0; i < difference.size(); ++i) mean += difference[i] = a.grey[i] - b.grey[i];
+  for (std::size_t i = 0; i < a.grey.size(); ++i) {
+    if (mask != nullptr && mask->grey[i] == 0.0F) continue;
+    difference.push_back(a.grey[i] - b.grey[i]);
+    mean += difference.back();
+  }
+  if (difference.empty()) return 0.0;
   mean /= static_cast<double>(difference.size());
   std::vector<float> magnitude(difference.size());
   for (std::size_t i = 0; i < difference.size(); ++i) magnitude[i] = std::abs(difference[i] - static_cast<float>(mean));
@@ -35,14 +41,16 @@ double half_variance_of_difference(const Image& a, const Image& b) {
 
 }  // namespace
 
-double noise_of_static_frames(std::span<const Image> frames) {
+double noise_of_static_frames(std::span<const Image> frames, const Image* mask) {
   if (frames.size() < 2)
     throw InputError("static frames", fmt::format("{} frame", frames.size()), "at least two frames without motion");
+  if (mask != nullptr && (mask->width != frames[0].width || mask->height != frames[0].height))
+    throw InputError("mask", "another size than the frames", "the same");
   double variance = 0.0;
   for (std::size_t k = 1; k < frames.size(); ++k) {
     if (frames[k].header() != frames[0].header())
       throw InputError(frames[k].path.string(), "another size or depth than the first static frame", "the same");
-    variance += half_variance_of_difference(frames[k - 1], frames[k]);
+    variance += half_variance_of_difference(frames[k - 1], frames[k], mask);
   }
   return std::sqrt(variance / static_cast<double>(frames.size() - 1));
 }

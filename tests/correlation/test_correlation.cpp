@@ -175,21 +175,19 @@ TEST(Correlation, BIsMinusTheDerivativeOfTheFunctional) {
   const BSpline g(photograph(pair().speckle, 120, 100, [](const Eigen::Vector2d& x) {
     return Eigen::Vector2d(0.4 + 0.01 * x.x(), -0.3 + 0.005 * x.y());
   }));
-  for (const bool brightness : {false, true}) {
-    const Correlation correlation(pair().quads, pair().eye, pair().f, {.brightness = brightness});
-    const Eigen::VectorXd U = some_displacement(correlation, 0.03);
-    const Eigen::VectorXd direction = some_displacement(correlation, 1.0).reverse();
-    const double slope = -correlation.evaluate(g, U, alone, Gradient::deformed).b.dot(direction);
-    std::vector<double> errors;
-    for (const double h : {2e-2, 6e-3, 2e-3, 1e-6, 1e-8}) {
-      const double after = correlation.evaluate(g, U + h * direction, alone).squares,
-                   before = correlation.evaluate(g, U - h * direction, alone).squares;
-      errors.push_back(std::abs((after - before) / (4 * h) - slope) / std::abs(slope));
-    }
-    EXPECT_LT(errors[1], 0.2 * errors[0]) << brightness;
-    EXPECT_LT(errors[2], 0.3 * errors[1]) << brightness;
-    EXPECT_GT(errors[4], errors[2]) << brightness;
+  const Correlation correlation(pair().quads, pair().eye, pair().f);
+  const Eigen::VectorXd U = some_displacement(correlation, 0.03);
+  const Eigen::VectorXd direction = some_displacement(correlation, 1.0).reverse();
+  const double slope = -correlation.evaluate(g, U, alone, Gradient::deformed).b.dot(direction);
+  std::vector<double> errors;
+  for (const double h : {2e-2, 6e-3, 2e-3, 1e-6, 1e-8}) {
+    const double after = correlation.evaluate(g, U + h * direction, alone).squares,
+                 before = correlation.evaluate(g, U - h * direction, alone).squares;
+    errors.push_back(std::abs((after - before) / (4 * h) - slope) / std::abs(slope));
   }
+  EXPECT_LT(errors[1], 0.2 * errors[0]);
+  EXPECT_LT(errors[2], 0.3 * errors[1]);
+  EXPECT_GT(errors[4], errors[2]);
 }
 
 TEST(Correlation, TransportedMatrixIsTheTangentAtLargeStrain) {

@@ -5,6 +5,7 @@
 #include <Eigen/SparseCore>
 #include <array>
 #include <cmath>
+#include <functional>
 #include <memory>
 #include <vector>
 
@@ -19,7 +20,9 @@ inline constexpr int in_plane = 2;
 
 struct CorrelationOptions {
   int dofs_per_node = in_plane;  ///< 2: displacement (x, y); 3: (x, y, z)
-  bool brightness = false;  ///< the residual is f - (gain * g + offset), with the gain and offset that fit each U best
+  /// The residual is f - (gain * g + offset), with the gain and offset that give g(x + u) the mean and the standard
+  /// deviation of f (zero-mean normalised).
+  bool brightness = false;
   QuadratureOptions quadrature = {};
 };
 
@@ -28,7 +31,8 @@ enum class Gradient {
   reference,    ///< grad F: the modified algorithm of Eqs 8-9
   transported,  ///< F^-T grad F, F the deformation gradient in the image at the element's centre: what f(x) = g(x + u)
                 ///< makes of it; the tangent at large strain, equal to `reference` where nothing is strained
-  deformed      ///< grad g(x + u): b is then minus the exact derivative of the functional (biased by noise)
+  deformed      ///< grad g(x + u): b is then minus the exact derivative of the functional at this
+                ///< gain and offset (biased by noise)
 };
 
 /// What an image answers to a displacement.
@@ -76,6 +80,11 @@ class Correlation {
   /// The same with the gradient transported by U (Gradient::transported). No pixel is visited again.
   [[nodiscard]] Eigen::SparseMatrix<double> M(const Eigen::VectorXd& U) const;
 
+  /// What white noise in the reference adds to M [unknowns x unknowns, px^2/length^2]: E[M] = M of the noiseless image
+  /// + variance * this, i.e. 1.392 N^T N, the factor being the mean square response of the spline's derivative at the
+  /// pixels, 9 (2/sqrt(3) - 1). Counts where the speckle's contrast is poor; subtract it for the true tangent.
+  [[nodiscard]] Eigen::SparseMatrix<double> gradient_noise() const;
+
   /// Residual f - g(x + u), b_DIC (Eq. 9) and sums of the deformed image `g` at U.
   [[nodiscard]] Evaluation evaluate(const imaging::BSpline& g, const Eigen::VectorXd& U, const Communicator& group,
                                     Gradient gradient = Gradient::reference) const;
@@ -90,13 +99,14 @@ class Correlation {
   [[nodiscard]] std::vector<Eigen::Matrix2d> deformation_gradient(const Eigen::VectorXd& U) const;
 
  private:
-  /// Sums over an element's pixels of N_i N_j (fx fx, fx fy, fy fy) for i <= j.
-  using Gram = std::array<std::array<double, 3>, 10>;
+  /// Sums over an element's pixels of N_i N_j (fx fx, fx fy, fy fy, 1) for i <= j.
+  using Gram = std::array<std::array<double, 4>, 10>;
 
   void sum_gram();
   void make_pattern();
-  [[nodiscard]] Eigen::SparseMatrix<double> assemble(const std::vector<Eigen::Matrix2d>* transport,
-                                                     const Eigen::VectorXd* U) const;
+  /// Sum over the elements of J_i^T block(element, sums of the pair) J_j; J at the nodes displaced by U, if given.
+  using Block = std::function<Eigen::Matrix2d(int element, const std::array<double, 4>& sums)>;
+  [[nodiscard]] Eigen::SparseMatrix<double> assemble(const Block& block, const Eigen::VectorXd* U) const;
   [[nodiscard]] Eigen::Vector3d displaced(int node, const Eigen::VectorXd& U) const;
   [[nodiscard]] Eigen::Matrix<double, 4, 2> of_element(const InImage& values, int element) const;
   [[nodiscard]] std::pair<int, int> share(const Communicator& group) const;

@@ -85,8 +85,9 @@ class GlobalDic {
 
   /// Standard deviation of each displacement unknown [nodes * dofs, length] for a white noise of `sigma` [grey level]
   /// in every frame and in each of the `references` images that were averaged: sigma^2 (1 + 1/references) M^-1 (Eq.
-  /// 14's factor 2 for one reference); with smoothing H = M + S: H^-1 M H^-1 instead of M^-1. A fitted brightness is
-  /// not counted.
+  /// 14's factor 2 for one reference). M holds the noise of the reference's gradient, the true tangent T = M - V does
+  /// not: the covariance is T^-1 M T^-1, here (M - 2 V)^-1, equal to first order in V = sigma^2/references *
+  /// gradient_noise(). With smoothing S: H^-1 M H^-1, H = M + S. A fitted brightness is not counted.
   [[nodiscard]] Eigen::VectorXd standard_deviation(double sigma, int references) const;
 
  private:

@@ -52,4 +52,7 @@ struct QuadratureOptions {
 [[nodiscard]] PixelQuadrature quadrature(const mesh::Cells& cells, const InImage& positions,
                                          const imaging::BSpline& reference, const QuadratureOptions& options = {});
 
+/// An image that is 255 where the quadrature has a pixel and 0 elsewhere, e.g. as a mask.
+[[nodiscard]] imaging::Image footprint(const PixelQuadrature& quadrature, int width, int height);
+
 }  // namespace imic3d::correlation
