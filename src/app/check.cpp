@@ -10,12 +10,13 @@
 #include "imic3d/app/observation.hpp"
 #include "imic3d/app/program.hpp"
 #include "imic3d/app/setup.hpp"
-#include "imic3d/correlation/correlation.hpp"
+#include "imic3d/core/log.hpp"
 #include "placement.hpp"
 
 namespace imic3d::app {
 
 void check(const Communicator& world, const CommandOptions& options) {
+  spdlog::set_level(spdlog::level::warn);  // the plan on stdout says it all
   const io::Case test = read_case(options, {}, true);
   const identification::Specimen specimen = make_specimen(test);
   std::size_t most_free = 0;

@@ -13,7 +13,7 @@ struct ForwardModel::Implementation {
   std::shared_ptr<const material::FiniteStrainLaw> law;
   mechanics::EquilibriumOptions options;
   std::array<std::unique_ptr<mechanics::Equilibrium>, 2> solver;  // by Control
-  std::array<std::vector<Eigen::VectorXd>, 2> guess;              // last displacement per frame, by Control
+  std::vector<Eigen::VectorXd> guess;  // the last DIC-driven displacement of set 0, per frame, the same on every rank
 
   Implementation(Communicator world, const Specimen& specimen, std::shared_ptr<const material::FiniteStrainLaw> law_,
                  mechanics::EquilibriumOptions options_, int tasks, int groups)
@@ -63,38 +63,68 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<std:
     path.surface.setZero(unknowns, frames);
     path.reaction.setZero(frames);
   }
-  collectively(impl_->layout.world(), [&] {
-    auto& guesses = impl_->guess[static_cast<std::size_t>(control)];
-    // The DIC-driven solution is the best start for the force-driven one.
-    if (guesses.empty() && control == Control::force) guesses = impl_->guess[0];
-    guesses.resize(std::max<std::size_t>(guesses.size(), static_cast<std::size_t>(frames)));
-    auto& equilibrium = impl_->equilibrium(specimen_, control);
-    for (int task : impl_->layout.tasks_of_group(tasks)) {
-      Path& path = paths[static_cast<std::size_t>(task)];
-      const auto status = equilibrium.run(
-          steps, parameter_sets[static_cast<std::size_t>(task)], record_.start_time,
-          [&](int t, const mechanics::FrameState& state) {
-            guesses[static_cast<std::size_t>(t)] = state.displacement;
-            path.surface.col(t) = specimen_.project(state.displacement);
-            double resultant = 0.0;
-            for (int node : specimen_.loaded) resultant += state.internal[3 * node + specimen_.axis];
-            path.reaction[t] = specimen_.section_factor * resultant;
-            if (sink && task == 0) sink(t, state);
-          },
-          [&](int t) { return &guesses[static_cast<std::size_t>(t)]; });
-      path.frames = status.frames;
-      path.limit_point = status.limit_point;
-      path.message = status.message;
-      path.newton_iterations = status.total_iterations;
+  const Communicator world = impl_->layout.world();
+  const auto runs_here = [&](int task) { return task % impl_->layout.groups() == impl_->layout.index(); };
+  std::vector<Eigen::VectorXd> solution(static_cast<std::size_t>(frames));  // of set 0
+  std::vector<int> increments(static_cast<std::size_t>(frames), impl_->options.increments);
+  std::vector<char> current(parameter_sets.size(), 0);  // simulated with these increments
+  for (int round = 0; round < 8 && std::count(current.begin(), current.end(), 0) > 0; ++round) {
+    collectively(world, [&] {
+      auto& equilibrium = impl_->equilibrium(specimen_, control);
+      for (int task = 0; task < tasks; ++task) {
+        if (!runs_here(task) || current[static_cast<std::size_t>(task)] != 0) continue;
+        Path& path = paths[static_cast<std::size_t>(task)];
+        path.surface.setZero();
+        path.reaction.setZero();
+        const auto status = equilibrium.run(
+            steps, parameter_sets[static_cast<std::size_t>(task)], record_.start_time,
+            [&](int t, const mechanics::FrameState& state) {
+              if (task == 0) solution[static_cast<std::size_t>(t)] = state.displacement;
+              path.surface.col(t) = specimen_.project(state.displacement);
+              double resultant = 0.0;
+              for (int node : specimen_.loaded) resultant += state.internal[3 * node + specimen_.axis];
+              path.reaction[t] = specimen_.section_factor * resultant;
+              if (sink && task == 0) sink(t, state);
+            },
+            [&](int t) {
+              return static_cast<std::size_t>(t) < impl_->guess.size() ? &impl_->guess[static_cast<std::size_t>(t)] : nullptr;
+            },
+            increments);
+        path.frames = status.frames;
+        path.limit_point = status.limit_point;
+        path.message = status.message;
+        path.newton_iterations = status.total_iterations;
+        path.increments = status.increments;
+        path.increments.resize(static_cast<std::size_t>(frames), 1);
+      }
+    });
+    // The increments that suit every set, on the frames that every set reached.
+    std::vector<double> taken(static_cast<std::size_t>(frames) * parameter_sets.size(), 0.0), reached(parameter_sets.size(), 0.0);
+    for (int task = 0; task < tasks; ++task) {
+      if (!impl_->layout.group().is_root() || !runs_here(task)) continue;
+      reached[static_cast<std::size_t>(task)] = paths[static_cast<std::size_t>(task)].frames;
+      for (int t = 0; t < frames; ++t)
+        taken[static_cast<std::size_t>(task * frames + t)] = paths[static_cast<std::size_t>(task)].increments[static_cast<std::size_t>(t)];
     }
-  });
+    world.sum(taken);
+    world.sum(reached);
+    const auto common = static_cast<std::size_t>(*std::min_element(reached.begin(), reached.end()));
+    for (std::size_t t = 0; t < common; ++t)
+      for (int task = 0; task < tasks; ++task)
+        increments[t] = std::max(increments[t], static_cast<int>(taken[static_cast<std::size_t>(task * frames) + t]));
+    for (int task = 0; task < tasks; ++task) {
+      bool same = true;
+      for (std::size_t t = 0; t < common; ++t)
+        same = same && static_cast<int>(taken[static_cast<std::size_t>(task * frames) + t]) == increments[t];
+      current[static_cast<std::size_t>(task)] = same ? 1 : 0;
+    }
+  }
 
   // Every path to every rank: the root of the group that ran it has it, the others have nothing.
-  const Communicator world = impl_->layout.world();
   const bool group_root = impl_->layout.group().is_root();
   for (int task = 0; task < tasks; ++task) {
     Path& path = paths[static_cast<std::size_t>(task)];
-    const bool mine = group_root && task % impl_->layout.groups() == impl_->layout.index();
+    const bool mine = group_root && runs_here(task);
     if (!mine) {
       path.surface.setZero();
       path.reaction.setZero();
@@ -104,8 +134,18 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<std:
     path.frames = static_cast<int>(world.sum(mine ? path.frames : 0.0));
     path.limit_point = world.sum(mine && path.limit_point ? 1.0 : 0.0) > 0.5;
     path.newton_iterations = static_cast<int>(world.sum(mine ? path.newton_iterations : 0.0));
+    path.increments = increments;
     const auto speaker = static_cast<int>(world.max(mine ? world.rank() : -1));
     world.broadcast(path.message, speaker);
+  }
+  if (control == Control::displacement) {
+    impl_->guess.resize(std::max<std::size_t>(impl_->guess.size(), static_cast<std::size_t>(frames)));
+    for (int t = 0; t < paths.front().frames; ++t) {
+      auto& shared = impl_->guess[static_cast<std::size_t>(t)];
+      shared.setZero(3 * specimen_.volume.nodes.rows());
+      if (group_root && runs_here(0)) shared = solution[static_cast<std::size_t>(t)];
+      world.sum(std::span(shared.data(), static_cast<std::size_t>(shared.size())));
+    }
   }
   return paths;
 }

@@ -262,15 +262,16 @@ const std::vector<int>& Equilibrium::constrained_dofs() const { return impl_->do
 
 PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const double> parameters, double start_time,
                             const std::function<void(int, const FrameState&)>& frame_done,
-                            const std::function<const Eigen::VectorXd*(int)>& guess) {
+                            const std::function<const Eigen::VectorXd*(int)>& guess,
+                            const std::vector<int>& increments) {
   auto& s = *impl_;
   const Eigen::Index dofs = 3 * s.mesh.nodes.rows();
   PathStatus status;
   s.assembler.history().initialise(*s.law);
   petsc(VecSet(s.u, 0.0));
 
-  Vec converged = nullptr, prescribed = nullptr;
-  for (Vec* vector : {&converged, &prescribed}) petsc(VecDuplicate(s.u, vector));
+  Vec converged = nullptr, before = nullptr, prescribed = nullptr;
+  for (Vec* vector : {&converged, &before, &prescribed}) petsc(VecDuplicate(s.u, vector));
   petsc(VecSet(converged, 0.0));
 
   const auto full = [&](const LoadStep* step) {
@@ -290,23 +291,24 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
     const Eigen::VectorXd from = full(previous), to = full(&step), force_from = nodal_force(previous),
                           force_to = nodal_force(&step);
     const Eigen::VectorXd* near = guess ? guess(frame) : nullptr;
-    double done = 0.0, size = 1.0 / s.options.increments;
-    int cuts = 0, iterations = 0;
-    bool use_guess = near != nullptr && near->size() == dofs && s.options.increments == 1;
-    while (done < 1.0 - 1e-12) {
-      const double target = std::min(1.0, done + size);
+    const int first = increments.empty() ? s.options.increments : increments[static_cast<std::size_t>(frame)];
+    int count = first, cuts = 0, iterations = 0;
+    bool use_guess = near != nullptr && near->size() == dofs && count == 1;
+    s.assembler.history().save();
+    petsc(VecCopy(converged, before));
+    for (int increment = 0; increment < count;) {
+      const double target = increment + 1 == count ? 1.0 : static_cast<double>(increment + 1) / count;
       s.to_global(from + target * (to - from), prescribed);
       s.to_global(force_from + target * (force_to - force_from), s.external);
       if (use_guess)
         s.to_global(*near, s.u);
       else
         petsc(VecCopy(converged, s.u));
-      const auto outcome = s.newton(prescribed, (target - done) * (step.time - begin), parameters, iterations);
+      const auto outcome = s.newton(prescribed, (step.time - begin) / count, parameters, iterations);
       if (outcome == Implementation::Outcome::converged) {
         s.assembler.history().commit();
         petsc(VecCopy(s.u, converged));
-        done = target;
-        use_guess = false;
+        ++increment;
         continue;
       }
       if (use_guess) {  // a poor guess is no reason to cut the step
@@ -315,15 +317,19 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
       }
       if (++cuts > s.options.max_cuts) {
         status.limit_point = outcome == Implementation::Outcome::limit_point;
-        status.message = fmt::format("no equilibrium at frame {} of the series (time {:.6g}), {:.3g} of its increment reached{}",
-                                     frame + 1, step.time, done,
+        status.message = fmt::format("no equilibrium at frame {} of the series (time {:.6g}) in {} increments{}", frame + 1,
+                                     step.time, count,
                                      status.limit_point ? ": the prescribed force is at or beyond the maximum load that the "
                                                           "specimen can carry with these parameters"
                                                         : "");
         break;
       }
-      size *= 0.5;
+      count *= 2;
+      increment = 0;
+      s.assembler.history().restore();
+      petsc(VecCopy(before, converged));
     }
+    status.increments.push_back(count);
     status.total_iterations += iterations;
     if (!status.message.empty()) break;
     FrameState state;
@@ -334,7 +340,7 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
     previous = &step;
   }
   status.residuals = s.last_residuals;
-  for (Vec* vector : {&converged, &prescribed}) petsc(VecDestroy(vector));
+  for (Vec* vector : {&converged, &before, &prescribed}) petsc(VecDestroy(vector));
   return status;
 }
 

@@ -31,6 +31,7 @@ struct Path {
   bool limit_point = false;
   std::string message;
   int newton_iterations = 0;
+  std::vector<int> increments;   ///< load increments that each frame took
 };
 
 /// Nodal forces of the whole series [3 * nodes x frames]: the distribution of Sec. 3.4.
@@ -53,7 +54,9 @@ class ForwardModel {
 
   /// Simulates the first `frames` frames for every parameter set, the sets as concurrent groups. Under Control::force
   /// the nodal forces are `distribution`. `sink` (optional) gets the fields of set 0 on all ranks of the group that
-  /// runs it. Collective over the world.
+  /// runs it. All sets take the same load increments, so that their differences are derivatives: a set that needed
+  /// other ones than the rest is simulated again. Each starts its frames from the last DIC-driven solution of set 0,
+  /// on every group alike. Collective over the world.
   std::vector<Path> simulate(Control control, const std::vector<std::vector<double>>& parameter_sets, int frames,
                              const ForceDistribution* distribution = nullptr, const FrameSink& sink = {});
 

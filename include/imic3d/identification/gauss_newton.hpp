@@ -42,7 +42,7 @@ struct GaussNewtonOptions {
   double eta = 1e-3;               ///< eta_c of Eq. 13
   int max_iterations = 20;
   double force_noise = 1.0;        ///< sigma_F [force]
-  double perturbation = 1e-4;      ///< relative step of the perturbed simulations
+  double perturbation = 1e-3;      ///< relative step of the perturbed simulations
   double image_reach = 1.0;        ///< frames whose model is nearer than this to the DIC (rms, px) are judged by grey
                                    ///< levels; the others by their distance to the DIC displacement in the norm of M_DIC
   double largest_step = 0.5;       ///< largest relative change of a parameter in one iteration

@@ -22,12 +22,14 @@ class HistoryField {
   HistoryField(const material::FiniteStrainLaw& law, int cells, int points_per_cell);
   void initialise(const material::FiniteStrainLaw& law);  ///< the virgin state everywhere
   void commit() { converged_.swap(trial_); }
+  void save() { saved_ = converged_; }     ///< keeps the converged state, for `restore`
+  void restore() { converged_ = saved_; }  ///< back to what was saved last
   [[nodiscard]] std::span<const double> converged(int cell) const;
   [[nodiscard]] std::span<double> trial(int cell);
 
  private:
   std::size_t per_cell_;
-  std::vector<double> converged_, trial_;
+  std::vector<double> converged_, trial_, saved_;
 };
 
 /// Assembles over the cells of one rank: OpenMP threads fill flat element arrays without any PETSc call, then one

@@ -33,7 +33,7 @@ struct FrameState {
 struct EquilibriumOptions {
   int increments = 1;             ///< load increments between two frames
   int max_iterations = 20;        ///< Newton iterations per increment
-  int max_cuts = 8;               ///< halvings of an increment before giving up
+  int max_cuts = 6;               ///< doublings of a frame's increments before giving up
   double tolerance = 1e-10;       ///< residual relative to the norm of the internal forces
   bool with_fields = true;        ///< gather stress and plastic strain per frame
   std::string prefix = "mechanics_";  ///< PETSc options: -mechanics_ksp_type, -mechanics_pc_type …
@@ -44,6 +44,7 @@ struct PathStatus {
   int frames = 0;         ///< frames that converged, in order
   bool limit_point = false;  ///< the tangent lost its positive definiteness under prescribed forces
   std::string message;    ///< why it stopped, empty if all frames converged
+  std::vector<int> increments;  ///< load increments that each frame took
   std::vector<double> residuals;  ///< relative residuals of the last increment's Newton iterations
   int total_iterations = 0;
 };
@@ -64,10 +65,11 @@ class Equilibrium {
 
   /// Runs the whole series from the virgin state (U = 0 at time `start_time`) and calls `frame_done(i, state)` after
   /// each frame. `guess(i)` may offer a displacement [3 * nodes] near frame i's solution (empty: none).
-  /// A failed increment is halved and retried; if that fails the frames so far stand and the status says why.
+  /// A frame that fails is begun anew with twice as many, equal increments; if that fails too often the frames so far
+  /// stand and the status says why. `increments`: the number to begin each frame with (empty: options.increments).
   PathStatus run(const std::vector<LoadStep>& steps, std::span<const double> parameters, double start_time,
                  const std::function<void(int, const FrameState&)>& frame_done,
-                 const std::function<const Eigen::VectorXd*(int)>& guess = {});
+                 const std::function<const Eigen::VectorXd*(int)>& guess = {}, const std::vector<int>& increments = {});
 
  private:
   struct Implementation;

@@ -1,0 +1,51 @@
+#!/usr/bin/python3
+"""The plate with a hole against CalculiX (quadratic elements, mesh of its own): load history within 0.5 % up to 8 %
+mean strain, displacement of the hole's edge within 1 % of the largest.
+
+Usage: calculix_plate.py EXECUTABLE        (the table was made by tools/calculix_plate.py)
+"""
+import csv
+import pathlib
+import sys
+import tempfile
+
+import h5py
+import numpy
+
+from runs import SOURCE, end, gmsh, require, run
+
+
+def main():
+    with open(SOURCE / "tests/cases/calculix/plate_history.csv") as file:
+        table = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    column = lambda name: numpy.array([float(row[name]) for row in table])
+    folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_calculix_"))
+    gmsh("plate_with_hole", folder / "plate.msh", length=24, size_hole=0.35, size_far=1.0)
+    values = ", ".join(["0"] + [row["end_mm"] for row in table])
+    (folder / "case.yaml").write_text(f"""
+title: Plate with a hole, ends free to contract
+specimen: {{mesh: plate.msh, thickness: 8, layers: 3, mid_plane_symmetry: true, held: bottom, loaded: top}}
+material:
+  hardening: power_linear
+  tie_initial_modulus: true
+  parameters: {{E: 198e3, nu: 0.25, S_y: 284, H: 1480, delta: 0.042}}
+simulate: {{clamped: false, centred: true, value: [{values}]}}
+output: results
+""")
+    run(sys.argv[1], "simulate", folder / "case.yaml", 2)
+    with h5py.File(folder / "results/results.h5") as file:
+        nodes, u = file["mesh/nodes"][:], file["fields/displacement"][1:]
+        force = file["frames/force_predicted"][1:]
+    node = lambda x, y: numpy.argmin(numpy.linalg.norm(nodes - [x, y, nodes[:, 2].max()], axis=1))
+    difference = numpy.abs(force / column("hencky_force_N") - 1)
+    print(f"last force {force[-1]:.1f} N, CalculiX {column('hencky_force_N')[-1]:.1f} N (its own theory {column('force_N')[-1]:.1f} N)")
+    require(difference.max() < 0.005, f"load history: largest difference {100 * difference.max():.3f} %")
+    pole, equator = node(0, 2.5), node(2.5, 0)
+    for name, ours in (("pole_y", u[:, pole, 1]), ("equator_x", u[:, equator, 0]), ("equator_z", u[:, equator, 2])):
+        theirs = column(f"hencky_{name}_mm")
+        worst = numpy.max(numpy.abs(ours - theirs)) / numpy.max(numpy.abs(theirs))
+        require(worst < 0.01, f"hole's edge, {name}: largest difference {100 * worst:.3f} % of the largest displacement")
+    end()
+
+
+main()

@@ -1,0 +1,108 @@
+#!/usr/bin/python3
+"""Every command on a small virtual test with 2 ranks; the identification also with 1 and 3, with equal results.
+
+Usage: smoke.py EXECUTABLE
+"""
+import json
+import pathlib
+import sys
+import tempfile
+import xml.etree.ElementTree
+
+import h5py
+import numpy
+
+from runs import end, gmsh, require, run
+
+CASE = """
+title: Small plate with a hole
+specimen: {{mesh: {mesh}.msh, thickness: 4, layers: {layers}, mid_plane_symmetry: true, held: bottom, loaded: top}}
+cameras:
+  - {{name: front, pixel_size: 0.08, place: {place}{images}}}
+material:
+  hardening: power_linear
+  tie_initial_modulus: true
+  parameters: {{E: {E}, nu: 0.25, S_y: {S_y}, H: 1480, delta: 0.042}}
+"""
+GENERATE = """
+simulate:
+  centred: true
+  value: [0, 0.008, 0.016, 0.024, 0.05, 0.1, 0.2]
+virtual: {size: [300, 330], load_noise: 5, static_frames: 2, directory: made}
+output: made
+"""
+IDENTIFY = """
+loads: {{file: made/loads.csv, noise: 5}}
+dic: {{brightness: true}}
+identify:
+  functional: {functional}
+  held_out: 6
+  stages:
+    - {{free: [E], frames: "2-4"}}
+    - {{free: [S_y], frames: "2-7"}}
+output: {output}
+"""
+
+
+def main():
+    program = sys.argv[1]
+    folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_smoke_"))
+    gmsh("plate_with_hole", folder / "fine.msh", length=28, size_hole=0.6, size_far=1.6)
+    gmsh("plate_with_hole", folder / "coarse.msh", length=20, size_hole=0.8, size_far=2.0)
+    origin = "{origin: [149.5, 164.5]}"
+    (folder / "virtual.yaml").write_text(
+        CASE.format(mesh="fine", layers=2, place=origin, images="", E=198e3, S_y=284) + GENERATE)
+
+    run(program, "simulate", folder / "virtual.yaml", 2, ["--output", str(folder / "simulated")])
+    run(program, "virtual", folder / "virtual.yaml", 2)
+    images = sorted((folder / "made/images").glob("*.png"))
+    require(len(images) == 8, f"8 images were made ({len(images)})")
+    truth = json.loads((folder / "made/truth.json").read_text())
+    require(truth["S_y"] == 284, "truth.json has the true values")
+    with h5py.File(folder / "simulated/results.h5") as a, h5py.File(folder / "made/results.h5") as b:
+        require(numpy.allclose(a["fields/displacement"][1:], b["fields/displacement"][1:], rtol=0, atol=1e-10),
+                "simulate and virtual compute the same path")
+
+    cases = {}
+    for functional, output in (("force_driven", "force"), ("displacement_driven", "displacement"), ("combined", "combined")):
+        cases[functional] = folder / f"{functional}.yaml"
+        cases[functional].write_text(
+            CASE.format(mesh="coarse", layers=1, place="{auto: outline}", images=", images: 'made/images/*.png', reference: 0-1",
+                        E=185e3, S_y=265) + IDENTIFY.format(functional=functional, output=output))
+    plan = run(program, "check", cases["force_driven"], 2)
+    require("stage 2" in plan and "unknowns" in plan, "check prints the plan")
+    run(program, "dic", cases["force_driven"], 2, ["--output", str(folder / "dic")])
+    with h5py.File(folder / "dic/results.h5") as file:
+        rms = file["residual/rms_dic"][2:]
+        require(numpy.all(rms < 5.0), f"the correlation leaves noise ({numpy.nanmax(rms):.2f} grey levels at most)")
+
+    values = {}
+    for ranks in (1, 2, 3):
+        run(program, "identify", cases["force_driven"], ranks, ["--output", str(folder / f"force_{ranks}")])
+        result = json.loads((folder / f"force_{ranks}/result.json").read_text())
+        values[ranks] = numpy.array([result["parameters"][name]["value"] for name in ("E", "S_y")])
+    for ranks in (2, 3):
+        difference = numpy.max(numpy.abs(values[ranks] / values[1] - 1.0))
+        require(difference < 1e-8, f"{ranks} ranks and 1 identify the same ({difference:.1e})")
+    require(abs(values[1][0] / 198e3 - 1) < 0.05 and abs(values[1][1] / 284 - 1) < 0.03,
+            f"E {values[1][0]:.0f} (198000), S_y {values[1][1]:.2f} (284), coarse mesh")
+    for functional, output in (("displacement_driven", "displacement"), ("combined", "combined")):
+        run(program, "identify", cases[functional], 2)
+        result = json.loads((folder / output / "result.json").read_text())
+        E, S_y = (result["parameters"][name]["value"] for name in ("E", "S_y"))
+        require(abs(E / 198e3 - 1) < 0.05 and abs(S_y / 284 - 1) < 0.03, f"{functional}: E {E:.0f}, S_y {S_y:.2f}")
+
+    run(program, "report", folder / "force_1/results.h5", 2, ["--output", str(folder / "report")])
+    page = (folder / "report/report.html").read_text()
+    require("S_y" in page and "data:image/png;base64" in page, "the report has the parameters and its pictures")
+    xml.etree.ElementTree.parse(folder / "force_1/results.xdmf")
+    with h5py.File(folder / "force_1/results.h5") as file:
+        for name in ("fields/displacement", "fields/plastic_strain", "dic/displacement", "residual/element_model",
+                     "identification/covariance", "case/text", "frames/force_predicted"):
+            require(name in file, f"results.h5 has {name}")
+        require(int(file["frames/use"][6]) == 2, "the held-out frame is marked")
+        require(numpy.isfinite(file["residual/rms_model"][6]), "the held-out frame is predicted")
+    end()
+
+
+main()
