@@ -56,6 +56,7 @@ identification::Specimen make_specimen(const io::Case& test) {
   if (mesh.type == mesh::CellType::quad4) {
     const double thickness = declared.mid_plane_symmetry ? 0.5 * declared.thickness : declared.thickness;
     mesh = mesh::extrude(mesh, thickness, declared.layers);
+    if (declared.layer_ratio != 1.0) mesh::grade_layers(mesh, declared.layer_ratio, declared.mid_plane_symmetry);
   } else if (mesh.node_groups.contains(declared.front)) {
     mesh::choose_front(mesh, declared.front);
   }

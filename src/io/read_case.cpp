@@ -150,6 +150,7 @@ class CaseReader {
     section.get("mesh", specimen.mesh);
     section.get("thickness", specimen.thickness);
     section.get("layers", specimen.layers);
+    section.get("layer_ratio", specimen.layer_ratio);
     section.get("refine", specimen.refine);
     section.get("element", specimen.element);
     section.get("mid_plane_symmetry", specimen.mid_plane_symmetry);

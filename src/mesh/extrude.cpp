@@ -1,5 +1,8 @@
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <cmath>
+
 #include "imic3d/mesh/mesh.hpp"
 
 namespace imic3d::mesh {
@@ -59,6 +62,22 @@ Mesh extrude(const Mesh& quads, double thickness, int layers) {
   back.array() += layers * n;
   add_face("back", back, layers);
   return hexes;
+}
+
+void grade_layers(Mesh& mesh, double ratio, bool one_face) {
+  if (mesh.nodes_per_layer <= 0 || !(ratio > 0.0))
+    throw InputError("layer_ratio", "a mesh that was not extruded, or a ratio that is not positive", "a positive ratio and a 2D mesh");
+  const Eigen::Index per_layer = mesh.nodes_per_layer, layers = mesh.nodes.rows() / per_layer - 1;
+  std::vector<double> depth(static_cast<std::size_t>(layers) + 1, 0.0);
+  for (Eigen::Index k = 0; k < layers; ++k) {
+    const auto from_face = static_cast<double>(one_face ? k : std::min(k, layers - 1 - k));
+    depth[static_cast<std::size_t>(k) + 1] = depth[static_cast<std::size_t>(k)] + std::pow(ratio, from_face);
+  }
+  for (Eigen::Index i = 0; i < per_layer; ++i) {
+    const double front = mesh.nodes(i, 2), back = mesh.nodes(layers * per_layer + i, 2);
+    for (Eigen::Index k = 0; k <= layers; ++k)
+      mesh.nodes(k * per_layer + i, 2) = front + (back - front) * depth[static_cast<std::size_t>(k)] / depth.back();
+  }
 }
 
 }  // namespace imic3d::mesh

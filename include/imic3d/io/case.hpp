@@ -34,6 +34,7 @@ struct SpecimenCase {
   std::filesystem::path mesh;  ///< resolved against the case file's folder
   double thickness = 0.0;      ///< [length]; 2D meshes only
   int layers = 4;              ///< hexahedra through the thickness (of the half, with mid-plane symmetry)
+  double layer_ratio = 1.0;  ///< thickness of a layer over that of its neighbour nearer to the free face
   int refine = 0;              ///< uniform refinements of the simulation's mesh (the DIC mesh is the file's own)
   std::string element = "hex8";
   bool mid_plane_symmetry = false;  ///< simulate the camera's half of the thickness

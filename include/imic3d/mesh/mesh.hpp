@@ -59,6 +59,11 @@ void choose_front(Mesh& mesh, const std::string& group);
 /// Throws InputError (thickness or layers not positive, not a quad mesh).
 [[nodiscard]] Mesh extrude(const Mesh& quads, double thickness, int layers);
 
+/// Moves the layers of an extruded mesh so that they grow away from the free faces: each is `ratio` times as thick as its
+/// neighbour nearer to the face. With `one_face` they grow from the front to the back (mid-plane), else from both faces
+/// to the middle. Throws InputError (not an extruded mesh, ratio not positive).
+void grade_layers(Mesh& mesh, double ratio, bool one_face);
+
 /// Uniform refinement: each quad into 4, each hex into 8. New mid-edge nodes belong to a node group if both ends of
 /// their edge do and the edge lies on the boundary (and, for a facet group, on one of its facets); mid-face nodes
 /// likewise. Keeps the order: coarse nodes first, the children of cell c are 4c … 4c+3 (8c … 8c+7), child k at corner
