@@ -21,8 +21,8 @@ def main():
     parser.add_argument("--start", type=float, default=0.9, help="initial guess / true value")
     parser.add_argument("--parameters", default="E,S_y,H,delta")
     parser.add_argument("--functional", default="force_driven")
-    parser.add_argument("--size", type=float, default=0.3, help="element size at the hole [mm]")
-    parser.add_argument("--layers", type=int, default=3, help="elements through half the thickness")
+    parser.add_argument("--size", type=float, default=0.4, help="element size at the hole [mm]")
+    parser.add_argument("--layers", type=int, default=5, help="elements through half the thickness")
     arguments = parser.parse_args()
     if data() is None or not (data() / "plate_independent").is_dir():
         print("SKIPPED: no plate_independent in IMIC3D_DATA")
@@ -31,7 +31,7 @@ def main():
     truth = json.loads((data() / "plate_independent/truth.json").read_text())
     gmsh("plate_with_hole", folder / "plate.msh", length=24, size_hole=arguments.size, size_far=3 * arguments.size)
     shipped = (SOURCE / "inputs/plate_independent/case.yaml").read_text()
-    shipped = shipped.replace("../../runs/data", str(data())).replace("layers: 3", f"layers: {arguments.layers}")
+    shipped = shipped.replace("../../runs/data", str(data())).replace("layers: 5", f"layers: {arguments.layers}")
     shipped = shipped.replace("force_driven", arguments.functional)
     for name in arguments.parameters.split(","):
         values = {p: truth[p] * (arguments.start if p == name else 1.0) for p in ("E", "S_y", "H", "delta")}

@@ -122,12 +122,18 @@ double cook(int n, int increments) {
   return displacement;
 }
 
+/// The corner (0, 44) is singular, so convergence is slow (docs/verification.md: 7.01 mm in this theory). The value at
+/// convergence is Aitken's from three meshes.
 TEST(Equilibrium, PlasticCooksMembrane) {
-  const double coarse = cook(8, 10), fine = cook(32, 10);
-  std::printf("Cook's membrane: %.4f mm (8 x 8), %.4f mm (32 x 32)\n", coarse, fine);
-  EXPECT_GE(fine, 6.97);
-  EXPECT_LE(fine, 7.09);
-  EXPECT_NEAR(coarse, fine, 0.4);
+  const double coarse = cook(8, 10), medium = cook(16, 10), fine = cook(32, 10);
+  const double first = medium - coarse, second = fine - medium;
+  const double limit = fine + second * second / (first - second);
+  std::printf("Cook's membrane: %.4f, %.4f, %.4f mm on 8, 16, 32 elements a side; at convergence %.4f mm\n", coarse, medium,
+              fine, limit);
+  EXPECT_GT(first, second);
+  EXPECT_GT(second, 0.0);
+  EXPECT_GE(limit, 6.97);
+  EXPECT_LE(limit, 7.09);
 }
 
 /// Past the maximum load a prescribed force has no equilibrium: the series stops there and says so.
