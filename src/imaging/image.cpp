@@ -136,6 +136,8 @@ ImageHeader read_header(const fs::path& file) {
 void write_image(const Image& image, const fs::path& file, std::optional<int> depth) {
   const int bits = depth.value_or(image.depth);
   if (bits != 8 && bits != 16) throw InputError(file.string(), fmt::format("a depth of {} bits", bits), "8 or 16 bits");
+  if (bits == 16 && file.extension() == ".bmp")
+    throw InputError(file.string(), "16 bits in a BMP file", "8 bits, or the extension .tif or .png");
   const cv::Mat grey(image.height, image.width, CV_32F, const_cast<float*>(image.grey.data()));
   cv::Mat rounded;
   grey.convertTo(rounded, bits == 16 ? CV_16U : CV_8U);

@@ -76,6 +76,7 @@ TEST_F(ImageFiles, MistakesNameTheFile) {
   EXPECT_THAT(message(folder / "float.tif"), HasSubstr("8 or 16 bits"));
   EXPECT_THROW(write_image(Image(2, 2), folder / "no" / "folder.png"), InputError);
   EXPECT_THROW(write_image(Image(2, 2), folder / "twelve.png", 12), InputError);
+  EXPECT_THROW(write_image(Image(2, 2), folder / "deep.bmp", 16), InputError);
 }
 
 TEST_F(ImageFiles, SequenceIsCheckedAndAveraged) {
