@@ -35,9 +35,6 @@ Observation observe(const io::Case& test, const identification::Specimen& specim
   if (declared.noise) {
     observation.noise = *declared.noise;
     observation.noise_is_measured = true;
-  } else if (images.size() > 1) {
-    observation.noise = imaging::noise_of_static_frames(images);
-    observation.noise_is_measured = observation.noise > 0.0;
   }
   observation.dic = std::make_unique<correlation::GlobalDic>(
       specimen.surface.mesh, observation.camera, reference,
@@ -48,6 +45,11 @@ Observation observe(const io::Case& test, const identification::Specimen& specim
                               .brightness = test.dic.brightness,
                               .groups = test.dic.groups},
       "cameras.place");
+  if (!declared.noise && images.size() > 1) {  // on the specimen: the dark background has another noise
+    const auto mask = correlation::footprint(observation.dic->correlation().quadrature(), reference.width, reference.height);
+    observation.noise = imaging::noise_of_static_frames(images, &mask);
+    observation.noise_is_measured = observation.noise > 0.0;
+  }
   return observation;
 }
 
