@@ -181,7 +181,7 @@ TABLE = [
     ("no_thickness", change("case.yaml", "thickness: 1.5, ", ""),
      ["case.yaml:4 specimen.thickness: not given; allowed: a positive number [mm]"]),
     ("unknown_key", change("case.yaml", "layers: 2", "layer: 2"),
-     ["case.yaml:4 specimen.layer: unknown key, near to layers; allowed: axis, element, front, held, layers, loaded, mesh, "
+     ["case.yaml:4 specimen.layer: unknown key, near to layers; allowed: axis, element, front, held, layer_ratio, layers, loaded, mesh, "
       "mid_plane_symmetry, refine, thickness"]),
     ("duplicate_key", change("case.yaml", "layers: 2", "layers: 2, layers: 3"),
      ["case.yaml:4 specimen.layers: key given twice (first in line 4); allowed: each key once"]),

@@ -89,7 +89,7 @@ TEST(Loads, MeasuredRecords) {
   const auto tension = read_loads(data / "pcabs_tension/frames.csv", {.force = "force_kN"}, 1000.0);
   ASSERT_EQ(tension.size(), 281U);
   EXPECT_NEAR(tension[8].force, 60.810, 1e-9);
-  EXPECT_EQ(tension[8].image, data / "pcabs_tension/images/frame_008.png");
+  EXPECT_EQ(fs::weakly_canonical(tension[8].image), fs::weakly_canonical(data / "pcabs_tension/images/frame_008.png"));
   EXPECT_TRUE(tension[13].image.empty());
 }
 
