@@ -7,7 +7,7 @@ tools/setup.sh
 tools/build.sh --target imic3d
 
 ranks=${RANKS:-2}
-export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
+export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 HWLOC_HIDE_ERRORS=2
 run() { mpirun --oversubscribe -n "$ranks" build/release/imic3d "$@"; }
 
 tools/make_meshes.sh

@@ -9,5 +9,5 @@ data=${IMIC3D_DATA:-../shared/data}
 mkdir -p runs
 ln -sfn "$(cd "$data" && pwd)" runs/data
 tools/make_meshes.sh
-export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
+export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 HWLOC_HIDE_ERRORS=2
 mpirun --oversubscribe -n "${RANKS:-2}" build/release/imic3d identify "inputs/$case/${2:-case}.yaml"

@@ -5,6 +5,6 @@ cd "$(dirname "$0")/.."
 tools/setup.sh
 tools/build.sh
 tools/make_meshes.sh
-export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
+export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 HWLOC_HIDE_ERRORS=2
 if [ $# -eq 0 ]; then set -- -LE nightly; fi
 ctest --preset release "$@"

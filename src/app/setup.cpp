@@ -60,6 +60,7 @@ identification::Specimen make_specimen(const io::Case& test) {
   } else if (mesh.node_groups.contains(declared.front)) {
     mesh::choose_front(mesh, declared.front);
   }
+  if (declared.element == "hex20") mesh = mesh::quadratic(mesh);
   return identification::make_specimen(std::move(mesh), declared.held, declared.loaded, declared.axis == "x" ? 0 : 1,
                                        declared.mid_plane_symmetry);
 }

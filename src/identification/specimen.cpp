@@ -97,18 +97,20 @@ Eigen::SparseMatrix<double> two_components(const Eigen::SparseMatrix<double>& sc
   return matrix;
 }
 
-Eigen::VectorXd Specimen::project(const Eigen::VectorXd& displacement) const {
-  Eigen::VectorXd projected(2 * static_cast<Eigen::Index>(surface.nodes_of_volume.size()));
-  for (std::size_t i = 0; i < surface.nodes_of_volume.size(); ++i)
-    projected.segment<2>(2 * static_cast<Eigen::Index>(i)) = displacement.segment<2>(3 * surface.nodes_of_volume[i]);
-  return projected;
-}
+Eigen::VectorXd Specimen::project(const Eigen::VectorXd& displacement) const { return projection * displacement; }
 
 Specimen make_specimen(mesh::Mesh volume, const std::string& held, const std::string& loaded, int axis,
                        bool mid_plane_symmetry, const std::string& case_place) {
   Specimen specimen;
   specimen.volume = std::move(volume);
   specimen.surface = mesh::front_surface(specimen.volume);
+  std::vector<Eigen::Triplet<double>> seen;
+  for (int i = 0; i < specimen.surface.weights.outerSize(); ++i)
+    for (decltype(specimen.surface.weights)::InnerIterator entry(specimen.surface.weights, i); entry; ++entry)
+      for (int component = 0; component < 2; ++component)
+        seen.emplace_back(2 * i + component, 3 * static_cast<int>(entry.col()) + component, entry.value());
+  specimen.projection.resize(2 * specimen.surface.mesh.nodes.rows(), 3 * specimen.volume.nodes.rows());
+  specimen.projection.setFromTriplets(seen.begin(), seen.end());
   specimen.axis = axis;
   specimen.section_factor = mid_plane_symmetry ? 2.0 : 1.0;
   const auto& nodes = specimen.volume.nodes;

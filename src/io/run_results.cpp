@@ -26,6 +26,10 @@ void store_mesh(ResultsFile& file, const std::string& group, const mesh::Mesh& m
   file.store(group + "/nodes", {static_cast<std::size_t>(mesh.nodes.rows()), 3}, flat(mesh.nodes), length,
              "reference position of the nodes [node, axis]");
   file.store(group + "/cells", shape(mesh.cells), flat(mesh.cells), "-", "nodes of the cells [cell, corner]");
+  if (mesh.type == mesh::CellType::hex20) {
+    const mesh::Cells corners = mesh.cells.leftCols(8);
+    file.store(group + "/corners", shape(corners), flat(corners), "-", "corners of the cells [cell, corner], for viewers");
+  }
   if (mesh.front.size() > 0)
     file.store(group + "/front", shape(mesh.front), flat(mesh.front), "-", "faces that the camera sees [face, corner]");
   for (const auto& [name, nodes] : mesh.node_groups) {

@@ -50,10 +50,12 @@ class XdmfWriter {
   }
 
   void topology_and_geometry(const std::string& mesh) {
-    const auto cells = file_.shape(mesh + "/cells");
+    // Viewers differ in the order of a hexahedron's middle nodes: quadratic cells are shown by their corners.
+    const std::string topology = mesh + (file_.has(mesh + "/corners") ? "/corners" : "/cells");
+    const auto cells = file_.shape(topology);
     out_ += fmt::format("    <Topology TopologyType=\"{}\" NumberOfElements=\"{}\">\n{}    </Topology>\n",
                         cells[1] == 8 ? "Hexahedron" : "Quadrilateral", cells[0],
-                        item(mesh + "/cells", "NumberType=\"Int\" Precision=\"4\"", "     "));
+                        item(topology, "NumberType=\"Int\" Precision=\"4\"", "     "));
     out_ +=
         fmt::format("    <Geometry GeometryType=\"XYZ\">\n{}    </Geometry>\n", item(mesh + "/nodes", real, "     "));
   }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <map>
 
+#include "imic3d/core/error.hpp"
 #include "imic3d/mechanics/hexahedron.hpp"
 #include "imic3d/mechanics/petsc.hpp"
 
@@ -34,14 +35,17 @@ Assembler::Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
                      std::shared_ptr<const material::FiniteStrainLaw> law, const std::vector<char>& constrained)
     : partition_(partition),
       law_(std::move(law)),
-      history_(*law_, static_cast<int>(partition.cells.size()), hex8_points) {
+      history_(*law_, static_cast<int>(partition.cells.size()), hexahedron_points),
+      nodes_per_cell_(mesh::nodes_per_cell(mesh.type)) {
+  if (mesh.type != mesh::CellType::hex8 && mesh.type != mesh::CellType::hex20)
+    throw InputError("mesh", "not hexahedra", "hexahedra with 8 or 20 nodes");
   const std::size_t cells = partition.cells.size();
   const auto& global_of_natural = partition.global_of_natural;
 
   // The nodes of this rank's cells, in ascending global order.
   std::map<PetscInt, int> local_of_global;
   for (int cell : partition.cells)
-    for (int corner = 0; corner < 8; ++corner)
+    for (int corner = 0; corner < nodes_per_cell_; ++corner)
       local_of_global.emplace(global_of_natural[static_cast<std::size_t>(mesh.cells(cell, corner))], 0);
   std::vector<PetscInt> global_nodes;
   for (auto& [global, local] : local_of_global) {
@@ -49,24 +53,24 @@ Assembler::Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
     global_nodes.push_back(global);
   }
 
-  nodes_.resize(cells);
-  local_nodes_.resize(cells);
+  const auto n = static_cast<std::size_t>(nodes_per_cell_), cell_dofs = 3 * n;
+  nodes_.resize(static_cast<Eigen::Index>(cells * n), 3);
+  local_nodes_.resize(static_cast<Eigen::Index>(cells), nodes_per_cell_);
   constrained_local_.assign(3 * global_nodes.size(), 0);
-  std::vector<PetscInt> rows, columns, vector_rows;
-  rows.reserve(cells * 576);
-  columns.reserve(cells * 576);
-  vector_rows.reserve(cells * 24);
+  std::vector<PetscInt> rows, columns, vector_rows, dofs(cell_dofs);
+  rows.reserve(cells * cell_dofs * cell_dofs);
+  columns.reserve(cells * cell_dofs * cell_dofs);
+  vector_rows.reserve(cells * cell_dofs);
   for (std::size_t k = 0; k < cells; ++k) {
-    std::array<PetscInt, 24> dofs;
-    for (int corner = 0; corner < 8; ++corner) {
-      const int natural = mesh.cells(partition.cells[k], corner);
+    for (std::size_t corner = 0; corner < n; ++corner) {
+      const int natural = mesh.cells(partition.cells[k], static_cast<Eigen::Index>(corner));
       const PetscInt global = global_of_natural[static_cast<std::size_t>(natural)];
       const int local = local_of_global.at(global);
-      nodes_[k].row(corner) = mesh.nodes.row(natural);
-      local_nodes_[k][static_cast<std::size_t>(corner)] = local;
-      for (int i = 0; i < 3; ++i) {
-        dofs[static_cast<std::size_t>(3 * corner + i)] = 3 * global + i;
-        constrained_local_[static_cast<std::size_t>(3 * local + i)] = constrained[static_cast<std::size_t>(3 * natural + i)];
+      nodes_.row(static_cast<Eigen::Index>(k * n + corner)) = mesh.nodes.row(natural);
+      local_nodes_(static_cast<Eigen::Index>(k), static_cast<Eigen::Index>(corner)) = local;
+      for (std::size_t i = 0; i < 3; ++i) {
+        dofs[3 * corner + i] = 3 * global + static_cast<PetscInt>(i);
+        constrained_local_[3 * static_cast<std::size_t>(local) + i] = constrained[3 * static_cast<std::size_t>(natural) + i];
       }
     }
     for (PetscInt row : dofs) {
@@ -114,9 +118,9 @@ Assembler::Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
 
   element_tangents_.assign(rows.size(), 0.0);
   for (PetscInt i = 0; i < owned; ++i)
-    element_tangents_[cells * 576 + static_cast<std::size_t>(i)] = constrained_owned_[static_cast<std::size_t>(i)] != 0;
-  element_forces_.resize(cells * 24);
-  element_lifting_.resize(cells * 24);
+    element_tangents_[cells * cell_dofs * cell_dofs + static_cast<std::size_t>(i)] = constrained_owned_[static_cast<std::size_t>(i)] != 0;
+  element_forces_.resize(cells * cell_dofs);
+  element_lifting_.resize(cells * cell_dofs);
   u_local_.resize(3 * global_nodes.size());
   increment_local_.resize(3 * global_nodes.size());
   stress_.setZero(static_cast<Eigen::Index>(cells), 6);
@@ -139,46 +143,53 @@ void Assembler::gather(Vec global, std::vector<double>& local) const {
   petsc(VecRestoreArrayRead(local_, &values));
 }
 
+template <int nodes>
+bool Assembler::evaluate_cells(double time_increment, std::span<const double> parameters, bool with_tangent) {
+  constexpr int dofs = 3 * nodes;
+  const auto cells = static_cast<int>(local_nodes_.rows());
+  int failed = 0;
+#pragma omp parallel for schedule(static) reduction(max : failed)
+  for (int cell = 0; cell < cells; ++cell) {
+    ElementVector<nodes> displacement, prescribed;
+    std::array<bool, dofs> fixed;
+    for (int dof = 0; dof < dofs; ++dof) {
+      const auto local = static_cast<std::size_t>(3 * local_nodes_(cell, dof / 3) + dof % 3);
+      const bool is_fixed = fixed[static_cast<std::size_t>(dof)] = constrained_local_[local] != 0;
+      displacement[dof] = u_local_[local];
+      prescribed[dof] = with_tangent && is_fixed ? increment_local_[local] : 0.0;
+    }
+    ElementResult<nodes> element;
+    const ElementNodes<nodes> places = nodes_.middleRows<nodes>(nodes * static_cast<Eigen::Index>(cell));
+    if (!evaluate(*law_, parameters, time_increment, places, displacement, history_.converged(cell),
+                  history_.trial(cell), element, with_tangent)) {
+      failed = 1;
+      continue;
+    }
+    std::copy_n(element.force.data(), dofs, element_forces_.begin() + dofs * cell);
+    stress_.row(cell) = element.cauchy_stress.transpose();
+    plastic_strain_[cell] = element.plastic_strain;
+    if (!with_tangent) continue;
+    const ElementVector<nodes> lift = element.tangent * prescribed;
+    std::copy_n(lift.data(), dofs, element_lifting_.begin() + dofs * cell);
+    for (int dof = 0; dof < dofs; ++dof)
+      if (fixed[static_cast<std::size_t>(dof)]) {
+        element.tangent.row(dof).setZero();
+        element.tangent.col(dof).setZero();
+      }
+    std::copy_n(element.tangent.data(), dofs * dofs, element_tangents_.begin() + static_cast<long>(dofs) * dofs * cell);
+  }
+  return failed == 0;
+}
+
 bool Assembler::assemble(Vec u, double time_increment, std::span<const double> parameters, Vec force, Vec increment,
                          Vec lifting) {
   const bool with_tangent = increment != nullptr;
   gather(u, u_local_);
   if (with_tangent) gather(increment, increment_local_);
 
-  const auto cells = static_cast<int>(nodes_.size());
-  int failed = 0;
-#pragma omp parallel for schedule(static) reduction(max : failed)
-  for (int cell = 0; cell < cells; ++cell) {
-    const auto k = static_cast<std::size_t>(cell);
-    Eigen::Matrix<double, 24, 1> displacement, prescribed;
-    std::array<bool, 24> fixed;
-    for (std::size_t corner = 0; corner < 8; ++corner)
-      for (std::size_t i = 0; i < 3; ++i) {
-        const auto local = static_cast<std::size_t>(3 * local_nodes_[k][corner]) + i;
-        const auto dof = static_cast<Eigen::Index>(3 * corner + i);
-        displacement[dof] = u_local_[local];
-        fixed[3 * corner + i] = constrained_local_[local] != 0;
-        prescribed[dof] = with_tangent && fixed[3 * corner + i] ? increment_local_[local] : 0.0;
-      }
-    ElementResult element;
-    if (!evaluate_hex8(*law_, parameters, time_increment, nodes_[k], displacement, history_.converged(cell),
-                       history_.trial(cell), element, with_tangent)) {
-      failed = 1;
-      continue;
-    }
-    std::copy_n(element.force.data(), 24, element_forces_.begin() + 24 * cell);
-    stress_.row(cell) = element.cauchy_stress.transpose();
-    plastic_strain_[cell] = element.plastic_strain;
-    if (!with_tangent) continue;
-    const Eigen::Matrix<double, 24, 1> lift = element.tangent * prescribed;
-    std::copy_n(lift.data(), 24, element_lifting_.begin() + 24 * cell);
-    for (Eigen::Index i = 0; i < 24; ++i)
-      if (fixed[static_cast<std::size_t>(i)]) {
-        element.tangent.row(i).setZero();
-        element.tangent.col(i).setZero();
-      }
-    std::copy_n(element.tangent.data(), 576, element_tangents_.begin() + 576L * cell);
-  }
+  const bool good = nodes_per_cell_ == 8 ? evaluate_cells<8>(time_increment, parameters, with_tangent)
+                                         : evaluate_cells<20>(time_increment, parameters, with_tangent);
+  const int failed = good ? 0 : 1;
   int anywhere = 0;
   MPI_Allreduce(&failed, &anywhere, 1, MPI_INT, MPI_MAX, partition_.communicator.handle);
   if (anywhere != 0) return false;

@@ -9,14 +9,19 @@ namespace imic3d::mechanics {
 namespace {
 
 using Gradient = Eigen::Matrix<double, 8, 3>;
+using Gradient20 = Eigen::Matrix<double, 20, 3>;
 
-/// dN/dxi of the trilinear shape functions at the Gauss points; corners in the usual order.
-std::array<Gradient, hex8_points> natural_gradients() {
-  constexpr std::array<std::array<int, 3>, 8> corner = {
-      {{-1, -1, -1}, {1, -1, -1}, {1, 1, -1}, {-1, 1, -1}, {-1, -1, 1}, {1, -1, 1}, {1, 1, 1}, {-1, 1, 1}}};
-  const double g = 1.0 / std::sqrt(3.0);
-  std::array<Gradient, hex8_points> gradients;
-  for (int point = 0; point < hex8_points; ++point) {
+/// Natural coordinates of the corners, and of the middles of the edges of a hex20.
+constexpr std::array<std::array<int, 3>, 20> corner = {
+    {{-1, -1, -1}, {1, -1, -1}, {1, 1, -1}, {-1, 1, -1}, {-1, -1, 1}, {1, -1, 1}, {1, 1, 1}, {-1, 1, 1},  //
+     {0, -1, -1},  {1, 0, -1},  {0, 1, -1}, {-1, 0, -1}, {0, -1, 1},  {1, 0, 1},  {0, 1, 1}, {-1, 0, 1},  //
+     {-1, -1, 0},  {1, -1, 0},  {1, 1, 0},  {-1, 1, 0}}};
+const double g = 1.0 / std::sqrt(3.0);
+
+/// dN/dxi of the trilinear shape functions at the Gauss points.
+std::array<Gradient, hexahedron_points> natural_gradients() {
+  std::array<Gradient, hexahedron_points> gradients;
+  for (int point = 0; point < hexahedron_points; ++point) {
     const Eigen::Vector3d xi(g * corner[point][0], g * corner[point][1], g * corner[point][2]);
     for (int a = 0; a < 8; ++a) {
       const double r = 1.0 + corner[a][0] * xi[0], s = 1.0 + corner[a][1] * xi[1], t = 1.0 + corner[a][2] * xi[2];
@@ -27,7 +32,33 @@ std::array<Gradient, hex8_points> natural_gradients() {
   return gradients;
 }
 
-const std::array<Gradient, hex8_points> dN_dxi = natural_gradients();
+const std::array<Gradient, hexahedron_points> dN_dxi = natural_gradients();
+
+/// dN/dxi of the serendipity shape functions at the Gauss points: at a corner N = r s t (xi.a - 2) / 8 with
+/// r = 1 + xi_1 a_1 and so on; at a middle, the factor along its edge is 1 - xi^2 and the others are linear, over 4.
+std::array<Gradient20, hexahedron_points> quadratic_gradients() {
+  std::array<Gradient20, hexahedron_points> gradients;
+  for (std::size_t point = 0; point < gradients.size(); ++point)
+    for (std::size_t a = 0; a < corner.size(); ++a) {
+      std::array<double, 3> factor{}, slope{};
+      double sum = -2.0;
+      for (std::size_t i = 0; i < 3; ++i) {
+        const double xi = g * corner[point][i], at = corner[a][i];
+        factor[i] = at == 0.0 ? 1.0 - xi * xi : 1.0 + xi * at;
+        slope[i] = at == 0.0 ? -2.0 * xi : at;
+        sum += xi * at;
+      }
+      const bool is_corner = a < 8;
+      for (std::size_t i = 0; i < 3; ++i) {
+        const double others = factor[(i + 1) % 3] * factor[(i + 2) % 3];
+        gradients[point](static_cast<Eigen::Index>(a), static_cast<Eigen::Index>(i)) =
+            is_corner ? 0.125 * others * corner[a][i] * (sum + factor[i]) : 0.25 * others * slope[i];
+      }
+    }
+  return gradients;
+}
+
+const std::array<Gradient20, hexahedron_points> dN_dxi_20 = quadratic_gradients();
 
 Eigen::Matrix3d tensor(const material::Vector6& v) {
   Eigen::Matrix3d t;
@@ -37,19 +68,18 @@ Eigen::Matrix3d tensor(const material::Vector6& v) {
 
 }  // namespace
 
-bool evaluate_hex8(const material::FiniteStrainLaw& law, std::span<const double> parameters, double time_increment,
-                   const Eigen::Matrix<double, 8, 3>& nodes, const Eigen::Matrix<double, 24, 1>& displacement,
-                   std::span<const double> history_old, std::span<double> history_new, ElementResult& result,
-                   bool with_tangent) noexcept {
+bool evaluate(const material::FiniteStrainLaw& law, std::span<const double> parameters, double time_increment,
+              const ElementNodes<8>& nodes, const ElementVector<8>& displacement, std::span<const double> history_old,
+              std::span<double> history_new, ElementResult<8>& result, bool with_tangent) noexcept {
   const Eigen::Map<const Eigen::Matrix<double, 8, 3, Eigen::RowMajor>> u(displacement.data());
 
   // Kinematics at the points, the element's volume ratio theta and mean spatial gradient.
-  std::array<Gradient, hex8_points> dN_dx;
-  std::array<Eigen::Matrix3d, hex8_points> F;
-  std::array<double, hex8_points> dV, J;
+  std::array<Gradient, hexahedron_points> dN_dx;
+  std::array<Eigen::Matrix3d, hexahedron_points> F;
+  std::array<double, hexahedron_points> dV, J;
   Gradient mean = Gradient::Zero();
   double reference_volume = 0.0, volume = 0.0;
-  for (int point = 0; point < hex8_points; ++point) {
+  for (int point = 0; point < hexahedron_points; ++point) {
     const Eigen::Matrix3d dX_dxi = nodes.transpose() * dN_dxi[point];
     dV[point] = dX_dxi.determinant();
     if (!(dV[point] > 0.0)) return false;
@@ -72,7 +102,7 @@ bool evaluate_hex8(const material::FiniteStrainLaw& law, std::span<const double>
   double pressure_volume = 0.0;  // sum of tr(tau)/3 dV
 
   const auto size = static_cast<std::size_t>(law.history_size());
-  for (int point = 0; point < hex8_points; ++point) {
+  for (int point = 0; point < hexahedron_points; ++point) {
     const auto offset = static_cast<std::size_t>(point) * size;
     material::Response response;
     const Eigen::Matrix3d Fbar = std::cbrt(theta / J[point]) * F[point];
@@ -125,7 +155,7 @@ bool evaluate_hex8(const material::FiniteStrainLaw& law, std::span<const double>
 
   if (with_tangent) {
     // p * second variation of theta, up to the part taken at the points above.
-    for (int point = 0; point < hex8_points; ++point) {
+    for (int point = 0; point < hexahedron_points; ++point) {
       const Gradient& dN = dN_dx[point];
       const double weight = pressure_volume * J[point] * dV[point] / volume;
       for (int a = 0; a < 8; ++a)
@@ -137,6 +167,55 @@ bool evaluate_hex8(const material::FiniteStrainLaw& law, std::span<const double>
     for (int a = 0; a < 8; ++a) m.segment<3>(3 * a) = mean.row(a).transpose();
     result.tangent.noalias() -= pressure_volume * (m * m.transpose());
   }
+  return result.force.allFinite();
+}
+
+bool evaluate(const material::FiniteStrainLaw& law, std::span<const double> parameters, double time_increment,
+              const ElementNodes<20>& nodes, const ElementVector<20>& displacement, std::span<const double> history_old,
+              std::span<double> history_new, ElementResult<20>& result, bool with_tangent) noexcept {
+  const Eigen::Map<const Eigen::Matrix<double, 20, 3, Eigen::RowMajor>> u(displacement.data());
+  result.force.setZero();
+  result.cauchy_stress.setZero();
+  result.plastic_strain = 0.0;
+  if (with_tangent) result.tangent.setZero();
+  double reference_volume = 0.0;
+  const auto size = static_cast<std::size_t>(law.history_size());
+  for (std::size_t point = 0; point < hexahedron_points; ++point) {
+    const Eigen::Matrix3d dX_dxi = nodes.transpose() * dN_dxi_20[point];
+    const double dV = dX_dxi.determinant();
+    if (!(dV > 0.0)) return false;
+    const Gradient20 dN_dX = dN_dxi_20[point] * dX_dxi.inverse();
+    const Eigen::Matrix3d F = Eigen::Matrix3d::Identity() + u.transpose() * dN_dX;
+    const double J = F.determinant();
+    if (!(J > 0.0)) return false;
+    material::Response response;
+    const std::size_t offset = point * size;
+    if (!law.update(F, time_increment, parameters, history_old.subspan(offset, size), history_new.subspan(offset, size),
+                    response, with_tangent))
+      return false;
+    const Gradient20 dN = dN_dX * F.inverse();
+    const Gradient20 traction = dV * dN * tensor(response.kirchhoff);
+    for (int a = 0; a < 20; ++a) result.force.segment<3>(3 * a) += traction.row(a).transpose();
+    reference_volume += dV;
+    result.cauchy_stress += dV / J * response.kirchhoff;
+    if (law.plastic_strain_index() >= 0)
+      result.plastic_strain += dV * history_new[offset + static_cast<std::size_t>(law.plastic_strain_index())];
+    if (!with_tangent) continue;
+
+    Eigen::Matrix<double, 6, 60> B;
+    for (int a = 0; a < 20; ++a) {
+      const auto n = dN.row(a);
+      B.block<6, 3>(0, 3 * a) << n[0], 0, 0, 0, n[1], 0, 0, 0, n[2], n[1], n[0], 0, 0, n[2], n[1], n[2], 0, n[0];
+    }
+    const Eigen::Matrix<double, 6, 60> cB = (dV * response.tangent).lazyProduct(B);
+    result.tangent += B.transpose().lazyProduct(cB);
+    const Eigen::Matrix<double, 20, 20> stiffening = traction.lazyProduct(dN.transpose());
+    for (int a = 0; a < 20; ++a)
+      for (int b = 0; b < 20; ++b)
+        result.tangent.block<3, 3>(3 * a, 3 * b).diagonal().array() += stiffening(a, b);
+  }
+  result.cauchy_stress /= reference_volume;
+  result.plastic_strain /= reference_volume;
   return result.force.allFinite();
 }
 

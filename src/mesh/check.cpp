@@ -22,7 +22,7 @@ constexpr std::array<std::array<int, 3>, 8> hex_neighbours{
 /// Jacobian determinants at the corners, divided by the longest edge to the power of the dimension.
 Eigen::VectorXd corner_jacobians(const Mesh& mesh, Eigen::Index cell) {
   const auto at = [&](int k) -> Eigen::Vector3d { return mesh.nodes.row(mesh.cells(cell, k)).transpose(); };
-  const int corners = nodes_per_cell(mesh.type);
+  const int corners = corners_per_cell(mesh.type);
   Eigen::VectorXd jacobians(corners);
   double longest = 0.0;
   for (int k = 0; k < corners; ++k) {

@@ -19,6 +19,10 @@ inline constexpr std::array<std::array<int, 2>, 4> quad_edges{{{0, 1}, {1, 2}, {
 inline constexpr std::array<std::array<int, 4>, 6> hex_faces{
     {{0, 3, 2, 1}, {4, 5, 6, 7}, {0, 1, 5, 4}, {1, 2, 6, 5}, {2, 3, 7, 6}, {3, 0, 4, 7}}};
 
+/// Corner numbers of the edges of a hexahedron, in the order of a hex20's middle nodes 8 ... 19.
+inline constexpr std::array<std::array<int, 2>, 12> hex_edges{{{0, 1}, {1, 2}, {2, 3}, {3, 0}, {4, 5}, {5, 6},
+                                                              {6, 7}, {7, 4}, {0, 4}, {1, 5}, {2, 6}, {3, 7}}};
+
 /// The nodes of an edge or a face in ascending order; unused places are -1.
 using FacetKey = std::array<int, 4>;
 
@@ -48,16 +52,17 @@ template <class Row, class Index = std::conditional_t < requires(Row row) { row.
 inline FacetKey edge_key(int a, int b) { return {std::min(a, b), std::max(a, b), -1, -1}; }
 
 /// Nodes per facet and number of facets of a cell.
-inline int facet_size(CellType type) { return type == CellType::hex8 ? 4 : 2; }
-inline int facets_per_cell(CellType type) { return type == CellType::hex8 ? 6 : 4; }
+inline bool is_hexahedron(CellType type) { return type == CellType::hex8 || type == CellType::hex20; }
+inline int facet_size(CellType type) { return is_hexahedron(type) ? 4 : 2; }
+inline int facets_per_cell(CellType type) { return is_hexahedron(type) ? 6 : 4; }
 
-/// The nodes of facet `f` of cell `c`, in outward order.
+/// The corner nodes of facet `f` of cell `c`, in outward order.
 inline std::array<int, 4> facet_nodes(const Mesh& mesh, Eigen::Index c, int f) {
   std::array<int, 4> nodes{-1, -1, -1, -1};
   const auto facet = static_cast<std::size_t>(f);
   for (int i = 0; i < facet_size(mesh.type); ++i) {
     const auto k = static_cast<std::size_t>(i);
-    nodes[k] = mesh.cells(c, mesh.type == CellType::hex8 ? hex_faces[facet][k] : quad_edges[facet][k]);
+    nodes[k] = mesh.cells(c, is_hexahedron(mesh.type) ? hex_faces[facet][k] : quad_edges[facet][k]);
   }
   return nodes;
 }

@@ -18,26 +18,35 @@ namespace {
 using OwnedDM = PetscOwner<DM, DMDestroy>;
 using OwnedSF = PetscOwner<PetscSF, PetscSFDestroy>;
 
-int dimension(CellType type) { return type == CellType::hex8 ? 3 : type == CellType::quad4 ? 2 : 1; }
+int dimension(CellType type) {
+  if (type == CellType::quad4) return 2;
+  return type == CellType::line2 ? 1 : 3;
+}
 
-/// All of the mesh on rank 0: points 0 … cells - 1 are the cells, the next ones are the nodes, in natural order.
+/// All of the mesh on rank 0: points 0 … cells - 1 are the cells, the next ones are their corners, in natural order.
 OwnedDM plex_on_root(const Mesh& mesh, Communicator communicator) {
   const bool root = communicator.is_root();
-  const auto corners = static_cast<PetscInt>(mesh.cells.cols());
-  const auto cell_count = static_cast<PetscInt>(root ? mesh.cells.rows() : 0);
-  const auto node_count = static_cast<PetscInt>(root ? mesh.nodes.rows() : 0);
+  const int corners = corners_per_cell(mesh.type), dim = dimension(mesh.type);
   std::vector<PetscInt> cells;
   std::vector<PetscReal> coordinates;
-  const int dim = dimension(mesh.type);
   if (root) {
-    cells.assign(mesh.cells.data(), mesh.cells.data() + mesh.cells.size());
-    if (mesh.type == CellType::hex8)  // DMPlex runs the other way round the bottom face
+    std::vector<PetscInt> vertex(static_cast<std::size_t>(mesh.nodes.rows()), -1);
+    for (Eigen::Index c = 0; c < mesh.cells.rows(); ++c)
+      for (int k = 0; k < corners; ++k) vertex[static_cast<std::size_t>(mesh.cells(c, k))] = 0;
+    PetscInt vertices = 0;
+    for (std::size_t i = 0; i < vertex.size(); ++i) {
+      if (vertex[i] < 0) continue;
+      vertex[i] = vertices++;
+      for (int d = 0; d < dim; ++d) coordinates.push_back(mesh.nodes(static_cast<Eigen::Index>(i), d));
+    }
+    for (Eigen::Index c = 0; c < mesh.cells.rows(); ++c)
+      for (int k = 0; k < corners; ++k) cells.push_back(vertex[static_cast<std::size_t>(mesh.cells(c, k))]);
+    if (dim == 3)  // DMPlex runs the other way round the bottom face
       for (std::size_t c = 0; c < cells.size(); c += 8) std::swap(cells[c + 1], cells[c + 3]);
-    for (Eigen::Index i = 0; i < mesh.nodes.rows(); ++i)
-      for (int d = 0; d < dim; ++d) coordinates.push_back(mesh.nodes(i, d));
   }
   OwnedDM plex;
-  IMIC3D_PETSC(DMPlexCreateFromCellListPetsc(communicator.handle, dim, cell_count, node_count, corners, PETSC_TRUE,
+  IMIC3D_PETSC(DMPlexCreateFromCellListPetsc(communicator.handle, dim, static_cast<PetscInt>(root ? mesh.cells.rows() : 0),
+                                             static_cast<PetscInt>(coordinates.size()) / dim, corners, PETSC_TRUE,
                                              cells.data(), dim, coordinates.data(), plex.put()));
   return plex;
 }

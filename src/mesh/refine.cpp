@@ -32,6 +32,10 @@ class NewNodes {
 
   [[nodiscard]] int of(const FacetKey& key) const { return number_.at(key); }
 
+  void move(int node, const Eigen::Vector2d& shift) {
+    places_[static_cast<std::size_t>(node - coarse_.nodes.rows())].head<2>() += shift.transpose();
+  }
+
   [[nodiscard]] Nodes all() const {
     Nodes nodes(next_, 3);
     nodes.topRows(coarse_.nodes.rows()) = coarse_.nodes;
@@ -81,7 +85,7 @@ Cells refined(const Cells& facets, const NewNodes& nodes) {
 }
 
 /// Adds the new nodes on the boundary to the node groups.
-void extend_node_groups(const Mesh& coarse, const NewNodes& nodes, Mesh& fine) {
+void extend_node_groups(const Mesh& coarse, const NewNodes& nodes, bool face_nodes, Mesh& fine) {
   const auto add_from = [&](const Cells& facets, const auto& belongs, std::set<int>& group) {
     for (Eigen::Index f = 0; f < facets.rows(); ++f) {
       const auto size = facets.cols();
@@ -91,7 +95,7 @@ void extend_node_groups(const Mesh& coarse, const NewNodes& nodes, Mesh& fine) {
         all = all && belongs(a);
         if (belongs(a) && belongs(b)) group.insert(nodes.of(edge_key(a, b)));
       }
-      if (size == 4 && all) group.insert(nodes.of(facet_key(facets.row(f), 4)));
+      if (size == 4 && face_nodes && all) group.insert(nodes.of(facet_key(facets.row(f), 4)));
     }
   };
   const Cells boundary = boundary_facets(coarse).nodes;
@@ -156,7 +160,8 @@ Cells children_of_hex(const Mesh& coarse, Eigen::Index c, NewNodes& nodes) {
 }  // namespace
 
 Mesh refine(const Mesh& mesh) {
-  if (mesh.type == CellType::line2) throw InputError("mesh to be refined", "line cells", "quadrilaterals or hexahedra");
+  if (mesh.type != CellType::quad4 && mesh.type != CellType::hex8)
+    throw InputError("mesh to be refined", "line cells or quadratic ones", "quadrilaterals or 8-node hexahedra");
   const Eigen::Index children = mesh.type == CellType::quad4 ? 4 : 8;
   NewNodes nodes(mesh);
   Mesh fine;
@@ -165,9 +170,11 @@ Mesh refine(const Mesh& mesh) {
   for (Eigen::Index c = 0; c < mesh.cells.rows(); ++c)
     fine.cells.middleRows(children * c, children) =
         mesh.type == CellType::quad4 ? children_of_quad(mesh, c, nodes) : children_of_hex(mesh, c, nodes);
+  if (mesh.type == CellType::quad4)
+    for (const Bulge& bulge : bulges(mesh)) nodes.move(nodes.of(edge_key(bulge.from, bulge.to)), bulge.shift);
   fine.nodes = nodes.all();
 
-  extend_node_groups(mesh, nodes, fine);
+  extend_node_groups(mesh, nodes, true, fine);
   for (const auto& [name, members] : mesh.cell_groups) {
     auto& group = fine.cell_groups[name];
     for (int cell : members)
@@ -176,6 +183,32 @@ Mesh refine(const Mesh& mesh) {
   for (const auto& [name, facets] : mesh.facet_groups) fine.facet_groups[name] = refined(facets, nodes);
   if (mesh.front.rows() > 0) fine.front = refined(mesh.front, nodes);
   return fine;
+}
+
+Mesh quadratic(const Mesh& hexes) {
+  if (hexes.type != CellType::hex8) throw InputError("mesh", "not 8-node hexahedra", "8-node hexahedra");
+  NewNodes nodes(hexes);
+  Mesh result = hexes;
+  result.type = CellType::hex20;
+  result.nodes_per_layer = 0;
+  result.cells.resize(hexes.cells.rows(), 20);
+  result.cells.leftCols(8) = hexes.cells;
+  for (Eigen::Index c = 0; c < hexes.cells.rows(); ++c)
+    for (std::size_t e = 0; e < hex_edges.size(); ++e)
+      result.cells(c, 8 + static_cast<Eigen::Index>(e)) =
+          nodes.between(std::array{hexes.cells(c, hex_edges[e][0]), hexes.cells(c, hex_edges[e][1])});
+  if (const int per_layer = hexes.nodes_per_layer; per_layer > 0) {
+    Mesh face;
+    face.type = CellType::quad4;
+    face.nodes = hexes.nodes.topRows(per_layer);
+    face.cells = hexes.front;
+    for (const Bulge& bulge : bulges(face))
+      for (int node = 0; node < hexes.nodes.rows(); node += per_layer)
+        nodes.move(nodes.of(edge_key(node + bulge.from, node + bulge.to)), bulge.shift);
+  }
+  result.nodes = nodes.all();
+  extend_node_groups(hexes, nodes, false, result);
+  return result;
 }
 
 }  // namespace imic3d::mesh

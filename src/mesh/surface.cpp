@@ -16,8 +16,28 @@ int nodes_per_cell(CellType type) {
       return 4;
     case CellType::hex8:
       return 8;
+    case CellType::hex20:
+      return 20;
   }
   return 0;
+}
+
+int corners_per_cell(CellType type) { return type == CellType::hex20 ? 8 : nodes_per_cell(type); }
+
+Cells with_middles(const Mesh& volume, const Cells& facets) {
+  if (volume.type != CellType::hex20) return facets;
+  FacetMap<int> middle;
+  for (Eigen::Index c = 0; c < volume.cells.rows(); ++c)
+    for (std::size_t e = 0; e < hex_edges.size(); ++e)
+      middle.emplace(edge_key(volume.cells(c, hex_edges[e][0]), volume.cells(c, hex_edges[e][1])),
+                     volume.cells(c, 8 + static_cast<Eigen::Index>(e)));
+  Cells all(facets.rows(), 8);
+  for (Eigen::Index f = 0; f < facets.rows(); ++f)
+    for (Eigen::Index k = 0; k < 4; ++k) {
+      all(f, k) = facets(f, k);
+      all(f, 4 + k) = middle.at(edge_key(facets(f, k), facets(f, (k + 1) % 4)));
+    }
+  return all;
 }
 
 Facets boundary_facets(const Mesh& mesh) {
@@ -41,7 +61,7 @@ Facets boundary_facets(const Mesh& mesh) {
 }
 
 void choose_front(Mesh& mesh, const std::string& group) {
-  if (mesh.type != CellType::hex8) throw InputError("front", "a quadrilateral mesh", "a mesh of hexahedra");
+  if (!is_hexahedron(mesh.type)) throw InputError("front", "a quadrilateral mesh", "a mesh of hexahedra");
   if (const auto facets = mesh.facet_groups.find(group); facets != mesh.facet_groups.end()) {
     mesh.front = facets->second;
     return;
@@ -72,20 +92,41 @@ Surface front_surface(const Mesh& volume) {
   if (volume.front.rows() == 0)
     throw InputError("mesh", "no face that the camera sees",
                      "boundary quadrilaterals that face +z, or a named front group");
-  Surface surface;
-  auto& seen = surface.nodes_of_volume;
-  seen.assign(volume.front.data(), volume.front.data() + volume.front.size());
+  const bool split = volume.type == CellType::hex20;  // each face into four around its centre
+  const Cells faces_seen = with_middles(volume, volume.front);
+  std::vector<int> seen(faces_seen.data(), faces_seen.data() + faces_seen.size());
   std::sort(seen.begin(), seen.end());
   seen.erase(std::unique(seen.begin(), seen.end()), seen.end());
   std::vector<int> number(static_cast<std::size_t>(volume.nodes.rows()), -1);
   for (std::size_t i = 0; i < seen.size(); ++i) number[static_cast<std::size_t>(seen[i])] = static_cast<int>(i);
 
+  Surface surface;
   Mesh& quads = surface.mesh;
   quads.type = CellType::quad4;
-  quads.nodes.resize(static_cast<Eigen::Index>(seen.size()), 3);
-  for (std::size_t i = 0; i < seen.size(); ++i)
-    quads.nodes.row(static_cast<Eigen::Index>(i)) = volume.nodes.row(seen[i]);
-  quads.cells = volume.front.unaryExpr([&](int node) { return number[static_cast<std::size_t>(node)]; });
+  const auto on_volume = static_cast<Eigen::Index>(seen.size()), front = volume.front.rows();
+  std::vector<Eigen::Triplet<double>> weights;
+  for (Eigen::Index i = 0; i < on_volume; ++i)
+    weights.emplace_back(static_cast<int>(i), seen[static_cast<std::size_t>(i)], 1.0);
+  const auto at = [&](Eigen::Index face, Eigen::Index k) { return number[static_cast<std::size_t>(faces_seen(face, k))]; };
+  quads.cells.resize(split ? 4 * front : front, 4);
+  for (Eigen::Index f = 0; f < front; ++f) {
+    if (!split) {
+      for (Eigen::Index k = 0; k < 4; ++k) quads.cells(f, k) = at(f, k);
+      continue;
+    }
+    const auto centre = static_cast<int>(on_volume + f);
+    for (Eigen::Index k = 0; k < 4; ++k) {  // the serendipity shape functions at the centre
+      weights.emplace_back(centre, faces_seen(f, k), -0.25);
+      weights.emplace_back(centre, faces_seen(f, 4 + k), 0.5);
+    }
+    quads.cells.middleRows(4 * f, 4) << at(f, 0), at(f, 4), centre, at(f, 7),  //
+        at(f, 4), at(f, 1), at(f, 5), centre,                                  //
+        centre, at(f, 5), at(f, 2), at(f, 6),                                  //
+        at(f, 7), centre, at(f, 6), at(f, 3);
+  }
+  surface.weights.resize(split ? on_volume + front : on_volume, volume.nodes.rows());
+  surface.weights.setFromTriplets(weights.begin(), weights.end());
+  quads.nodes = surface.weights * volume.nodes;
 
   for (const auto& [name, members] : volume.node_groups) {
     std::vector<int> group;
@@ -97,19 +138,24 @@ Surface front_surface(const Mesh& volume) {
   const Facets edges = boundary_facets(quads);
   FacetMap<Eigen::Index> edge_at;
   for (Eigen::Index e = 0; e < edges.nodes.rows(); ++e)
-    edge_at.emplace(
-        edge_key(seen[static_cast<std::size_t>(edges.nodes(e, 0))], seen[static_cast<std::size_t>(edges.nodes(e, 1))]),
-        e);
+    edge_at.emplace(edge_key(edges.nodes(e, 0), edges.nodes(e, 1)), e);
   FacetMap<int> in_front;
-  for (Eigen::Index f = 0; f < volume.front.rows(); ++f)
-    in_front.emplace(facet_key(volume.front.row(f), 4), static_cast<int>(f));
+  for (Eigen::Index f = 0; f < front; ++f) in_front.emplace(facet_key(volume.front.row(f), 4), static_cast<int>(f));
   for (const auto& [name, faces] : volume.facet_groups) {
     std::vector<Eigen::Index> group;
+    const Cells whole = with_middles(volume, faces);
+    const auto add = [&](int a, int b) {
+      const int on_a = number[static_cast<std::size_t>(a)], on_b = number[static_cast<std::size_t>(b)];
+      if (on_a < 0 || on_b < 0) return;
+      if (const auto found = edge_at.find(edge_key(on_a, on_b)); found != edge_at.end()) group.push_back(found->second);
+    };
     for (Eigen::Index f = 0; f < faces.rows(); ++f) {
       if (in_front.contains(facet_key(faces.row(f), 4))) continue;
-      for (Eigen::Index k = 0; k < 4; ++k)
-        if (const auto at = edge_at.find(edge_key(faces(f, k), faces(f, (k + 1) % 4))); at != edge_at.end())
-          group.push_back(at->second);
+      for (Eigen::Index k = 0; k < 4; ++k) {
+        const int a = faces(f, k), b = faces(f, (k + 1) % 4);
+        if (!split) add(a, b);
+        if (split) add(a, whole(f, 4 + k)), add(whole(f, 4 + k), b);
+      }
     }
     if (group.empty()) continue;
     std::sort(group.begin(), group.end());
@@ -119,14 +165,16 @@ Surface front_surface(const Mesh& volume) {
     for (std::size_t i = 0; i < group.size(); ++i) rows.row(static_cast<Eigen::Index>(i)) = edges.nodes.row(group[i]);
   }
   const Facets faces = boundary_facets(volume);
-  std::vector<int> cell_of_quad(static_cast<std::size_t>(volume.front.rows()), -1);
+  std::vector<int> cell_of_face(static_cast<std::size_t>(front), -1);
   for (Eigen::Index f = 0; f < faces.nodes.rows(); ++f)
-    if (const auto at = in_front.find(facet_key(faces.nodes.row(f), 4)); at != in_front.end())
-      cell_of_quad[static_cast<std::size_t>(at->second)] = faces.cells[static_cast<std::size_t>(f)];
+    if (const auto found = in_front.find(facet_key(faces.nodes.row(f), 4)); found != in_front.end())
+      cell_of_face[static_cast<std::size_t>(found->second)] = faces.cells[static_cast<std::size_t>(f)];
+  const int children = split ? 4 : 1;
   for (const auto& [name, members] : volume.cell_groups) {
     std::vector<int> group;
-    for (std::size_t q = 0; q < cell_of_quad.size(); ++q)
-      if (std::binary_search(members.begin(), members.end(), cell_of_quad[q])) group.push_back(static_cast<int>(q));
+    for (std::size_t f = 0; f < cell_of_face.size(); ++f)
+      if (std::binary_search(members.begin(), members.end(), cell_of_face[f]))
+        for (int child = 0; child < children; ++child) group.push_back(children * static_cast<int>(f) + child);
     if (!group.empty()) quads.cell_groups[name] = std::move(group);
   }
   return surface;
@@ -158,6 +206,38 @@ std::vector<std::vector<int>> contours(const Mesh& quads) {
   std::vector<std::vector<int>> ordered;
   for (auto& [area, nodes] : found) ordered.push_back(std::move(nodes));
   return ordered;
+}
+
+std::vector<Bulge> bulges(const Mesh& quads) {
+  constexpr double corner = 40.0 / 180.0 * M_PI, straight = 1e-6;
+  std::vector<Bulge> found;
+  for (const auto& contour : contours(quads)) {
+    const std::size_t n = contour.size();
+    const auto place = [&](std::size_t i) -> Eigen::Vector2d { return quads.nodes.row(contour[i % n]).head<2>().transpose(); };
+    const auto cross = [](const Eigen::Vector2d& a, const Eigen::Vector2d& b) { return a.x() * b.y() - a.y() * b.x(); };
+    // Of the circle through a node and its neighbours; to the left is positive, NaN at a corner.
+    const auto curvature = [&](std::size_t i) {
+      const Eigen::Vector2d in = place(i) - place(i + n - 1), out = place(i + 1) - place(i);
+      const double turn = std::atan2(cross(in, out), in.dot(out));
+      if (std::abs(turn) > corner) return std::nan("");
+      return 2.0 * cross(in, out) / (in.norm() * out.norm() * (in + out).norm());
+    };
+    for (std::size_t i = 0; i < n; ++i) {
+      double a = curvature(i), b = curvature(i + 1);
+      if (std::isnan(a)) a = b;
+      if (std::isnan(b)) b = a;
+      if (std::isnan(a) || a * b <= 0.0) continue;
+      const double bent = std::abs(a) < std::abs(b) ? a : b;
+      const Eigen::Vector2d edge = place(i + 1) - place(i);
+      const double length = edge.norm();
+      if (std::abs(bent) * length < straight) continue;
+      const double radius = 1.0 / std::abs(bent);
+      const double rise = radius - std::sqrt(std::max(0.0, radius * radius - 0.25 * length * length));
+      const Eigen::Vector2d right(edge.y() / length, -edge.x() / length);
+      found.push_back({contour[i], contour[(i + 1) % n], (bent > 0.0 ? rise : -rise) * right});
+    }
+  }
+  return found;
 }
 
 }  // namespace imic3d::mesh

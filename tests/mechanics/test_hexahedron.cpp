@@ -9,45 +9,60 @@
 namespace imic3d::mechanics {
 namespace {
 
-struct Element {
+/// A distorted element, stretched and wrinkled until it yields.
+template <class Size>
+class Hexahedron : public ::testing::Test {
+ protected:
+  static constexpr int nodes_count = Size::value, dofs = 3 * nodes_count;
+  using Vector = ElementVector<nodes_count>;
+  using Result = ElementResult<nodes_count>;
+
   std::shared_ptr<const material::FiniteStrainLaw> law =
       material::make_law({.law = "j2", .hardening = "power_linear", .tie_initial_modulus = true, .table_strain = {}});
   std::vector<double> parameters = {198e3, 0.25, 284.0, 1480.0, 0.042};
-  Eigen::Matrix<double, 8, 3> nodes;
-  Eigen::Matrix<double, 24, 1> u;
+  ElementNodes<nodes_count> nodes;
+  Vector u;
   std::vector<double> old_history, new_history;
 
-  Element() {
+  Hexahedron() {
     std::mt19937 random(3);
-    std::uniform_real_distribution<double> shift(-0.15, 0.15), move(-0.03, 0.03);
-    nodes << 0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0, 0, 0, 1, 1, 0, 1, 1, 1, 1, 0, 1, 1;
+    std::uniform_real_distribution<double> shift(-0.15, 0.15), move(-0.03, 0.03), bend(-0.03, 0.03);
+    nodes.template topRows<8>() << 0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0, 0, 0, 1, 1, 0, 1, 1, 1, 1, 0, 1, 1;
     for (int i = 0; i < 24; ++i) nodes(i / 3, i % 3) += shift(random);
-    for (int i = 0; i < 24; ++i) u[i] = move(random);
-    for (int a = 0; a < 8; ++a) u[3 * a] += 0.05 * nodes(a, 0);
-    old_history.resize(static_cast<std::size_t>(8 * law->history_size()));
+    constexpr int edges[12][2] = {{0, 1}, {1, 2}, {2, 3}, {3, 0}, {4, 5}, {5, 6}, {6, 7}, {7, 4}, {0, 4}, {1, 5}, {2, 6}, {3, 7}};
+    for (int e = 8; e < nodes_count; ++e)  // curved edges
+      for (int i = 0; i < 3; ++i) nodes(e, i) = 0.5 * (nodes(edges[e - 8][0], i) + nodes(edges[e - 8][1], i)) + bend(random);
+    for (int i = 0; i < dofs; ++i) u[i] = move(random);
+    for (int a = 0; a < nodes_count; ++a) u[3 * a] += 0.05 * nodes(a, 0);
+    old_history.resize(static_cast<std::size_t>(hexahedron_points * law->history_size()));
     new_history = old_history;
     const auto size = static_cast<std::size_t>(law->history_size());
-    for (std::size_t p = 0; p < 8; ++p) law->initialise(std::span(old_history).subspan(p * size, size));
+    for (std::size_t p = 0; p < hexahedron_points; ++p) law->initialise(std::span(old_history).subspan(p * size, size));
   }
-  bool evaluate(const Eigen::Matrix<double, 24, 1>& at, ElementResult& result, bool tangent) {
-    return evaluate_hex8(*law, parameters, 1.0, nodes, at, old_history, new_history, result, tangent);
+  bool evaluate_at(const Vector& at, Result& result, bool tangent) {
+    return evaluate(*law, parameters, 1.0, nodes, at, old_history, new_history, result, tangent);
   }
 };
 
-TEST(Hexahedron, TangentIsTheDerivativeOfTheForceWhilePlastic) {
-  Element element;
-  ElementResult result;
-  ASSERT_TRUE(element.evaluate(element.u, result, true));
+using Sizes = ::testing::Types<std::integral_constant<int, 8>, std::integral_constant<int, 20>>;
+TYPED_TEST_SUITE(Hexahedron, Sizes);
+
+TYPED_TEST(Hexahedron, TangentIsTheDerivativeOfTheForceWhilePlastic) {
+  using Vector = typename TestFixture::Vector;
+  using Result = typename TestFixture::Result;
+  constexpr int count = TestFixture::nodes_count;
+  Result result;
+  ASSERT_TRUE(this->evaluate_at(this->u, result, true));
   ASSERT_GT(result.plastic_strain, 0.01) << "the state must have yielded";
   EXPECT_LT((result.tangent - result.tangent.transpose()).norm(), 1e-12 * result.tangent.norm());
 
-  Eigen::Matrix<double, 24, 1> direction = Eigen::Matrix<double, 24, 1>::Random();
-  const Eigen::Matrix<double, 24, 1> exact = result.tangent * direction;
+  Vector direction = Vector::Random();
+  const Vector exact = result.tangent * direction;
   std::vector<double> errors;
   for (double h = 1e-3; h > 1e-11; h *= 0.1) {
-    ElementResult plus, minus;
-    ASSERT_TRUE(element.evaluate(element.u + h * direction, plus, false));
-    ASSERT_TRUE(element.evaluate(element.u - h * direction, minus, false));
+    Result plus, minus;
+    ASSERT_TRUE(this->evaluate_at(this->u + h * direction, plus, false));
+    ASSERT_TRUE(this->evaluate_at(this->u - h * direction, minus, false));
     errors.push_back(((plus.force - minus.force) / (2.0 * h) - exact).norm() / exact.norm());
   }
   const auto best = std::min_element(errors.begin(), errors.end());
@@ -56,37 +71,43 @@ TEST(Hexahedron, TangentIsTheDerivativeOfTheForceWhilePlastic) {
   EXPECT_GT(errors.back(), 30.0 * *best) << "round-off must be seen: an error that stays zero is suspicious";
 }
 
-TEST(Hexahedron, RigidRotationLeavesNoForce) {
-  Element element;
+TYPED_TEST(Hexahedron, RigidRotationLeavesNoForce) {
+  using Vector = typename TestFixture::Vector;
+  using Result = typename TestFixture::Result;
+  constexpr int count = TestFixture::nodes_count;
   const Eigen::Matrix3d R = Eigen::AngleAxisd(1.1, Eigen::Vector3d(1, 2, 3).normalized()).toRotationMatrix();
-  Eigen::Matrix<double, 24, 1> u;
-  for (int a = 0; a < 8; ++a)
-    u.segment<3>(3 * a) = (R - Eigen::Matrix3d::Identity()) * element.nodes.row(a).transpose() + Eigen::Vector3d(5, 6, 7);
-  ElementResult result;
-  ASSERT_TRUE(element.evaluate(u, result, false));
-  EXPECT_LT(result.force.norm(), 1e-9 * element.parameters[0]);
+  Vector u;
+  for (int a = 0; a < count; ++a)
+    u.template segment<3>(3 * a) = (R - Eigen::Matrix3d::Identity()) * this->nodes.row(a).transpose() + Eigen::Vector3d(5, 6, 7);
+  Result result;
+  ASSERT_TRUE(this->evaluate_at(u, result, false));
+  EXPECT_LT(result.force.norm(), 1e-9 * this->parameters[0]);
 }
 
-TEST(Hexahedron, ForcesTurnWithTheElement) {
-  Element element;
-  ElementResult result, turned;
-  ASSERT_TRUE(element.evaluate(element.u, result, false));
+TYPED_TEST(Hexahedron, ForcesTurnWithTheElement) {
+  using Vector = typename TestFixture::Vector;
+  using Result = typename TestFixture::Result;
+  constexpr int count = TestFixture::nodes_count;
+  Result result, turned;
+  ASSERT_TRUE(this->evaluate_at(this->u, result, false));
   const Eigen::Matrix3d R = Eigen::AngleAxisd(0.7, Eigen::Vector3d(-1, 2, 0.5).normalized()).toRotationMatrix();
-  Eigen::Matrix<double, 24, 1> u;
-  for (int a = 0; a < 8; ++a) {
-    const Eigen::Vector3d X = element.nodes.row(a).transpose();
-    u.segment<3>(3 * a) = R * (X + element.u.segment<3>(3 * a)) - X;
+  Vector u;
+  for (int a = 0; a < count; ++a) {
+    const Eigen::Vector3d X = this->nodes.row(a).transpose();
+    u.template segment<3>(3 * a) = R * (X + this->u.template segment<3>(3 * a)) - X;
   }
-  ASSERT_TRUE(element.evaluate(u, turned, false));
-  for (int a = 0; a < 8; ++a)
-    EXPECT_LT((turned.force.segment<3>(3 * a) - R * result.force.segment<3>(3 * a)).norm(), 1e-12 * result.force.norm());
+  ASSERT_TRUE(this->evaluate_at(u, turned, false));
+  for (int a = 0; a < count; ++a)
+    EXPECT_LT((turned.force.template segment<3>(3 * a) - R * result.force.template segment<3>(3 * a)).norm(), 1e-12 * result.force.norm());
 }
 
-TEST(Hexahedron, AnInvertedElementIsReported) {
-  Element element;
-  element.u[2] += 3.0;
-  ElementResult result;
-  EXPECT_FALSE(element.evaluate(element.u, result, true));
+TYPED_TEST(Hexahedron, AnInvertedElementIsReported) {
+  using Vector = typename TestFixture::Vector;
+  using Result = typename TestFixture::Result;
+  constexpr int count = TestFixture::nodes_count;
+  this->u[2] += 3.0;
+  Result result;
+  EXPECT_FALSE(this->evaluate_at(this->u, result, true));
 }
 
 }  // namespace

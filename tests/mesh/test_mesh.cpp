@@ -122,11 +122,68 @@ TEST(FrontSurface, IsTheMeshThatWasExtruded) {
   const Surface surface = front_surface(extrude(quads, 1.0, 2));
   EXPECT_TRUE(surface.mesh.nodes == quads.nodes);
   EXPECT_TRUE(surface.mesh.cells == quads.cells);
-  EXPECT_EQ(surface.nodes_of_volume.back(), 19);
+  EXPECT_EQ(surface.weights.rows(), 20);
+  EXPECT_EQ(surface.weights.coeff(19, 19), 1.0);
+  EXPECT_EQ(surface.weights.sum(), 20.0);
   EXPECT_EQ(surface.mesh.node_groups.at("left"), quads.node_groups.at("left"));
   EXPECT_EQ(surface.mesh.cell_groups.at("specimen"), quads.cell_groups.at("specimen"));
   EXPECT_EQ(surface.mesh.facet_groups.at("top").rows(), 4);
   EXPECT_FALSE(surface.mesh.facet_groups.contains("front"));
+}
+
+/// A ring sector of quads: inner radius 2, outer 3, from angle 0 to 1.2, in unequal steps.
+Mesh ring_sector() {
+  Mesh mesh = grid(6, 2);
+  for (Eigen::Index i = 0; i < mesh.nodes.rows(); ++i) {
+    const double s = mesh.nodes(i, 0) / 6.0, r = 3.0 - mesh.nodes(i, 1) / 2.0;
+    const double angle = 1.2 * s * (0.7 + 0.3 * s);
+    mesh.nodes.row(i) << r * std::cos(angle), r * std::sin(angle), 0.0;
+  }
+  return mesh;
+}
+
+bool on_ring(const Eigen::RowVector3d& x) {
+  return std::abs(x.head<2>().norm() - 2.0) < 1e-12 || std::abs(x.head<2>().norm() - 3.0) < 1e-12;
+}
+
+TEST(Curved, MiddlesOfEdgesLieOnTheContoursCircle) {
+  const Mesh ring = ring_sector();
+  ASSERT_THAT(check(ring, "ring"), SizeIs(0));
+  EXPECT_THAT(bulges(ring), SizeIs(12));  // not the four edges of the straight ends
+  const Mesh fine = refine(ring);
+  EXPECT_THAT(check(fine, "fine"), SizeIs(0));
+  int on = 0;
+  for (Eigen::Index i = 0; i < fine.nodes.rows(); ++i) on += on_ring(fine.nodes.row(i)) ? 1 : 0;
+  EXPECT_EQ(on, 2 * 13);
+  EXPECT_THAT(bulges(grid(5, 3)), SizeIs(0));
+}
+
+TEST(Quadratic, GetsMiddlesOfEdgesGroupsAndAFrontOfFourQuadsAFace) {
+  const Mesh ring = ring_sector();
+  const Mesh hexes = extrude(ring, 1.0, 2), solid = quadratic(hexes);
+  EXPECT_EQ(solid.cells.cols(), 20);
+  EXPECT_TRUE(solid.nodes.topRows(hexes.nodes.rows()) == hexes.nodes);
+  EXPECT_EQ(solid.nodes.rows(), 3 * (21 + 6 * 3 + 7 * 2) + 2 * 21);
+  int on = 0;
+  for (Eigen::Index i = 0; i < solid.nodes.rows(); ++i) on += on_ring(solid.nodes.row(i)) ? 1 : 0;
+  EXPECT_EQ(on, 3 * 2 * 13 + 2 * 2 * 7);
+  EXPECT_THAT(solid.node_groups.at("left"), SizeIs(3 * 5 + 2 * 3));
+  EXPECT_THAT(solid.node_groups.at("front"), SizeIs(21 + 6 * 3 + 7 * 2));
+  const Cells faces = with_middles(solid, solid.front);
+  for (Eigen::Index f = 0; f < faces.rows(); ++f)
+    for (Eigen::Index k = 0; k < 8; ++k) EXPECT_EQ(solid.nodes(faces(f, k), 2), 0.0);
+
+  const Surface surface = front_surface(solid);
+  EXPECT_EQ(surface.mesh.cells.rows(), 4 * 12);
+  EXPECT_EQ(surface.mesh.nodes.rows(), 21 + 6 * 3 + 7 * 2 + 12);
+  EXPECT_THAT(check(surface.mesh, "surface"), SizeIs(0));
+  EXPECT_THAT(surface.mesh.node_groups.at("left"), SizeIs(5));
+  EXPECT_EQ(surface.mesh.facet_groups.at("top").rows(), 12);
+  // A quadratic field of the volume is the same on the surface, also at the faces' centres, up to the mixed cubic terms.
+  const Eigen::VectorXd ones = surface.weights * Eigen::VectorXd::Ones(solid.nodes.rows());
+  EXPECT_NEAR((ones.array() - 1.0).abs().maxCoeff(), 0.0, 1e-14);
+  const Nodes seen = surface.weights * solid.nodes;
+  EXPECT_NEAR((seen - surface.mesh.nodes).norm(), 0.0, 1e-14);
 }
 
 TEST(Contours, OuterCounterClockwiseThenHoles) {

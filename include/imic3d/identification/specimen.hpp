@@ -20,6 +20,7 @@ enum class Control {
 struct Specimen {
   mesh::Mesh volume;
   mesh::Surface surface;            ///< the camera's face of the volume
+  Eigen::SparseMatrix<double> projection;  ///< P of Eq. 15 [2 * surface nodes x 3 * nodes]
   int axis = 1;                     ///< direction of the load: 0 (x) or 1 (y)
   double section_factor = 1.0;      ///< measured force / force on the simulated part (2 with mid-plane symmetry)
   std::vector<int> held, loaded;    ///< volume nodes of the two ends

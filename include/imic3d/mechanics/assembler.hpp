@@ -60,12 +60,16 @@ class Assembler {
 
  private:
   void gather(Vec global, std::vector<double>& local) const;
+  /// Fills the element arrays; false if an element of this rank failed.
+  template <int nodes>
+  [[nodiscard]] bool evaluate_cells(double time_increment, std::span<const double> parameters, bool with_tangent);
 
   const mesh::Partition& partition_;
   std::shared_ptr<const material::FiniteStrainLaw> law_;
   HistoryField history_;
-  std::vector<Eigen::Matrix<double, 8, 3>> nodes_;                 // reference positions per local cell
-  std::vector<std::array<int, 8>> local_nodes_;                    // per local cell, into local arrays
+  int nodes_per_cell_;
+  mesh::Nodes nodes_;        // reference positions, cell by cell [local cells * nodes per cell x 3]
+  mesh::Cells local_nodes_;  // of each local cell, into local arrays
   std::vector<char> constrained_local_, constrained_owned_;
   std::vector<double> element_tangents_, element_forces_, element_lifting_;
   std::vector<double> u_local_, increment_local_;

@@ -1,5 +1,5 @@
 #pragma once
-// The 8-node hexahedron with element-averaged dilatation at finite strain.
+// Hexahedra at finite strain: 8 nodes with element-averaged dilatation, 20 nodes with reduced integration.
 
 #include <Eigen/Core>
 #include <span>
@@ -8,26 +8,40 @@
 
 namespace imic3d::mechanics {
 
+/// Positions of an element's nodes [nodes x 3, length]; values of its degrees of freedom, node by node x, y, z.
+template <int nodes>
+using ElementNodes = Eigen::Matrix<double, nodes, 3>;
+template <int nodes>
+using ElementVector = Eigen::Matrix<double, 3 * nodes, 1>;
+
 /// Internal force, consistent tangent and cell averages of one hexahedron.
+template <int nodes>
 struct ElementResult {
-  Eigen::Matrix<double, 24, 1> force;     ///< internal forces, node by node x, y, z [force]
-  Eigen::Matrix<double, 24, 24> tangent;  ///< d(force)/d(displacement) [force/length], symmetric for associative laws
-  material::Vector6 cauchy_stress;        ///< volume average of the Cauchy stress [stress]
-  double plastic_strain = 0.0;            ///< volume average of the accumulated plastic strain [-]
+  ElementVector<nodes> force;                                 ///< internal forces [force]
+  Eigen::Matrix<double, 3 * nodes, 3 * nodes> tangent;        ///< d(force)/d(displacement) [force/length]
+  material::Vector6 cauchy_stress;                            ///< volume average of the Cauchy stress [stress]
+  double plastic_strain = 0.0;                                ///< volume average of the accumulated plastic strain [-]
 };
 
-/// Points of the Gauss rule: 2 x 2 x 2.
-inline constexpr int hex8_points = 8;
+/// Points of the Gauss rule of either element: 2 x 2 x 2.
+inline constexpr int hexahedron_points = 8;
 
 /// Hex8 whose dilatation is averaged over the element: Fbar = (theta/J)^(1/3) F with theta the element's volume ratio
 /// (Simo, Taylor & Pister 1985; the one-field form, so that the residual is the gradient of the incremental energy
 /// W(Fbar) and the tangent is symmetric). Updated-Lagrangian: spatial gradients at the current configuration.
 ///
-/// nodes: reference positions [8 x 3, length]; displacement: [24, length]; history_old, history_new: [8 * history_size].
+/// nodes: reference positions; history_old, history_new: [8 * history_size].
 /// Returns false where the element is inverted or the law cannot follow; `result` is then not valid.
-[[nodiscard]] bool evaluate_hex8(const material::FiniteStrainLaw& law, std::span<const double> parameters,
-                                 double time_increment, const Eigen::Matrix<double, 8, 3>& nodes,
-                                 const Eigen::Matrix<double, 24, 1>& displacement, std::span<const double> history_old,
-                                 std::span<double> history_new, ElementResult& result, bool with_tangent) noexcept;
+[[nodiscard]] bool evaluate(const material::FiniteStrainLaw& law, std::span<const double> parameters,
+                            double time_increment, const ElementNodes<8>& nodes, const ElementVector<8>& displacement,
+                            std::span<const double> history_old, std::span<double> history_new,
+                            ElementResult<8>& result, bool with_tangent) noexcept;
+
+/// Hex20, quadratic serendipity shape functions with 2 x 2 x 2 points: the reduced integration keeps it free of
+/// volumetric locking (Zienkiewicz & Taylor), its one spurious mode cannot spread from element to element.
+[[nodiscard]] bool evaluate(const material::FiniteStrainLaw& law, std::span<const double> parameters,
+                            double time_increment, const ElementNodes<20>& nodes, const ElementVector<20>& displacement,
+                            std::span<const double> history_old, std::span<double> history_new,
+                            ElementResult<20>& result, bool with_tangent) noexcept;
 
 }  // namespace imic3d::mechanics

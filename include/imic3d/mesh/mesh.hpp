@@ -2,6 +2,7 @@
 // A finite-element mesh as a plain description in natural numbering, the same on every rank.
 
 #include <Eigen/Core>
+#include <Eigen/SparseCore>
 #include <filesystem>
 #include <map>
 #include <string>
@@ -12,9 +13,12 @@
 namespace imic3d::mesh {
 
 /// Cells in the usual finite-element order: a quad4 is numbered counter-clockwise, a hex8 has its bottom face first
-/// (counter-clockwise seen from inside, i.e. positive volume), then the top face above it.
-enum class CellType { line2, quad4, hex8 };
+/// (counter-clockwise seen from inside, i.e. positive volume), then the top face above it. A hex20 has its corners like
+/// a hex8, then the middles of the bottom edges 01 12 23 30, of the top edges 45 56 67 74 and of the upright edges
+/// 04 15 26 37.
+enum class CellType { line2, quad4, hex8, hex20 };
 [[nodiscard]] int nodes_per_cell(CellType type);
+[[nodiscard]] int corners_per_cell(CellType type);
 
 using Nodes = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
 using Cells = Eigen::Matrix<int, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
@@ -26,7 +30,7 @@ struct Mesh {
   Cells cells;
   std::map<std::string, std::vector<int>> node_groups;  ///< sorted node numbers (of the group's nodes, edges or faces)
   std::map<std::string, std::vector<int>> cell_groups;  ///< sorted cell numbers
-  /// Boundary edges [k x 2] of a quad mesh or boundary quads [k x 4] of a hex mesh, as node numbers with the outward
+  /// Boundary edges [k x 2] of a quad mesh or boundary quads [k x 4] of a hex mesh, as corner nodes with the outward
   /// orientation of `boundary_facets`. Every name here is a node group too.
   std::map<std::string, Cells> facet_groups;
   /// Hex meshes: the quadrilaterals that the cameras see [k x 4], counter-clockwise seen from outside, as node numbers.
@@ -64,11 +68,26 @@ void choose_front(Mesh& mesh, const std::string& group);
 /// to the middle. Throws InputError (not an extruded mesh, ratio not positive).
 void grade_layers(Mesh& mesh, double ratio, bool one_face);
 
-/// Uniform refinement: each quad into 4, each hex into 8. New mid-edge nodes belong to a node group if both ends of
+/// Uniform refinement: each quad into 4, each hex8 into 8. In a quad mesh the middles of edges on a curved contour are
+/// put on the circle through its nodes (`bulges`). New mid-edge nodes belong to a node group if both ends of
 /// their edge do and the edge lies on the boundary (and, for a facet group, on one of its facets); mid-face nodes
 /// likewise. Keeps the order: coarse nodes first, the children of cell c are 4c … 4c+3 (8c … 8c+7), child k at corner
 /// k. `nodes_per_layer` of a refined hex mesh is 0: refine the quads before the extrusion to keep the layers.
 [[nodiscard]] Mesh refine(const Mesh& mesh);
+
+/// The hex20 mesh of a hex8 mesh: its nodes first, then the middles of the edges, which belong to groups as those of
+/// `refine` do. Where the mesh was extruded, edges on a curved contour get their middle on the circle through its nodes.
+[[nodiscard]] Mesh quadratic(const Mesh& hexes);
+
+/// How far the middles of the boundary edges of a quad mesh lie off the straight edge if the contour is smooth.
+struct Bulge {
+  int from, to;           ///< the edge, in the direction of the contour
+  Eigen::Vector2d shift;  ///< of its middle [length]
+};
+/// The curvature of an edge is that of the circle through three consecutive nodes, the lesser of its two ends' and none
+/// where these differ in sign; a node where the contour turns by more than 40 degrees is a corner and has no say.
+/// Straight edges are not listed.
+[[nodiscard]] std::vector<Bulge> bulges(const Mesh& quads);
 
 /// The facets that belong to one cell only, in the order of the cells, with the cell of each.
 /// Edges run counter-clockwise around a quad mesh (the cell on their left); quads are counter-clockwise from outside.
@@ -78,10 +97,14 @@ struct Facets {
 };
 [[nodiscard]] Facets boundary_facets(const Mesh& mesh);
 
-/// The quads seen by a camera as a mesh of their own; `nodes_of_volume[i]` is the volume's number of surface node i.
+/// Facets of a hex20 mesh with the middles of their edges: [k x 4] corners -> [k x 8]; for a hex8 mesh as they are.
+[[nodiscard]] Cells with_middles(const Mesh& volume, const Cells& facets);
+
+/// The quads seen by a camera as a mesh of their own. A face of a hex20 is seen as four quads, whose common node is the
+/// face's centre.
 struct Surface {
   Mesh mesh;
-  std::vector<int> nodes_of_volume;
+  Eigen::SparseMatrix<double, Eigen::RowMajor> weights;  ///< a surface node's value from the volume's nodes' [surface x volume]
 };
 [[nodiscard]] Surface front_surface(const Mesh& volume);
 
