@@ -42,6 +42,8 @@ Observation observe(const io::Case& test, const identification::Specimen& specim
                               .max_iterations = test.dic.max_iterations,
                               .tolerance = test.dic.tolerance,
                               .regularisation = test.dic.regularisation.value_or(0.0),
+                              .low_pass = test.dic.low_pass,
+                              .border = test.dic.border,
                               .brightness = test.dic.brightness,
                               .groups = test.dic.groups},
       "cameras.place");
@@ -80,7 +82,7 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
   // No static frames: what the DIC leaves in its best frame is noise of that frame and of the reference.
   double smallest = INFINITY;
   for (const auto& frame : observation.frames) smallest = std::min(smallest, frame.rms);
-  observation.noise = smallest / std::sqrt(1.0 + 1.0 / observation.references);
+  observation.noise = smallest / (observation.dic->noise_response().level * std::sqrt(1.0 + 1.0 / observation.references));
 }
 
 std::vector<double> pixels_of_nodes(const Observation& observation, const mesh::Mesh& surface) {
@@ -120,7 +122,7 @@ identification::ImageData make_image_data(const Observation& observation, const 
   const auto& correlation = observation.dic->correlation();
   identification::ImageData data;
   data.M = correlation.M();
-  data.noise = observation.noise;
+  data.noise = observation.noise * observation.dic->motion_noise();
   data.pixels_per_length = std::sqrt(std::abs(correlation.pixels_per_length().determinant()));
   // The splines of the frames that this rank judges are kept while they take less than 2 GB.
   auto kept = std::make_shared<std::map<int, imaging::BSpline>>();
@@ -133,7 +135,7 @@ identification::ImageData make_image_data(const Observation& observation, const 
     if (const auto found = kept->find(t); found != kept->end()) {
       spline = &found->second;
     } else {
-      fresh = imaging::BSpline(imaging::read_image(files[static_cast<std::size_t>(place)]));
+      fresh = observation.dic->spline(imaging::read_image(files[static_cast<std::size_t>(place)]));
       const std::size_t size = 4UL * static_cast<std::size_t>(fresh.width()) * static_cast<std::size_t>(fresh.height());
       spline = (kept->size() + 1) * size < budget ? &kept->emplace(t, std::move(fresh)).first->second : &fresh;
     }

@@ -72,7 +72,7 @@ void RunOutput::dic_frame(int place, const correlation::DicFrame& frame) {
 }
 
 void RunOutput::noise(double sigma) {
-  if (file_) io::write_noise(*file_, sigma);
+  if (file_) io::write_noise(*file_, sigma * seen_.dic->noise_response().level);
 }
 
 void RunOutput::iteration(int stage, int iteration, const identification::Iterate& at) {
@@ -113,7 +113,9 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
   auto json = io::summary(*file_);
   for (const auto& stage : stages)
     json["stages"].push_back({{"free", stage.free}, {"iterations", stage.iterations}, {"converged", stage.converged}, {"message", stage.message}});
-  json["noise"] = {{"image", io::quantity(seen_.noise, "grey level")}, {"image_is_measured", seen_.noise_is_measured}};
+  json["noise"] = {{"image", io::quantity(seen_.noise, "grey level")},
+                   {"smoothed_image", io::quantity(seen_.noise * seen_.dic->noise_response().level, "grey level")},
+                   {"image_is_measured", seen_.noise_is_measured}};
   json["time"] = io::quantity(seconds, "s");
   io::write_json(folder_ / "result.json", json);
   io::draw_pictures(*file_, folder_);

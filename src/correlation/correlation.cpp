@@ -25,7 +25,11 @@ double total(const Eigen::VectorXd& values) { return std::accumulate(values.begi
 
 Correlation::Correlation(const mesh::Mesh& surface, std::shared_ptr<const imaging::Camera> camera,
                          const imaging::BSpline& reference, const CorrelationOptions& options)
-    : surface_(surface), camera_(std::move(camera)), dofs_(options.dofs_per_node), brightness_(options.brightness) {
+    : surface_(surface),
+      camera_(std::move(camera)),
+      dofs_(options.dofs_per_node),
+      brightness_(options.brightness),
+      slope_noise_(options.slope_noise) {
   const std::string& place = options.quadrature.place;
   if (surface_.type != mesh::CellType::quad4 || surface_.cells.cols() != 4 || surface_.cells.rows() == 0)
     throw InputError(place, "no quadrilaterals", "a surface mesh of 4-node quadrilaterals");
@@ -155,10 +159,9 @@ Eigen::SparseMatrix<double> Correlation::M(const Eigen::VectorXd& U) const {
 }
 
 Eigen::SparseMatrix<double> Correlation::gradient_noise() const {
-  static const double response = 9.0 * (2.0 / std::sqrt(3.0) - 1.0);
   return assemble(
-      [](int, const std::array<double, 4>& sums) {
-        return Eigen::Matrix2d(response * sums[3] * Eigen::Matrix2d::Identity());
+      [this](int, const std::array<double, 4>& sums) {
+        return Eigen::Matrix2d(slope_noise_ * sums[3] * Eigen::Matrix2d::Identity());
       },
       nullptr);
 }

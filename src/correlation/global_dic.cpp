@@ -70,7 +70,7 @@ GlobalDic::GlobalDic(const mesh::Mesh& surface, const imaging::TelecentricCamera
 
 GlobalDic::GlobalDic(const mesh::Mesh& surface, std::shared_ptr<const imaging::Camera> camera,
                      const imaging::Image& reference, DicOptions options, const std::string& place)
-    : options_(options) {
+    : options_(options), noise_(imaging::noise_response(options.low_pass)) {
   imaging::Image image = reference;
   imaging::Image mask = options_.mask != nullptr ? *options_.mask : imaging::Image{};
   const bool masked = options_.mask != nullptr;
@@ -81,10 +81,12 @@ GlobalDic::GlobalDic(const mesh::Mesh& surface, std::shared_ptr<const imaging::C
     if (level > 0) image = imaging::half_size(image);
     const double factor = std::ldexp(1.0, level);
     Level next;
-    next.reference = imaging::BSpline(image);
+    next.reference = level == 0 ? spline(image) : imaging::BSpline(image);
     CorrelationOptions operators{.brightness = options_.brightness, .quadrature = {.place = place}};
+    if (level == 0) operators.slope_noise = noise_.slope;
     if (level > 0 && masked) mask = every_second(mask);
     if (masked) operators.quadrature.mask = &mask;
+    if (level == 0) operators.quadrature.border = options_.border;
     operators.quadrature.clip = level > 0;  // half a pixel of a coarse image may stick out
     next.correlation = std::make_shared<Correlation>(surface, std::make_shared<ReducedCamera>(camera, factor),
                                                      next.reference, operators);
@@ -102,6 +104,22 @@ GlobalDic::GlobalDic(const mesh::Mesh& surface, std::shared_ptr<const imaging::C
     require_speckle(next, place);
     levels_.push_back(std::move(next));
   }
+  if (options_.low_pass > 0.0) {
+    const imaging::BSpline twice = spline(imaging::low_pass(reference, options_.low_pass));
+    const PixelQuadrature& pixels = correlation().quadrature();
+    double once_squares = 0.0, twice_squares = 0.0;
+    std::size_t p = 0;
+    for (const PixelRow& row : pixels.rows)
+      for (int i = 0; i < row.count; ++i, ++p) {
+        once_squares += std::pow(pixels.fx[p], 2) + std::pow(pixels.fy[p], 2);
+        twice_squares += twice.sample(row.column + i, row.row).slope.squaredNorm();
+      }
+    motion_noise_ = std::sqrt(twice_squares / once_squares);
+  }
+}
+
+imaging::BSpline GlobalDic::spline(const imaging::Image& image) const {
+  return imaging::BSpline(imaging::low_pass(image, options_.low_pass));
 }
 
 void GlobalDic::require_speckle(const Level& level, const std::string& place) const {
@@ -171,7 +189,9 @@ DicFrame GlobalDic::correlate(const imaging::Image& image, const Eigen::VectorXd
   std::vector<imaging::Image> pyramid = {image};
   for (int level = 1; level <= coarsest; ++level) pyramid.push_back(imaging::half_size(pyramid.back()));
   for (int level = coarsest; level >= finest; --level)
-    solve_level(level, imaging::BSpline(pyramid[static_cast<std::size_t>(level)]), group, frame);
+    solve_level(level,
+                level == 0 ? spline(pyramid.front()) : imaging::BSpline(pyramid[static_cast<std::size_t>(level)]), group,
+                frame);
   return frame;
 }
 
@@ -183,7 +203,11 @@ DicFrame GlobalDic::follow(const imaging::Image& coarse, const std::vector<Eigen
   const Level& coarsest = levels_.back();
   std::vector<imaging::Image> pyramid = {coarse};
   for (int level = finest + 1; level <= top; ++level) pyramid.push_back(imaging::half_size(pyramid.back()));
-  std::vector<imaging::BSpline> splines(pyramid.begin(), pyramid.end());
+  std::vector<imaging::BSpline> splines;
+  for (int level = finest; level <= top; ++level) {
+    const imaging::Image& image = pyramid[static_cast<std::size_t>(level - finest)];
+    splines.push_back(level == 0 ? spline(image) : imaging::BSpline(image));
+  }
 
   // Start where the motion so far leads, or where the last frame was, whichever matches better.
   std::vector<Eigen::VectorXd> starts;
@@ -299,7 +323,7 @@ std::vector<DicFrame> GlobalDic::run(const Communicator& world, int frames, cons
 
 Eigen::VectorXd GlobalDic::standard_deviation(double sigma, int references) const {
   const Level& finest = levels_.front();
-  const double factor = sigma * sigma * (1.0 + 1.0 / references);
+  const double factor = std::pow(sigma * motion_noise_, 2) * (1.0 + 1.0 / references);
   if (options_.regularisation <= 0.0) {
     // diag(T^-1 M T^-1) = diag(T^-1) + diag(T^-1 V T^-1), the latter as the derivative of (T - h V)^-1 in h.
     const Eigen::SparseMatrix<double> V = sigma * sigma / references * finest.correlation->gradient_noise();

@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <map>
 
 #include "bilinear.hpp"
 
@@ -117,6 +118,34 @@ void check(const mesh::Cells& cells, const InImage& positions, const imaging::BS
                      "elements with four convex corners");
 }
 
+/// The mask with the pixels near the contour, the edges that belong to one element only, set to 0.
+imaging::Image without_border(const mesh::Cells& cells, const InImage& positions, const imaging::BSpline& reference,
+                              const QuadratureOptions& options) {
+  imaging::Image mask(reference.width(), reference.height());
+  if (options.mask != nullptr)
+    mask = *options.mask;
+  else
+    std::fill(mask.grey.begin(), mask.grey.end(), 255.0F);
+  std::map<std::pair<int, int>, int> times;
+  const auto edge = [&](Eigen::Index e, int i) { return std::minmax(cells(e, i), cells(e, (i + 1) % 4)); };
+  for (Eigen::Index e = 0; e < cells.rows(); ++e)
+    for (int i = 0; i < 4; ++i) ++times[edge(e, i)];
+  for (const auto& [nodes, count] : times) {
+    if (count != 1) continue;
+    const Eigen::Vector2d a = positions.row(nodes.first).transpose(), along = positions.row(nodes.second).transpose() - a;
+    const Eigen::Vector2d low = a.cwiseMin(a + along).array() - options.border, high = a.cwiseMax(a + along).array() + options.border;
+    const int last_row = std::min(mask.height - 1, static_cast<int>(std::floor(high.y())));
+    const int last_column = std::min(mask.width - 1, static_cast<int>(std::floor(high.x())));
+    for (int row = std::max(0, static_cast<int>(std::ceil(low.y()))); row <= last_row; ++row)
+      for (int column = std::max(0, static_cast<int>(std::ceil(low.x()))); column <= last_column; ++column) {
+        const Eigen::Vector2d from = Eigen::Vector2d(column, row) - a;
+        const double place = std::clamp(from.dot(along) / along.squaredNorm(), 0.0, 1.0);
+        if ((from - place * along).norm() < options.border) mask(column, row) = 0.0F;
+      }
+  }
+  return mask;
+}
+
 /// Calls `visit(row, column)` for the element's pixels, row by row.
 template <class Visit>
 void for_each_pixel(const Corners& corners, const imaging::BSpline& reference, const imaging::Image* mask,
@@ -136,6 +165,9 @@ void for_each_pixel(const Corners& corners, const imaging::BSpline& reference, c
 PixelQuadrature quadrature(const mesh::Cells& cells, const InImage& positions, const imaging::BSpline& reference,
                            const QuadratureOptions& options) {
   check(cells, positions, reference, options);
+  imaging::Image inner;
+  if (options.border > 0.0) inner = without_border(cells, positions, reference, options);
+  const imaging::Image* const mask = options.border > 0.0 ? &inner : options.mask;
   const auto elements = static_cast<std::size_t>(cells.rows());
   PixelQuadrature q;
   q.first.assign(elements + 1, 0);
@@ -147,7 +179,7 @@ PixelQuadrature quadrature(const mesh::Cells& cells, const InImage& positions, c
       if (y != row.row || x != row.column + row.count) row = {y, x, 0}, ++q.first_row[e + 1];
       ++row.count, ++q.first[e + 1];
     };
-    for_each_pixel(corners_of(cells, positions, static_cast<Eigen::Index>(e)), reference, options.mask, count);
+    for_each_pixel(corners_of(cells, positions, static_cast<Eigen::Index>(e)), reference, mask, count);
   }
   for (std::size_t e = 0; e < elements; ++e) q.first[e + 1] += q.first[e], q.first_row[e + 1] += q.first_row[e];
   q.rows.resize(q.first_row.back());
@@ -159,7 +191,7 @@ PixelQuadrature quadrature(const mesh::Cells& cells, const InImage& positions, c
     std::size_t p = q.first[e], r = q.first_row[e];
     PixelRow row{-1, 0, 0};
     Eigen::Vector2d local(0.0, 0.0);
-    for_each_pixel(corners, reference, options.mask, [&](int at_row, int column) {
+    for_each_pixel(corners, reference, mask, [&](int at_row, int column) {
       if (at_row != row.row || column != row.column + row.count) row = {at_row, column, 0}, ++r;
       ++row.count;
       q.rows[r - 1] = row;

@@ -484,6 +484,8 @@ class CaseReader {
     section.get("pyramid_levels", dic.pyramid_levels);
     section.get("max_iterations", dic.max_iterations);
     section.get("tolerance", dic.tolerance);
+    section.get("low_pass", dic.low_pass);
+    section.get("border", dic.border);
     section.get("brightness", dic.brightness);
     section.get("groups", dic.groups);
   }

@@ -94,7 +94,7 @@ void declare_correlation(ResultsFile& file, const Case& test, const RunPlan& pla
                  fmt::format("rms of f - g(x + u) per element, {} [frame, cell]", what));
   }
   file.declare_frames_done("residual", frames);
-  file.declare("residual/noise", {1}, "grey level", "standard deviation of the images' noise");
+  file.declare("residual/noise", {1}, "grey level", "standard deviation of the noise in the smoothed images, of which the residuals are");
   if (plan.residual_image) {
     const auto [columns, rows] = *plan.residual_image;
     file.declare("residual/image_model", {frames, static_cast<std::size_t>(rows), static_cast<std::size_t>(columns)},

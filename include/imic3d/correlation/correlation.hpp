@@ -23,6 +23,7 @@ struct CorrelationOptions {
   /// The residual is f - (gain * g + offset), with the gain and offset that give g(x + u) the mean and the standard
   /// deviation of f (zero-mean normalised).
   bool brightness = false;
+  double slope_noise = 1.392;  ///< variance of grad F for unit noise of the reference (imaging::noise_response) [1/px^2]
   QuadratureOptions quadrature = {};
 };
 
@@ -81,8 +82,7 @@ class Correlation {
   [[nodiscard]] Eigen::SparseMatrix<double> M(const Eigen::VectorXd& U) const;
 
   /// What white noise in the reference adds to M [unknowns x unknowns, px^2/length^2]: E[M] = M of the noiseless image
-  /// + variance * this, i.e. 1.392 N^T N, the factor being the mean square response of the spline's derivative at the
-  /// pixels, 9 (2/sqrt(3) - 1). Counts where the speckle's contrast is poor; subtract it for the true tangent.
+  /// + variance * this, i.e. slope_noise N^T N. Counts where the speckle's contrast is poor; subtract it for the true tangent.
   [[nodiscard]] Eigen::SparseMatrix<double> gradient_noise() const;
 
   /// Residual f - g(x + u), b_DIC (Eq. 9) and sums of the deformed image `g` at U.
@@ -117,6 +117,7 @@ class Correlation {
   std::shared_ptr<const imaging::Camera> camera_;
   int dofs_;
   bool brightness_;
+  double slope_noise_;
   InImage positions_;
   PixelQuadrature quadrature_;
   float mean_grey_ = 0.0F;

@@ -12,6 +12,7 @@
 #include "imic3d/core/parallel.hpp"
 #include "imic3d/correlation/correlation.hpp"
 #include "imic3d/imaging/image.hpp"
+#include "imic3d/imaging/low_pass.hpp"
 
 namespace imic3d::correlation {
 
@@ -20,6 +21,8 @@ struct DicOptions {
   int max_iterations = 50;      ///< at the finest level
   double tolerance = 1e-3;      ///< largest nodal update [px]
   double regularisation = 0.0;  ///< cut-off wavelength of the smoothing at the finest level [length]; 0: none
+  double low_pass = 1.0;        ///< standard deviation of the Gaussian that smooths all images, 0: none [px]
+  double border = 3.0;          ///< pixels along the mesh's contour that the finest level leaves out [px]
   bool brightness = false;      ///< fit gain and offset of every frame together with the displacement
   double strain_change = 0.02;  ///< M is built anew, with the gradient transported, when an element's deformation
                                 ///< gradient has changed by more than this
@@ -66,6 +69,13 @@ class GlobalDic {
   /// The finest level's operators.
   [[nodiscard]] const Correlation& correlation() const { return *levels_.front().correlation; }
   [[nodiscard]] const DicOptions& options() const { return options_; }
+  /// The spline of an image as the finest level sees it, smoothed like the reference.
+  [[nodiscard]] imaging::BSpline spline(const imaging::Image& image) const;
+  /// What unit noise of the images becomes there.
+  [[nodiscard]] const imaging::NoiseResponse& noise_response() const { return noise_; }
+  /// Smoothed noise is not white: it moves M^-1 b like white noise of this standard deviation, for unit noise. The
+  /// covariance of b is that of white noise with the gradient smoothed once more in the place of the gradient.
+  [[nodiscard]] double motion_noise() const { return motion_noise_; }
   [[nodiscard]] int levels() const { return static_cast<int>(levels_.size()); }
 
   /// Correlates a series of images with the reference. The coarse levels follow the series frame by frame, each frame
@@ -84,6 +94,7 @@ class GlobalDic {
                                    const Communicator& group) const;
 
   /// Standard deviation of each displacement unknown [nodes * dofs, length] for a white noise of `sigma` [grey level]
+  /// (before the smoothing, which enters by `motion_noise`)
   /// in every frame and in each of the `references` images that were averaged: sigma^2 (1 + 1/references) M^-1 (Eq.
   /// 14's factor 2 for one reference). M holds the noise of the reference's gradient, the true tangent T = M - V does
   /// not: the covariance is T^-1 M T^-1, here (M - 2 V)^-1, equal to first order in V = sigma^2/references *
@@ -105,6 +116,8 @@ class GlobalDic {
 
   DicOptions options_;
   std::vector<Level> levels_;
+  imaging::NoiseResponse noise_;
+  double motion_noise_ = 1.0;
 };
 
 }  // namespace imic3d::correlation

@@ -33,7 +33,7 @@ struct ImageData {
   Eigen::SparseMatrix<double> M;  ///< M_DIC of Eq. 8 on the surface [2n x 2n, grey level^2/length^2]
   /// Evaluates frame t (index in the record) at a surface displacement [2n, length]; any rank may call it alone.
   std::function<ImageEvaluation(int t, const Eigen::VectorXd& displacement)> evaluate;
-  double noise = 1.0;             ///< sigma of Eq. 14 [grey level]
+  double noise = 1.0;             ///< sigma of Eq. 14: of the white noise that moves M^-1 b as much [grey level]
   double pixels_per_length = 1.0; ///< scale of the camera [px/length]
 };
 

@@ -89,6 +89,8 @@ struct DicCase {
   int pyramid_levels = -1;  ///< -1: chosen from the image size
   int max_iterations = 50;
   double tolerance = 1e-3;  ///< largest nodal update [px]
+  double low_pass = 1.0;    ///< standard deviation of the Gaussian that smooths all images [px]
+  double border = 3.0;      ///< pixels along the mesh's contour that are left out [px]
   bool brightness = false;  ///< per-frame gain and offset are fitted with the displacement
   int groups = 0;           ///< 0: auto
 };
