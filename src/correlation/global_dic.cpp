@@ -105,16 +105,17 @@ GlobalDic::GlobalDic(const mesh::Mesh& surface, std::shared_ptr<const imaging::C
     levels_.push_back(std::move(next));
   }
   if (options_.low_pass > 0.0) {
-    const imaging::BSpline twice = spline(imaging::low_pass(reference, options_.low_pass));
     const PixelQuadrature& pixels = correlation().quadrature();
-    double once_squares = 0.0, twice_squares = 0.0;
-    std::size_t p = 0;
-    for (const PixelRow& row : pixels.rows)
-      for (int i = 0; i < row.count; ++i, ++p) {
-        once_squares += std::pow(pixels.fx[p], 2) + std::pow(pixels.fy[p], 2);
-        twice_squares += twice.sample(row.column + i, row.row).slope.squaredNorm();
-      }
-    motion_noise_ = std::sqrt(twice_squares / once_squares);
+    double once = 0.0, twice = 0.0;
+    for (const auto* slopes : {&pixels.fx, &pixels.fy}) {
+      imaging::Image image(reference.width, reference.height);
+      std::size_t p = 0;
+      for (const PixelRow& row : pixels.rows)
+        for (int i = 0; i < row.count; ++i) image(row.column + i, row.row) = (*slopes)[p++];
+      for (const float slope : image.grey) once += static_cast<double>(slope) * slope;
+      for (const float slope : imaging::low_pass(image, options_.low_pass).grey) twice += static_cast<double>(slope) * slope;
+    }
+    motion_noise_ = std::sqrt(twice / once);
   }
 }
 

@@ -21,8 +21,8 @@ struct DicOptions {
   int max_iterations = 50;      ///< at the finest level
   double tolerance = 1e-3;      ///< largest nodal update [px]
   double regularisation = 0.0;  ///< cut-off wavelength of the smoothing at the finest level [length]; 0: none
-  double low_pass = 1.0;        ///< standard deviation of the Gaussian that smooths all images, 0: none [px]
-  double border = 3.0;          ///< pixels along the mesh's contour that the finest level leaves out [px]
+  double low_pass = 0.0;        ///< standard deviation of the Gaussian that smooths all images, 0: none [px]
+  double border = 0.0;          ///< pixels along the mesh's contour that the finest level leaves out [px]
   bool brightness = false;      ///< fit gain and offset of every frame together with the displacement
   double strain_change = 0.02;  ///< M is built anew, with the gradient transported, when an element's deformation
                                 ///< gradient has changed by more than this
