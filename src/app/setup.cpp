@@ -14,6 +14,7 @@ material::LawChoice choice(const io::MaterialCase& declared) {
   return {.law = declared.law,
           .hardening = declared.hardening,
           .tie_initial_modulus = declared.tie_initial_modulus,
+          .cauchy_yield = declared.yield_stress == "cauchy",
           .table_strain = declared.table_strain};
 }
 

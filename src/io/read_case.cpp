@@ -397,6 +397,7 @@ class CaseReader {
     section.get("law", material.law);
     section.get("hardening", material.hardening);
     section.get("tie_initial_modulus", material.tie_initial_modulus);
+    section.get("yield_stress", material.yield_stress);
     section.get("table_strain", material.table_strain);
     const auto parameters = section.group("parameters");
     for (const auto& [name, value] : parameters.json().items()) {

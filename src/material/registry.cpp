@@ -17,7 +17,7 @@ using LawPointer = std::shared_ptr<const FiniteStrainLaw>;
 
 template <class Hardening>
 LawPointer j2(const LawChoice& choice, Hardening hardening) {
-  return std::make_shared<LogStrainLaw<J2<Hardening>>>(J2<Hardening>{std::move(hardening), "j2 " + choice.hardening});
+  return std::make_shared<LogStrainLaw<J2<Hardening>>>(J2<Hardening>{std::move(hardening), "j2 " + choice.hardening, choice.cauchy_yield});
 }
 
 Table checked_table(const LawChoice& choice) {

@@ -104,6 +104,27 @@ TEST(ReturnMapping, EndsOnTheYieldSurface) {
   RecordProperty("worst", std::to_string(worst * 1e15) + "e-15");
 }
 
+TEST(ReturnMapping, EndsOnTheYieldSurfaceOfTheCauchyStress) {
+  const Case tied{"power_linear_tied",
+                  make_law({.law = "j2", .hardening = "power_linear", .tie_initial_modulus = true, .cauchy_yield = true}),
+                  {2000.0, 0.2, 60.0, 30.0, 0.1}};  // soft: J differs from 1 by some per cent
+  MaterialPoint point(*tied.law, tied.parameters);
+  Random random(5);
+  double largest_change = 0.0;
+  for (int step = 0; step < 100; ++step) {
+    const double stretch = 1.0 + 0.004 * step;
+    const Matrix3 F = random.rotation() * Eigen::Vector3d(stretch, 1.0 / stretch, 1.03).asDiagonal();
+    const double before = point.plastic_strain();
+    const Response response = point.advance(F);
+    if (point.plastic_strain() == before) continue;
+    const double J = F.determinant();
+    largest_change = std::max(largest_change, std::abs(J - 1.0));
+    EXPECT_NEAR(von_mises(response.kirchhoff) / J / yield_stress(tied, point.plastic_strain()), 1.0, 1e-12) << step;
+  }
+  EXPECT_GT(largest_change, 0.02);
+  EXPECT_GT(point.plastic_strain(), 0.2);
+}
+
 TEST(ReturnMapping, ResolvesTheSteepStartOfTheTiedLaw) {
   // First plastic strains from 1e-12 on, where sigma_y rises with the slope E.
   const Case c = testing::plastic_cases()[1];

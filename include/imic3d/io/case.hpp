@@ -79,6 +79,7 @@ struct ParameterCase {
 struct MaterialCase {
   std::string law = "j2", hardening = "power_linear";
   bool tie_initial_modulus = false;
+  std::string yield_stress = "kirchhoff";  ///< what the hardening curve is compared with: kirchhoff, cauchy
   std::vector<double> table_strain;
   std::map<std::string, ParameterCase> parameters;
 };

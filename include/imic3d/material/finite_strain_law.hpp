@@ -64,6 +64,7 @@ struct LawChoice {
   std::string law = "j2";                  ///< `j2`, `elastic`
   std::string hardening = "power_linear";  ///< `power_linear` (Eq. 18), `linear`, `voce`, `swift`, `table`
   bool tie_initial_modulus = false;        ///< Eq. 19: eps_0 = delta S_y / (E - H) is not a parameter then
+  bool cauchy_yield = false;               ///< the hardening curve is that of the Cauchy stress, not of the Kirchhoff stress
   std::vector<double> table_strain{};      ///< for `table`: accumulated plastic strain [-], from 0, ascending
 };
 

@@ -11,12 +11,18 @@ namespace imic3d::material {
 
 /// J2 plasticity in logarithmic strain: Simo (1992), Comput. Methods Appl. Mech. Engrg. 99; de Souza Neto, Peric, Owen
 /// (2008), boxes 7.3-7.5 and 14.3. Parameters: E, nu, then those of the hardening. State: accumulated plastic strain.
+///
+/// The hardening curve is compared with the Kirchhoff stress tau or, with `cauchy_yield`, with the true stress
+/// sigma = tau/J (the curve of a tensile test as it is usually drawn). J = exp(tr E) does not change in plastic flow, so
+/// the return is radial as before, to J sigma_y. The consistent tangent leaves out the change of J, which would make it
+/// unsymmetric and is of the size of sigma_y/K: Newton's method needs an iteration or two more.
 template <class Hardening>
 struct J2 {
   static constexpr int state_size = 1;
   static constexpr int plastic_strain_index = 0;
   Hardening yield_stress;
   std::string label = "j2";
+  bool cauchy_yield = false;
 
   [[nodiscard]] std::string name() const { return label; }
 
@@ -41,7 +47,8 @@ struct J2 {
     const T norm_squared = double_dot(s, s);
 
     // (ii) admissibility
-    const T yield_old = yield_stress(ep_old, hardening, E);
+    const T J = volume_ratio(step.trial_strain);
+    const T yield_old = J * yield_stress(ep_old, hardening, E);
     if (!(yield_old > 0.0)) return false;
     if (1.5 * value(norm_squared) <= value(yield_old) * value(yield_old)) {
       result.stress = add_spherical(s, pressure);
@@ -51,19 +58,21 @@ struct J2 {
     }
     const T q = sqrt(1.5 * norm_squared);
 
-    // (iii) return mapping: q - 3 G dep - sigma_y(ep_old + dep) = 0
-    const auto residual = [&](const auto& dep, const auto& q_, const auto& G_, const auto& ep_, const auto& hardening_,
-                              const auto& E_) { return q_ - 3.0 * G_ * dep - yield_stress(ep_ + dep, hardening_, E_); };
-    const double q_value = value(q), G_value = value(G), ep_value = value(ep_old), E_value = value(E);
+    // (iii) return mapping: q - 3 G dep - J sigma_y(ep_old + dep) = 0
+    const auto residual = [&](const auto& dep, const auto& q_, const auto& J_, const auto& G_, const auto& ep_,
+                              const auto& hardening_, const auto& E_) {
+      return q_ - 3.0 * G_ * dep - J_ * yield_stress(ep_ + dep, hardening_, E_);
+    };
+    const double q_value = value(q), J_value = value(J), G_value = value(G), ep_value = value(ep_old), E_value = value(E);
     const ParameterValues hardening_values(hardening);
     const auto residual_value = [&](const Dual<1>& dep) {
-      return residual(dep, q_value, G_value, ep_value, std::span<const double>(hardening_values), E_value);
+      return residual(dep, q_value, J_value, G_value, ep_value, std::span<const double>(hardening_values), E_value);
     };
     const auto root = bracketed_newton(residual_value, 0.0, q_value / (3.0 * G_value), q_value);
     if (!root) return false;
     T dep(*root);
     if constexpr (derivatives_of < T >> 0)
-      dep = implicit_root(*root, residual(T(*root), q, G, ep_old, hardening, E),
+      dep = implicit_root(*root, residual(T(*root), q, J, G, ep_old, hardening, E),
                           residual_value(Dual<1>::variable(*root, 0)).derivative[0]);
 
     const T flow = 1.5 * dep / q;
@@ -83,12 +92,19 @@ struct J2 {
     if (dep == 0.0) return isotropic_tangent(K, G);
     const SymmetricTensor<double> e = deviator(step.trial_strain);
     const double norm_squared = double_dot(e, e), q = 2.0 * G * std::sqrt(1.5 * norm_squared);
-    const double slope = yield_stress(Dual<1>::variable(result.state[0], 0), p.subspan(2), E).derivative[0];
+    const double slope = volume_ratio(step.trial_strain) * yield_stress(Dual<1>::variable(result.state[0], 0), p.subspan(2), E).derivative[0];
     Matrix6 A = isotropic_tangent(K, G * (1.0 - 3.0 * G * dep / q));
     const double factor = 6.0 * G * G * (dep / q - 1.0 / (3.0 * G + slope)) / norm_squared;
     const Vector6 n = Eigen::Map<const Vector6>(e.components.data());
     A.noalias() += factor * n * n.transpose();
     return A;
+  }
+
+ private:
+  template <Scalar T>
+  [[nodiscard]] T volume_ratio(const SymmetricTensor<T>& strain) const noexcept {
+    using std::exp;
+    return cauchy_yield ? T(exp(trace(strain))) : T(1.0);
   }
 };
 
