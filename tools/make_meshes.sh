@@ -10,5 +10,5 @@ mesh() { # script, output, parameters …
 }
 mesh plate_with_hole inputs/plate_with_hole/generate.msh length 40 size_hole 0.3 size_far 1.0
 mesh plate_with_hole inputs/plate_with_hole/identify.msh length 24 size_hole 0.45 size_far 1.3
-mesh plate_with_hole inputs/plate_independent/plate.msh length 24 size_hole 0.3 size_far 0.9
+mesh plate_with_hole inputs/plate_independent/plate.msh length 24 size_hole 1.0 size_far 2.5
 mesh dumbbell inputs/pcabs_tension/dumbbell.msh region 28 size 1.0
