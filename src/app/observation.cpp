@@ -8,8 +8,10 @@
 #include <cmath>
 #include <map>
 #include <mutex>
+#include <set>
 
 #include "imic3d/core/log.hpp"
+#include "imic3d/correlation/smoothing.hpp"
 #include "imic3d/imaging/noise.hpp"
 #include "placement.hpp"
 
@@ -100,7 +102,8 @@ std::vector<double> three_components(const Eigen::VectorXd& in_plane) {
   return all;
 }
 
-identification::Record make_record(const Observation& observation, const io::Case& test) {
+identification::Record make_record(const Observation& observation, const io::Case& test,
+                                   const identification::Specimen& specimen) {
   identification::Record record;
   const auto frames = static_cast<Eigen::Index>(observation.places.size());
   record.time.resize(frames);
@@ -115,6 +118,28 @@ identification::Record make_record(const Observation& observation, const io::Cas
     record.surface_displacement.col(t) = observation.frames[static_cast<std::size_t>(t)].displacement;
   }
   record.start_time = test.load(observation.places.front() - 1).time;
+
+  // Noise of single nodes on the ends would strain, and might yield, what lies between them: the displacement that drives
+  // the simulation is smoothed as far as the noise allows.
+  double low = INFINITY, high = -INFINITY;
+  for (int node : specimen.loaded) {
+    low = std::min(low, specimen.volume.nodes(node, 1 - specimen.axis));
+    high = std::max(high, specimen.volume.nodes(node, 1 - specimen.axis));
+  }
+  std::set<int> ends;
+  for (int column = 0; column < specimen.displacement_from_surface.outerSize(); ++column)
+    for (Eigen::SparseMatrix<double>::InnerIterator entry(specimen.displacement_from_surface, column); entry; ++entry)
+      ends.insert(column / 2);
+  const double longest = test.identify.boundary_smoothing.value_or(0.5 * (high - low));
+  record.driving = record.surface_displacement;
+  if (longest > 0.0) {
+    const double sigma = observation.noise * observation.dic->motion_noise() * std::sqrt(1.0 + 1.0 / observation.references);
+    std::vector<double> cut_offs;
+    record.driving = correlation::smoothed_within_noise(observation.dic->correlation(), record.surface_displacement,
+                                                        {ends.begin(), ends.end()}, sigma, longest, &cut_offs);
+    const auto [least, most] = std::minmax_element(cut_offs.begin(), cut_offs.end());
+    spdlog::info("the ends' displacement is smoothed over {:.3g} to {:.3g} {}, as far as the noise hides it", *least, *most, test.units.length);
+  }
   return record;
 }
 

@@ -1,8 +1,10 @@
 #include "imic3d/correlation/smoothing.hpp"
 
 #include <Eigen/LU>
+#include <Eigen/SparseCholesky>
 #include <cmath>
 #include <map>
+#include <random>
 #include <vector>
 
 #include "bilinear.hpp"
@@ -66,6 +68,46 @@ Eigen::SparseMatrix<double> curvature_energy(const mesh::Mesh& surface, int dofs
 double smoothing_weight(const Correlation& correlation, double cut_off) {
   const double scale = std::abs(correlation.pixels_per_length().determinant());  // [px^2/length^2]
   return correlation.mean_square_gradient() * scale * scale * std::pow(cut_off / (2.0 * M_PI), 4);
+}
+
+Eigen::MatrixXd smoothed_within_noise(const Correlation& correlation, const Eigen::MatrixXd& U,
+                                      const std::vector<int>& nodes, double sigma, double longest,
+                                      std::vector<double>* cut_offs) {
+  constexpr int draws = 50;
+  constexpr double allowed = 1.5;
+  using Factor = Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>>;
+  const int dofs = correlation.dofs_per_node();
+  const Eigen::SparseMatrix<double> M = correlation.M(), C = curvature_energy(correlation.surface(), dofs);
+  const Factor optical(M);
+  std::mt19937_64 random(1);
+  std::normal_distribution<double> normal;
+  Eigen::MatrixXd noise(U.rows(), draws);
+  for (double& value : noise.reshaped()) value = normal(random);
+  noise = sigma * optical.vectorD().cwiseMax(1e-300).cwiseSqrt().cwiseInverse().asDiagonal() * noise;
+  noise = optical.permutationPinv() * Eigen::MatrixXd(optical.matrixU().solve(noise));
+
+  const auto mean_square_at_nodes = [&](const Eigen::MatrixXd& field) -> Eigen::RowVectorXd {
+    Eigen::RowVectorXd sum = Eigen::RowVectorXd::Zero(field.cols());
+    for (int node : nodes) sum += field.middleRows(dofs * node, dofs).colwise().squaredNorm();
+    return sum / static_cast<double>(std::max<std::size_t>(1, dofs * nodes.size()));
+  };
+  Eigen::MatrixXd result = U;
+  if (cut_offs != nullptr) cut_offs->assign(static_cast<std::size_t>(U.cols()), 0.0);
+  std::vector<char> open(static_cast<std::size_t>(U.cols()), 1);
+  for (double cut_off = longest / 16.0; cut_off < 1.01 * longest; cut_off *= std::sqrt(2.0)) {
+    const Factor smoothed(M + smoothing_weight(correlation, cut_off) * C);
+    const Eigen::MatrixXd smooth = smoothed.solve(M * U);
+    const Eigen::RowVectorXd lost = mean_square_at_nodes(smooth - U);
+    const double lost_noise = mean_square_at_nodes(smoothed.solve(M * noise) - noise).mean();
+    for (Eigen::Index t = 0; t < U.cols(); ++t) {
+      auto& is_open = open[static_cast<std::size_t>(t)];
+      is_open = is_open != 0 && lost[t] <= allowed * lost_noise;
+      if (is_open == 0) continue;
+      result.col(t) = smooth.col(t);
+      if (cut_offs != nullptr) (*cut_offs)[static_cast<std::size_t>(t)] = cut_off;
+    }
+  }
+  return result;
 }
 
 }  // namespace imic3d::correlation

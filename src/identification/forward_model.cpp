@@ -50,7 +50,7 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<std:
   for (int t = 0; t < frames; ++t) {
     auto& step = steps[static_cast<std::size_t>(t)];
     step.time = record_.time[t];
-    step.prescribed = from_surface * record_.surface_displacement.col(t);
+    step.prescribed = from_surface * record_.driving.col(t);
     if (control != Control::force) continue;
     step.force.setZero(3 * specimen_.volume.nodes.rows());
     for (std::size_t i = 0; i < distribution->dofs.size(); ++i)

@@ -529,6 +529,7 @@ class CaseReader {
     section.get("functional", identify.functional);
     section.get("eta", identify.eta);
     section.get("max_iterations", identify.max_iterations);
+    section.get("boundary_smoothing", identify.boundary_smoothing);
     section.get("groups", identify.groups);
     section.get("steps_per_frame", identify.steps_per_frame);
     if (section.has("held_out")) identify.held_out = frames_of(section, "held_out", case_.frames);

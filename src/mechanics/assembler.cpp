@@ -5,7 +5,7 @@
 
 #include "imic3d/core/error.hpp"
 #include "imic3d/mechanics/hexahedron.hpp"
-#include "imic3d/mechanics/petsc.hpp"
+#include "imic3d/mesh/petsc.hpp"
 
 namespace imic3d::mechanics {
 
@@ -96,25 +96,25 @@ Assembler::Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
   }
 
   const MPI_Comm comm = partition.communicator.handle;
-  petsc(MatCreate(comm, &tangent_));
-  petsc(MatSetSizes(tangent_, owned, owned, PETSC_DETERMINE, PETSC_DETERMINE));
-  petsc(MatSetType(tangent_, MATAIJ));
-  petsc(MatSetBlockSize(tangent_, 3));
-  petsc(MatSetOptionsPrefix(tangent_, "mechanics_"));
-  petsc(MatSetFromOptions(tangent_));
-  petsc(MatSetPreallocationCOO(tangent_, static_cast<PetscCount>(rows.size()), rows.data(), columns.data()));
-  petsc(MatSetOption(tangent_, MAT_SYMMETRIC, PETSC_TRUE));
-  petsc(MatSetOption(tangent_, MAT_SYMMETRY_ETERNAL, PETSC_TRUE));
+  IMIC3D_PETSC(MatCreate(comm, &tangent_));
+  IMIC3D_PETSC(MatSetSizes(tangent_, owned, owned, PETSC_DETERMINE, PETSC_DETERMINE));
+  IMIC3D_PETSC(MatSetType(tangent_, MATAIJ));
+  IMIC3D_PETSC(MatSetBlockSize(tangent_, 3));
+  IMIC3D_PETSC(MatSetOptionsPrefix(tangent_, "mechanics_"));
+  IMIC3D_PETSC(MatSetFromOptions(tangent_));
+  IMIC3D_PETSC(MatSetPreallocationCOO(tangent_, static_cast<PetscCount>(rows.size()), rows.data(), columns.data()));
+  IMIC3D_PETSC(MatSetOption(tangent_, MAT_SYMMETRIC, PETSC_TRUE));
+  IMIC3D_PETSC(MatSetOption(tangent_, MAT_SYMMETRY_ETERNAL, PETSC_TRUE));
 
-  petsc(VecCreateMPI(comm, owned, PETSC_DETERMINE, &force_pattern_));
-  petsc(VecSetPreallocationCOO(force_pattern_, static_cast<PetscCount>(vector_rows.size()), vector_rows.data()));
+  IMIC3D_PETSC(VecCreateMPI(comm, owned, PETSC_DETERMINE, &force_pattern_));
+  IMIC3D_PETSC(VecSetPreallocationCOO(force_pattern_, static_cast<PetscCount>(vector_rows.size()), vector_rows.data()));
 
   IS from = nullptr;
-  petsc(ISCreateBlock(PETSC_COMM_SELF, 3, static_cast<PetscInt>(global_nodes.size()), global_nodes.data(),
+  IMIC3D_PETSC(ISCreateBlock(PETSC_COMM_SELF, 3, static_cast<PetscInt>(global_nodes.size()), global_nodes.data(),
                       PETSC_COPY_VALUES, &from));
-  petsc(VecCreateSeq(PETSC_COMM_SELF, static_cast<PetscInt>(3 * global_nodes.size()), &local_));
-  petsc(VecScatterCreate(force_pattern_, from, local_, nullptr, &scatter_));
-  petsc(ISDestroy(&from));
+  IMIC3D_PETSC(VecCreateSeq(PETSC_COMM_SELF, static_cast<PetscInt>(3 * global_nodes.size()), &local_));
+  IMIC3D_PETSC(VecScatterCreate(force_pattern_, from, local_, nullptr, &scatter_));
+  IMIC3D_PETSC(ISDestroy(&from));
 
   element_tangents_.assign(rows.size(), 0.0);
   for (PetscInt i = 0; i < owned; ++i)
@@ -135,12 +135,12 @@ Assembler::~Assembler() {
 }
 
 void Assembler::gather(Vec global, std::vector<double>& local) const {
-  petsc(VecScatterBegin(scatter_, global, local_, INSERT_VALUES, SCATTER_FORWARD));
-  petsc(VecScatterEnd(scatter_, global, local_, INSERT_VALUES, SCATTER_FORWARD));
+  IMIC3D_PETSC(VecScatterBegin(scatter_, global, local_, INSERT_VALUES, SCATTER_FORWARD));
+  IMIC3D_PETSC(VecScatterEnd(scatter_, global, local_, INSERT_VALUES, SCATTER_FORWARD));
   const PetscScalar* values = nullptr;
-  petsc(VecGetArrayRead(local_, &values));
+  IMIC3D_PETSC(VecGetArrayRead(local_, &values));
   std::copy_n(values, local.size(), local.begin());
-  petsc(VecRestoreArrayRead(local_, &values));
+  IMIC3D_PETSC(VecRestoreArrayRead(local_, &values));
 }
 
 template <int nodes>
@@ -195,12 +195,12 @@ bool Assembler::assemble(Vec u, double time_increment, std::span<const double> p
   if (anywhere != 0) return false;
 
   const auto insert = [this](const std::vector<double>& values, Vec target) {
-    petsc(VecSetValuesCOO(force_pattern_, values.data(), INSERT_VALUES));
-    petsc(VecCopy(force_pattern_, target));
+    IMIC3D_PETSC(VecSetValuesCOO(force_pattern_, values.data(), INSERT_VALUES));
+    IMIC3D_PETSC(VecCopy(force_pattern_, target));
   };
   insert(element_forces_, force);
   if (with_tangent) {
-    petsc(MatSetValuesCOO(tangent_, element_tangents_.data(), INSERT_VALUES));
+    IMIC3D_PETSC(MatSetValuesCOO(tangent_, element_tangents_.data(), INSERT_VALUES));
     insert(element_lifting_, lifting);
   }
   return true;

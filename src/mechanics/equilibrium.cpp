@@ -8,7 +8,7 @@
 
 #include "imic3d/core/error.hpp"
 #include "imic3d/mechanics/assembler.hpp"
-#include "imic3d/mechanics/petsc.hpp"
+#include "imic3d/mesh/petsc.hpp"
 
 namespace imic3d::mechanics {
 
@@ -44,8 +44,8 @@ struct Equilibrium::Implementation {
         dofs(std::move(dofs_)),
         options(std::move(options_)),
         assembler(partition, mesh, law, flags(static_cast<std::size_t>(3 * mesh.nodes.rows()), dofs)) {
-    petsc(MatCreateVecs(assembler.tangent(), &u, nullptr));
-    for (Vec* vector : {&trial, &force, &external, &residual, &increment, &lifting, &correction}) petsc(VecDuplicate(u, vector));
+    IMIC3D_PETSC(MatCreateVecs(assembler.tangent(), &u, nullptr));
+    for (Vec* vector : {&trial, &force, &external, &residual, &increment, &lifting, &correction}) IMIC3D_PETSC(VecDuplicate(u, vector));
     make_solver();
   }
 
@@ -58,38 +58,38 @@ struct Equilibrium::Implementation {
 
   /// MUMPS LDL^T on small problems, CG with GAMG and the rigid-body near-null space above; everything open to options.
   void make_solver() {
-    petsc(KSPCreate(partition.communicator.handle, &solver));
-    petsc(KSPSetOptionsPrefix(solver, options.prefix.c_str()));
+    IMIC3D_PETSC(KSPCreate(partition.communicator.handle, &solver));
+    IMIC3D_PETSC(KSPSetOptionsPrefix(solver, options.prefix.c_str()));
     PC preconditioner = nullptr;
-    petsc(KSPGetPC(solver, &preconditioner));
+    IMIC3D_PETSC(KSPGetPC(solver, &preconditioner));
     if (3 * mesh.nodes.rows() <= direct_limit) {
-      petsc(KSPSetType(solver, KSPPREONLY));
-      petsc(PCSetType(preconditioner, PCCHOLESKY));
-      petsc(PCFactorSetMatSolverType(preconditioner, MATSOLVERMUMPS));
+      IMIC3D_PETSC(KSPSetType(solver, KSPPREONLY));
+      IMIC3D_PETSC(PCSetType(preconditioner, PCCHOLESKY));
+      IMIC3D_PETSC(PCFactorSetMatSolverType(preconditioner, MATSOLVERMUMPS));
     } else {
-      petsc(KSPSetType(solver, KSPCG));
-      petsc(PCSetType(preconditioner, PCGAMG));
-      petsc(KSPSetTolerances(solver, 1e-8, PETSC_DEFAULT, PETSC_DEFAULT, 1000));
+      IMIC3D_PETSC(KSPSetType(solver, KSPCG));
+      IMIC3D_PETSC(PCSetType(preconditioner, PCGAMG));
+      IMIC3D_PETSC(KSPSetTolerances(solver, 1e-8, PETSC_DEFAULT, PETSC_DEFAULT, 1000));
       attach_near_null_space();
     }
-    petsc(KSPSetFromOptions(solver));
-    petsc(KSPSetOperators(solver, assembler.tangent(), assembler.tangent()));
+    IMIC3D_PETSC(KSPSetFromOptions(solver));
+    IMIC3D_PETSC(KSPSetOperators(solver, assembler.tangent(), assembler.tangent()));
     PetscBool is_factor = PETSC_FALSE;
-    petsc(PetscObjectTypeCompare(reinterpret_cast<PetscObject>(preconditioner), PCCHOLESKY, &is_factor));
+    IMIC3D_PETSC(PetscObjectTypeCompare(reinterpret_cast<PetscObject>(preconditioner), PCCHOLESKY, &is_factor));
     direct = is_factor == PETSC_TRUE;
   }
 
   void attach_near_null_space() {
     Vec coordinates = nullptr;
-    petsc(VecDuplicate(u, &coordinates));
-    petsc(VecSetBlockSize(coordinates, 3));
+    IMIC3D_PETSC(VecDuplicate(u, &coordinates));
+    IMIC3D_PETSC(VecSetBlockSize(coordinates, 3));
     const Eigen::Map<const Eigen::VectorXd> positions(mesh.nodes.data(), mesh.nodes.size());
     to_global(positions, coordinates);
     MatNullSpace rigid = nullptr;
-    petsc(MatNullSpaceCreateRigidBody(coordinates, &rigid));
-    petsc(MatSetNearNullSpace(assembler.tangent(), rigid));
-    petsc(MatNullSpaceDestroy(&rigid));
-    petsc(VecDestroy(&coordinates));
+    IMIC3D_PETSC(MatNullSpaceCreateRigidBody(coordinates, &rigid));
+    IMIC3D_PETSC(MatSetNearNullSpace(assembler.tangent(), rigid));
+    IMIC3D_PETSC(MatNullSpaceDestroy(&rigid));
+    IMIC3D_PETSC(VecDestroy(&coordinates));
   }
 
   [[nodiscard]] int natural_of_owned(int i) const {
@@ -99,20 +99,20 @@ struct Equilibrium::Implementation {
   /// Natural, replicated -> global, distributed.
   void to_global(const Eigen::Ref<const Eigen::VectorXd>& natural, Vec global) const {
     PetscScalar* values = nullptr;
-    petsc(VecGetArray(global, &values));
+    IMIC3D_PETSC(VecGetArray(global, &values));
     for (int i = 0; i < partition.owned_nodes(); ++i)
       for (int k = 0; k < 3; ++k) values[3 * i + k] = natural[3 * natural_of_owned(i) + k];
-    petsc(VecRestoreArray(global, &values));
+    IMIC3D_PETSC(VecRestoreArray(global, &values));
   }
 
   /// Global, distributed -> natural on every rank.
   [[nodiscard]] Eigen::VectorXd to_natural(Vec global) const {
     Eigen::VectorXd natural = Eigen::VectorXd::Zero(3 * mesh.nodes.rows());
     const PetscScalar* values = nullptr;
-    petsc(VecGetArrayRead(global, &values));
+    IMIC3D_PETSC(VecGetArrayRead(global, &values));
     for (int i = 0; i < partition.owned_nodes(); ++i)
       for (int k = 0; k < 3; ++k) natural[3 * natural_of_owned(i) + k] = values[3 * i + k];
-    petsc(VecRestoreArrayRead(global, &values));
+    IMIC3D_PETSC(VecRestoreArrayRead(global, &values));
     partition.communicator.sum(std::span(natural.data(), static_cast<std::size_t>(natural.size())));
     return natural;
   }
@@ -121,37 +121,37 @@ struct Equilibrium::Implementation {
   void impose(Vec prescribed_global, Vec displacement) const {
     PetscScalar* values = nullptr;
     const PetscScalar* wanted = nullptr;
-    petsc(VecGetArray(displacement, &values));
-    petsc(VecGetArrayRead(prescribed_global, &wanted));
+    IMIC3D_PETSC(VecGetArray(displacement, &values));
+    IMIC3D_PETSC(VecGetArrayRead(prescribed_global, &wanted));
     const auto& constrained = assembler.constrained_owned();
     for (std::size_t i = 0; i < constrained.size(); ++i)
       if (constrained[i] != 0) values[i] = wanted[i];
-    petsc(VecRestoreArrayRead(prescribed_global, &wanted));
-    petsc(VecRestoreArray(displacement, &values));
+    IMIC3D_PETSC(VecRestoreArrayRead(prescribed_global, &wanted));
+    IMIC3D_PETSC(VecRestoreArray(displacement, &values));
   }
 
   /// increment <- prescribed - u at constrained degrees, 0 elsewhere.
   void missing_displacement(Vec prescribed_global) const {
-    petsc(VecWAXPY(increment, -1.0, u, prescribed_global));
+    IMIC3D_PETSC(VecWAXPY(increment, -1.0, u, prescribed_global));
     PetscScalar* values = nullptr;
-    petsc(VecGetArray(increment, &values));
+    IMIC3D_PETSC(VecGetArray(increment, &values));
     const auto& constrained = assembler.constrained_owned();
     for (std::size_t i = 0; i < constrained.size(); ++i)
       if (constrained[i] == 0) values[i] = 0.0;
-    petsc(VecRestoreArray(increment, &values));
+    IMIC3D_PETSC(VecRestoreArray(increment, &values));
   }
 
   /// Norm of the unbalanced forces at free degrees; `residual` is left as external - internal there, 0 elsewhere.
   [[nodiscard]] double unbalanced() {
-    petsc(VecWAXPY(residual, -1.0, force, external));
+    IMIC3D_PETSC(VecWAXPY(residual, -1.0, force, external));
     PetscScalar* values = nullptr;
-    petsc(VecGetArray(residual, &values));
+    IMIC3D_PETSC(VecGetArray(residual, &values));
     const auto& constrained = assembler.constrained_owned();
     for (std::size_t i = 0; i < constrained.size(); ++i)
       if (constrained[i] != 0) values[i] = 0.0;
-    petsc(VecRestoreArray(residual, &values));
+    IMIC3D_PETSC(VecRestoreArray(residual, &values));
     double norm = 0.0;
-    petsc(VecNorm(residual, NORM_2, &norm));
+    IMIC3D_PETSC(VecNorm(residual, NORM_2, &norm));
     return norm;
   }
 
@@ -160,13 +160,13 @@ struct Equilibrium::Implementation {
     if (!direct) return -1;
     PC preconditioner = nullptr;
     Mat factor = nullptr;
-    petsc(KSPGetPC(solver, &preconditioner));
-    petsc(PCFactorGetMatrix(preconditioner, &factor));
+    IMIC3D_PETSC(KSPGetPC(solver, &preconditioner));
+    IMIC3D_PETSC(PCFactorGetMatrix(preconditioner, &factor));
     MatSolverType type = nullptr;
-    petsc(MatFactorGetSolverType(factor, &type));
+    IMIC3D_PETSC(MatFactorGetSolverType(factor, &type));
     if (std::string(type) != MATSOLVERMUMPS) return -1;
     PetscInt pivots = 0;
-    petsc(MatMumpsGetInfog(factor, 12, &pivots));
+    IMIC3D_PETSC(MatMumpsGetInfog(factor, 12, &pivots));
     return pivots;
   }
 
@@ -180,7 +180,7 @@ struct Equilibrium::Implementation {
     double previous = 0.0, step = 1.0;
     bool indefinite = false;
     Outcome failed = Outcome::diverged;
-    petsc(VecZeroEntries(correction));
+    IMIC3D_PETSC(VecZeroEntries(correction));
     for (int iteration = 0; iteration <= options.max_iterations; ++iteration) {
       missing_displacement(prescribed);
       double missing = 0.0, size = 0.0, load = 0.0, norm = 0.0;
@@ -190,12 +190,12 @@ struct Equilibrium::Implementation {
         if (std::isfinite(norm) && (iteration < 2 || norm < 1e3 * previous)) break;
         if (iteration == 0 || halvings == 4) return failed;
         step *= 0.5;
-        petsc(VecAXPY(u, -step, correction));  // back by half of what was taken
+        IMIC3D_PETSC(VecAXPY(u, -step, correction));  // back by half of what was taken
         missing_displacement(prescribed);
       }
-      petsc(VecNorm(increment, NORM_INFINITY, &missing));
-      petsc(VecNorm(force, NORM_2, &size));
-      petsc(VecNorm(external, NORM_2, &load));
+      IMIC3D_PETSC(VecNorm(increment, NORM_INFINITY, &missing));
+      IMIC3D_PETSC(VecNorm(force, NORM_2, &size));
+      IMIC3D_PETSC(VecNorm(external, NORM_2, &load));
       const double scale = std::max({size, load, 1e-30});
       last_residuals.push_back(norm / scale);
       if (missing == 0.0 && iteration > 0) {
@@ -206,26 +206,26 @@ struct Equilibrium::Implementation {
       }
       if (iteration == options.max_iterations) break;
 
-      petsc(VecAXPY(residual, -1.0, lifting));
+      IMIC3D_PETSC(VecAXPY(residual, -1.0, lifting));
       PetscScalar* right = nullptr;
       const PetscScalar* wanted = nullptr;
-      petsc(VecGetArray(residual, &right));
-      petsc(VecGetArrayRead(increment, &wanted));
+      IMIC3D_PETSC(VecGetArray(residual, &right));
+      IMIC3D_PETSC(VecGetArrayRead(increment, &wanted));
       const auto& constrained = assembler.constrained_owned();
       for (std::size_t i = 0; i < constrained.size(); ++i)
         if (constrained[i] != 0) right[i] = wanted[i];
-      petsc(VecRestoreArrayRead(increment, &wanted));
-      petsc(VecRestoreArray(residual, &right));
-      petsc(KSPSolve(solver, residual, correction));
+      IMIC3D_PETSC(VecRestoreArrayRead(increment, &wanted));
+      IMIC3D_PETSC(VecRestoreArray(residual, &right));
+      IMIC3D_PETSC(KSPSolve(solver, residual, correction));
       KSPConvergedReason reason = KSP_CONVERGED_ITERATING;
-      petsc(KSPGetConvergedReason(solver, &reason));
+      IMIC3D_PETSC(KSPGetConvergedReason(solver, &reason));
       if (reason < 0 && reason != KSP_DIVERGED_ITS) return failed;
       indefinite = negative_pivots() > 0;
       // Under prescribed forces a tangent that is not positive definite means a limit point.
       if (indefinite && load > 0.0) failed = Outcome::limit_point;
       ++iterations;
       step = 1.0;
-      petsc(VecAXPY(u, 1.0, correction));
+      IMIC3D_PETSC(VecAXPY(u, 1.0, correction));
       impose(prescribed, u);
       previous = norm;
     }
@@ -268,11 +268,11 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
   const Eigen::Index dofs = 3 * s.mesh.nodes.rows();
   PathStatus status;
   s.assembler.history().initialise(*s.law);
-  petsc(VecSet(s.u, 0.0));
+  IMIC3D_PETSC(VecSet(s.u, 0.0));
 
   Vec converged = nullptr, before = nullptr, prescribed = nullptr;
-  for (Vec* vector : {&converged, &before, &prescribed}) petsc(VecDuplicate(s.u, vector));
-  petsc(VecSet(converged, 0.0));
+  for (Vec* vector : {&converged, &before, &prescribed}) IMIC3D_PETSC(VecDuplicate(s.u, vector));
+  IMIC3D_PETSC(VecSet(converged, 0.0));
 
   const auto full = [&](const LoadStep* step) {
     Eigen::VectorXd values = Eigen::VectorXd::Zero(dofs);
@@ -295,7 +295,7 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
     int count = first, cuts = 0, iterations = 0;
     bool use_guess = near != nullptr && near->size() == dofs && count == 1;
     s.assembler.history().save();
-    petsc(VecCopy(converged, before));
+    IMIC3D_PETSC(VecCopy(converged, before));
     for (int increment = 0; increment < count;) {
       const double target = increment + 1 == count ? 1.0 : static_cast<double>(increment + 1) / count;
       s.to_global(from + target * (to - from), prescribed);
@@ -303,11 +303,11 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
       if (use_guess)
         s.to_global(*near, s.u);
       else
-        petsc(VecCopy(converged, s.u));
+        IMIC3D_PETSC(VecCopy(converged, s.u));
       const auto outcome = s.newton(prescribed, (step.time - begin) / count, parameters, iterations);
       if (outcome == Implementation::Outcome::converged) {
         s.assembler.history().commit();
-        petsc(VecCopy(s.u, converged));
+        IMIC3D_PETSC(VecCopy(s.u, converged));
         ++increment;
         continue;
       }
@@ -327,7 +327,7 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
       count *= 2;
       increment = 0;
       s.assembler.history().restore();
-      petsc(VecCopy(before, converged));
+      IMIC3D_PETSC(VecCopy(before, converged));
     }
     status.increments.push_back(count);
     status.total_iterations += iterations;
@@ -340,7 +340,7 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
     previous = &step;
   }
   status.residuals = s.last_residuals;
-  for (Vec* vector : {&converged, &before, &prescribed}) petsc(VecDestroy(vector));
+  for (Vec* vector : {&converged, &before, &prescribed}) IMIC3D_PETSC(VecDestroy(vector));
   return status;
 }
 

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 """The plate with a hole against CalculiX (quadratic elements, mesh of its own): load history within 0.5 % up to 8 %
-mean strain, displacement of the hole's edge within 1 % of its largest displacement.
+mean strain, displacement of the hole's edge within 1 % of each component's largest value.
 
 Usage: calculix_plate.py EXECUTABLE        (the table was made by tools/calculix_plate.py)
 """
@@ -20,11 +20,11 @@ def main():
         table = list(csv.DictReader(line for line in file if not line.startswith("#")))
     column = lambda name: numpy.array([float(row[name]) for row in table])
     folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_calculix_"))
-    gmsh("plate_with_hole", folder / "plate.msh", length=24, size_hole=0.3, size_far=1.2)
+    gmsh("plate_with_hole", folder / "plate.msh", length=24, size_hole=0.8, size_far=2.5)
     values = ", ".join(["0"] + [row["end_mm"] for row in table])
     (folder / "case.yaml").write_text(f"""
 title: Plate with a hole, ends free to contract
-specimen: {{mesh: plate.msh, thickness: 8, layers: 7, layer_ratio: 1.6, mid_plane_symmetry: true, held: bottom, loaded: top}}
+specimen: {{mesh: plate.msh, thickness: 8, layers: 3, layer_ratio: 1.6, element: hex20, mid_plane_symmetry: true, held: bottom, loaded: top}}
 material:
   hardening: power_linear
   tie_initial_modulus: true
@@ -41,12 +41,11 @@ output: results
     print(f"last force {force[-1]:.1f} N, CalculiX {column('hencky_force_N')[-1]:.1f} N (its own theory {column('force_N')[-1]:.1f} N)")
     require(difference.max() < 0.005, f"load history: largest difference {100 * difference.max():.3f} %")
     pole, equator = node(0, 2.5), node(2.5, 0)
-    largest = numpy.max(numpy.abs(column("hencky_pole_y_mm")))
     for name, ours in (("pole_y", u[:, pole, 1]), ("equator_x", u[:, equator, 0]), ("equator_z", u[:, equator, 2])):
         theirs = column(f"hencky_{name}_mm")
         worst = numpy.max(numpy.abs(ours - theirs))
-        print(f"{name}: largest difference {worst:.5f} mm, {100 * worst / numpy.max(numpy.abs(theirs)):.2f} % of its own largest value")
-        require(worst < 0.01 * largest, f"hole's edge, {name}: {100 * worst / largest:.3f} % of the edge's largest displacement")
+        part = worst / numpy.max(numpy.abs(theirs))
+        require(part < 0.01, f"hole's edge, {name}: largest difference {worst:.5f} mm, {100 * part:.3f} % of its largest value")
     end()
 
 

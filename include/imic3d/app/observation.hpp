@@ -37,7 +37,8 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
 [[nodiscard]] std::vector<double> three_components(const Eigen::VectorXd& in_plane);
 
 /// What the identification needs: the record of the frames after the reference, and the images.
-[[nodiscard]] identification::Record make_record(const Observation& observation, const io::Case& test);
+[[nodiscard]] identification::Record make_record(const Observation& observation, const io::Case& test,
+                                                 const identification::Specimen& specimen);
 [[nodiscard]] identification::ImageData make_image_data(const Observation& observation, const io::Case& test);
 
 /// Standard deviation of the load cell [force]: given, else that of the static frames, else 0.1 % of the largest force.

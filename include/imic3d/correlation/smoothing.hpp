@@ -17,4 +17,12 @@ namespace imic3d::correlation {
 /// smoothed, with the fourth power of the ratio (like the mechanical regularisation of Réthoré, Hild and Roux 2009).
 [[nodiscard]] double smoothing_weight(const Correlation& correlation, double cut_off);
 
+/// Every frame's displacement U [unknowns x frames, length], smoothed with the longest cut-off up to `longest` at which
+/// what the smoothing takes away at `nodes` is no more than what it takes away of noise (the discrepancy principle; 1.5
+/// times in the mean square). `sigma`: the white noise of a frame and the reference together that moves M^-1 b as much
+/// [grey level]; its share is taken from draws with the covariance sigma^2 M^-1. `cut_offs` tells what was chosen.
+[[nodiscard]] Eigen::MatrixXd smoothed_within_noise(const Correlation& correlation, const Eigen::MatrixXd& U,
+                                                    const std::vector<int>& nodes, double sigma, double longest,
+                                                    std::vector<double>* cut_offs = nullptr);
+
 }  // namespace imic3d::correlation

@@ -20,6 +20,7 @@ struct Record {
   Eigen::VectorXd time;                 ///< [frames]
   Eigen::VectorXd force;                ///< measured resultant [frames, force]
   Eigen::MatrixXd surface_displacement; ///< DIC, on the surface's nodes [2 * surface nodes x frames, length]
+  Eigen::MatrixXd driving;              ///< the same, smoothed: prescribed on the ends [2 * surface nodes x frames, length]
   double start_time = 0.0;
 };
 

@@ -106,6 +106,7 @@ struct IdentifyCase {
   std::vector<StageCase> stages;
   double eta = 1e-3;  ///< Eq. 13
   int max_iterations = 20;
+  std::optional<double> boundary_smoothing;  ///< longest waves that the driving displacement may lose [length]
   Frames held_out;          ///< frames that are simulated but never fitted
   int groups = 0;           ///< concurrent groups of ranks; 0: auto
   int steps_per_frame = 1;  ///< load increments between two frames
