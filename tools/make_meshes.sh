@@ -8,7 +8,7 @@ mesh() { # script, output, parameters …
   while [ $# -gt 0 ]; do arguments+=(-setnumber "$1" "$2"); shift 2; done
   gmsh -2 -v 2 "${arguments[@]}" -format msh41 "tools/meshes/$script.geo" -o "$output"
 }
-mesh plate_with_hole inputs/plate_with_hole/generate.msh length 40 size_hole 0.7 size_far 1.8
+mesh plate_with_hole inputs/plate_with_hole/generate.msh length 40 size_hole 0.8 size_far 2.0
 mesh plate_with_hole inputs/plate_with_hole/identify.msh length 24 size_hole 1.2 size_far 2.5
 mesh plate_with_hole inputs/plate_independent/plate.msh length 24 size_hole 1.0 size_far 2.5
 mesh dumbbell inputs/pcabs_tension/dumbbell.msh region 28 size 1.0
