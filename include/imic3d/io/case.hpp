@@ -68,6 +68,8 @@ struct LoadsCase {
   LoadColumns columns;              ///< which column holds what
   double force_scale = 1.0;         ///< multiplies the column (e.g. 1000 for a column in kN)
   std::optional<double> noise;      ///< standard deviation [force], measured on static frames if not given
+  double lag = 0.0;                 ///< time constant of the force recorder, a first-order low-pass [time]
+  double offset = 0.0;              ///< reading without load, subtracted [force]
   std::vector<LoadRecord> records;  ///< every row, force already in the case's unit; empty without a file
 };
 
