@@ -491,6 +491,7 @@ class CaseReader {
     section.get("low_pass", dic.low_pass);
     section.get("border", dic.border);
     section.get("brightness", dic.brightness);
+    section.get("local_brightness", dic.local_brightness);
     section.get("groups", dic.groups);
   }
 

@@ -94,6 +94,7 @@ struct DicCase {
   double low_pass = 1.0;    ///< standard deviation of the Gaussian that smooths all images [px]
   double border = 3.0;      ///< pixels along the mesh's contour that are left out [px]
   bool brightness = false;  ///< per-frame gain and offset are fitted with the displacement
+  bool local_brightness = false;  ///< the same for each element
   int groups = 0;           ///< 0: auto
 };
 
