@@ -47,6 +47,7 @@ Observation observe(const io::Case& test, const identification::Specimen& specim
                               .low_pass = test.dic.low_pass,
                               .border = test.dic.border,
                               .brightness = test.dic.brightness,
+                              .local_brightness = test.dic.local_brightness,
                               .groups = test.dic.groups},
       "cameras.place");
   if (!declared.noise && images.size() > 1) {  // on the specimen: the dark background has another noise

@@ -2,8 +2,11 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cmath>
+#include <limits>
 #include <nlohmann/json.hpp>
+#include <set>
 #include <sstream>
 
 #include "imic3d/app/program.hpp"
@@ -38,6 +41,28 @@ void write_fields(io::ResultsFile& file, std::size_t place, const identification
                               .force = force});
 }
 
+/// Places in the record to look at: the last fitted frame, the last one held out before it, the first one at which the
+/// force has fallen by 5 % from its peak, and the last one.
+std::set<int> telling_frames(const identification::Record& record, const io::Case& test, int simulated) {
+  const auto among = [](const io::Frames& numbers, int number) { return std::find(numbers.begin(), numbers.end(), number) != numbers.end(); };
+  std::set<int> telling;
+  int fitted = -1, held_out = -1, peak = 0;
+  for (int t = 0; t < simulated; ++t) {
+    const int number = record.frames[static_cast<std::size_t>(t)];
+    if (std::any_of(test.identify.stages.begin(), test.identify.stages.end(), [&](const auto& stage) { return among(stage.frames, number); }) &&
+        !among(test.identify.held_out, number))
+      fitted = t;
+    if (std::abs(record.force[t]) > std::abs(record.force[peak])) peak = t;
+  }
+  for (int t = 0; t < fitted; ++t)
+    if (among(test.identify.held_out, record.frames[static_cast<std::size_t>(t)])) held_out = t;
+  int fallen = peak;
+  while (fallen < simulated && std::abs(record.force[fallen]) > 0.95 * std::abs(record.force[peak])) ++fallen;
+  for (int t : {fitted, held_out, fallen, simulated - 1})
+    if (t >= 0 && t < simulated) telling.insert(t);
+  return telling;
+}
+
 }  // namespace
 
 std::map<std::string, std::string> versions() {
@@ -68,7 +93,10 @@ RunOutput::RunOutput(const Communicator& world, std::filesystem::path folder, co
 
 void RunOutput::dic_frame(int place, const correlation::DicFrame& frame) {
   if (!file_) return;
-  io::write_dic_frame(*file_, static_cast<std::size_t>(place), three_components(frame.displacement), frame.rms, span_of(frame.element_rms));
+  const bool known = frame.converged && !frame.lost;  // else its displacement means nothing: better none
+  const Eigen::VectorXd nothing = Eigen::VectorXd::Constant(frame.displacement.size(), std::numeric_limits<double>::quiet_NaN());
+  io::write_dic_frame(*file_, static_cast<std::size_t>(place), three_components(known ? frame.displacement : nothing), frame.rms,
+                      span_of(frame.element_rms));
 }
 
 void RunOutput::noise(double sigma) {
@@ -105,6 +133,39 @@ void RunOutput::model(const Communicator& world, const identification::ImageData
     world.sum(std::span(all.data(), static_cast<std::size_t>(all.size())));
     if (file_) io::write_model_residual(*file_, place, all[elements], {all.data(), static_cast<std::size_t>(elements)});
   }
+  collectively(world, [&] {
+    if (!file_) return;
+    for (const int t : telling_frames(record, test_, shown.frames)) draw_residual(t, record, shown);
+  });
+}
+
+void RunOutput::draw_residual(int t, const identification::Record& record, const identification::Path& shown) const {
+  const int place = seen_.places[static_cast<std::size_t>(t)];
+  const auto& correlation = seen_.dic->correlation();
+  const auto image = seen_.dic->spline(imaging::read_image(test_.cameras.front().images[static_cast<std::size_t>(place)]));
+  const auto& rows = correlation.quadrature().rows;
+  int left = std::numeric_limits<int>::max(), top = left, right = 0, bottom = 0;
+  for (const auto& row : rows) {
+    left = std::min(left, row.column), right = std::max(right, row.column + row.count);
+    top = std::min(top, row.row), bottom = std::max(bottom, row.row + 1);
+  }
+  constexpr int gap = 12;
+  const int columns = right - left, height = bottom - top;
+  const double sigma = seen_.noise * seen_.dic->noise_response().level;
+  std::vector<double> map(static_cast<std::size_t>(columns) * static_cast<std::size_t>(2 * height + gap), std::nan(""));
+  int first = 0;
+  for (const auto* displacement : {&shown.surface, &record.surface_displacement}) {
+    const std::vector<float> residual = correlation.residual(image, displacement->col(t));
+    std::size_t p = 0;
+    for (const auto& row : rows)
+      for (int i = 0; i < row.count; ++i, ++p)
+        map[static_cast<std::size_t>(first + row.row - top) * static_cast<std::size_t>(columns) + static_cast<std::size_t>(row.column - left + i)] =
+            residual[p] / sigma;
+    first = height + gap;
+  }
+  const int number = record.frames[static_cast<std::size_t>(t)];
+  io::draw_map(folder_ / fmt::format("residual_frame_{:04d}.png", number), map, columns, 2 * height + gap,
+               {.legend = fmt::format("residual of the model (above) and of pure DIC (below), frame {} [sigma]", number), .lower = -5.0, .upper = 5.0});
 }
 
 void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covariance,

@@ -28,7 +28,8 @@ Correlation::Correlation(const mesh::Mesh& surface, std::shared_ptr<const imagin
     : surface_(surface),
       camera_(std::move(camera)),
       dofs_(options.dofs_per_node),
-      brightness_(options.brightness),
+      brightness_(options.brightness || options.local_brightness),
+      local_brightness_(options.local_brightness),
       slope_noise_(options.slope_noise) {
   const std::string& place = options.quadrature.place;
   if (surface_.type != mesh::CellType::quad4 || surface_.cells.cols() != 4 || surface_.cells.rows() == 0)
@@ -337,29 +338,47 @@ Evaluation Correlation::evaluate(const imaging::BSpline& g, const Eigen::VectorX
   }
   result.gain = gain;
   result.offset = offset + static_cast<double>(grey0) * (1.0 - gain);
+  // The same of an element alone, if it is asked for: with few pixels the offset only, the gain of all.
+  struct Light {
+    double gain, offset, variance_f;
+  };
+  const auto light_of = [&](const std::array<double, entries>& sum) {
+    const double pixels = std::max(1.0, sum[seen_]);
+    const double of_g = sum[gg] - sum[g_] * sum[g_] / pixels;
+    const double of_f = sum[squares_f] + 2.0 * sum[fg] - sum[gg] - sum[f_] * sum[f_] / pixels;
+    Light light{gain, offset, of_f};
+    if (!local_brightness_ || pixels < 4.0) return light;
+    if (pixels >= 64.0 && of_g > 1e-9 * sum[gg] && of_f > 0.0) light.gain = std::sqrt(of_f / of_g);
+    light.offset = (sum[f_] - light.gain * sum[g_]) / pixels;
+    return light;
+  };
 
   std::vector<Eigen::Matrix2d> transport;
   if (gradient == Gradient::transported) transport = transport_of(deformation_gradient(U));
   // One message for everything: b, squares and pixels of the elements.
-  std::vector<double> message(static_cast<std::size_t>(unknowns() + 2 * elements()), 0.0);
-  const double d = 1.0 - gain;  // f - gain g - offset = (f - g) + (1 - gain) g - offset
+  std::vector<double> message(static_cast<std::size_t>(unknowns() + 4 * elements()) + 1, 0.0);
   for (int e = begin; e < end; ++e) {
     const auto& sum = sums[static_cast<std::size_t>(e - begin)];
+    const Light light = light_of(sum);
+    const double d = 1.0 - light.gain;  // f - gain g - offset = (f - g) + (1 - gain) g - offset
     for (int i = 0; i < 4; ++i) {
       const auto k = static_cast<std::size_t>(2 * i);
-      Eigen::Vector2d part(sum[of_b + k] + d * sum[of_gb + k] - offset * sum[of_1b + k],
-                           sum[of_b + k + 1] + d * sum[of_gb + k + 1] - offset * sum[of_1b + k + 1]);
-      if (own_slopes) part *= gain;
+      Eigen::Vector2d part(sum[of_b + k] + d * sum[of_gb + k] - light.offset * sum[of_1b + k],
+                           sum[of_b + k + 1] + d * sum[of_gb + k + 1] - light.offset * sum[of_1b + k + 1]);
+      if (own_slopes) part *= light.gain;
       if (!transport.empty()) part = (transport[static_cast<std::size_t>(e)] * part).eval();
       const int node = surface_.cells(e, i);
       const Eigen::Vector3d force = camera_->jacobian(displaced(node, U)).transpose() * part;
       for (int a = 0; a < dofs_; ++a) message[static_cast<std::size_t>(node * dofs_ + a)] += force[a];
     }
-    const double squares = sum[squares_f] + d * d * sum[gg] + offset * offset * sum[seen_] +
-                           2.0 * d * (sum[fg] - sum[gg]) - 2.0 * offset * (sum[f_] - sum[g_]) -
-                           2.0 * d * offset * sum[g_];
+    const double squares = sum[squares_f] + d * d * sum[gg] + light.offset * light.offset * sum[seen_] +
+                           2.0 * d * (sum[fg] - sum[gg]) - 2.0 * light.offset * (sum[f_] - sum[g_]) -
+                           2.0 * d * light.offset * sum[g_];
     message[static_cast<std::size_t>(unknowns() + e)] = std::max(0.0, squares);
     message[static_cast<std::size_t>(unknowns() + elements() + e)] = sum[seen_];
+    message[static_cast<std::size_t>(unknowns() + 2 * elements() + e)] = light.gain;
+    message[static_cast<std::size_t>(unknowns() + 3 * elements() + e)] = light.offset + static_cast<double>(grey0) * d;
+    message.back() += light.variance_f;
   }
   if (group.size() > 1) group.sum(message);
   result.b = Eigen::Map<Eigen::VectorXd>(message.data(), unknowns());
@@ -367,20 +386,23 @@ Evaluation Correlation::evaluate(const imaging::BSpline& g, const Eigen::VectorX
   result.element_pixels = Eigen::Map<Eigen::VectorXd>(message.data() + unknowns() + elements(), elements());
   result.element_rms = (result.element_squares.array() / result.element_pixels.array().max(1.0)).sqrt();
   result.squares = total(result.element_squares);
+  result.element_gain = Eigen::Map<Eigen::VectorXd>(message.data() + unknowns() + 2 * elements(), elements());
+  result.element_offset = Eigen::Map<Eigen::VectorXd>(message.data() + unknowns() + 3 * elements(), elements());
+  // With each element's light taken out, what the images have in common is their detail.
+  if (local_brightness_ && message.back() > 0.0) result.coefficient = 1.0 - 0.5 * result.squares / message.back();
   return result;
 }
 
 std::vector<float> Correlation::residual(const imaging::BSpline& g, const Eigen::VectorXd& U) const {
-  float gain = 1.0F, offset = 0.0F;
-  if (brightness_) {
-    const Evaluation seen = evaluate(g, U, Communicator{MPI_COMM_SELF});
-    gain = static_cast<float>(seen.gain), offset = static_cast<float>(seen.offset);
-  }
+  Evaluation seen;
+  if (brightness_) seen = evaluate(g, U, Communicator{MPI_COMM_SELF});
   const InImage shift = pixel_displacement(U);
   std::vector<float> residual(quadrature_.pixels());
 #pragma omp parallel for schedule(static)
   for (int e = 0; e < elements(); ++e) {
     const auto at = static_cast<std::size_t>(e);
+    const float gain = brightness_ ? static_cast<float>(seen.element_gain[e]) : 1.0F;
+    const float offset = brightness_ ? static_cast<float>(seen.element_offset[e]) : 0.0F;
     interpolate(g, e, shift, residual.data() + quadrature_.first[at], nullptr, nullptr);
     for (std::size_t p = quadrature_.first[at]; p < quadrature_.first[at + 1]; ++p)
       residual[p] = quadrature_.f[p] - (gain * residual[p] + offset);

@@ -82,7 +82,8 @@ GlobalDic::GlobalDic(const mesh::Mesh& surface, std::shared_ptr<const imaging::C
     const double factor = std::ldexp(1.0, level);
     Level next;
     next.reference = level == 0 ? spline(image) : imaging::BSpline(image);
-    CorrelationOptions operators{.brightness = options_.brightness, .quadrature = {.place = place}};
+    CorrelationOptions operators{
+        .brightness = options_.brightness, .local_brightness = options_.local_brightness, .quadrature = {.place = place}};
     if (level == 0) operators.slope_noise = noise_.slope;
     if (level > 0 && masked) mask = every_second(mask);
     if (masked) operators.quadrature.mask = &mask;

@@ -215,4 +215,21 @@ std::vector<LoadRecord> read_loads(const std::filesystem::path& file, const Load
   return LoadsReader(file, columns, force_scale).read();
 }
 
+void remove_lag(std::vector<LoadRecord>& records, double lag) {
+  if (lag == 0.0) return;
+  const std::vector<LoadRecord> read = records;
+  for (std::size_t i = 0; i < read.size(); ++i) {
+    double slope = 0.0, weights = 0.0;  // the nearer neighbour's slope counts more: exact for a parabola
+    for (const bool after : {false, true}) {
+      if (after ? i + 1 == read.size() : i == 0) continue;
+      const auto& other = read[after ? i + 1 : i - 1];
+      const double step = other.time - read[i].time;
+      if (step == 0.0) continue;
+      slope += (other.force - read[i].force) / step / std::abs(step);
+      weights += 1.0 / std::abs(step);
+    }
+    if (weights > 0.0) records[i].force += lag * slope / weights;
+  }
+}
+
 }  // namespace imic3d::io

@@ -278,7 +278,9 @@ std::vector<std::size_t> telling_frames(const ResultsFile& file) {
 std::vector<std::filesystem::path> draw_pictures(const ResultsFile& file, const std::filesystem::path& folder) {
   std::vector<std::filesystem::path> pictures;
   const auto numbers = file.read_integers("frames/number");
-  if (const auto done = file.frames_done("dic"); !done.empty()) {
+  auto done = file.frames_done("dic");
+  while (!done.empty() && !std::isfinite(file.read("dic/displacement", done.back())[0])) done.pop_back();  // lost
+  if (!done.empty()) {
     const auto mesh = surface_of(file);
     const auto u = file.read("dic/displacement", done.back());
     const std::size_t axis = file.read_text("case/axis") == "x" ? 0 : 1;

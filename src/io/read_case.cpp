@@ -208,6 +208,8 @@ class CaseReader {
     section.get("image_file", loads.columns.image_file);
     section.get("force_scale", loads.force_scale);
     section.get("noise", loads.noise);
+    section.get("lag", loads.lag);
+    section.get("offset", loads.offset);
     if (std::string unit = case_.units.force; section.has("force_unit")) {
       section.get("force_unit", unit);
       if (section.has("force_scale")) mistake(section.path("force_scale"), "given beside force_unit", "one of the two");
@@ -220,6 +222,8 @@ class CaseReader {
     }
     try {
       loads.records = read_loads(loads.file, loads.columns, loads.force_scale);
+      for (auto& record : loads.records) record.force -= loads.offset;
+      remove_lag(loads.records, loads.lag);
     } catch (const InputError& error) {
       for (const auto& one : error.mistakes()) mistakes_.push_back({document_.line(section.path("file")), one});
     }
@@ -488,6 +492,7 @@ class CaseReader {
     section.get("low_pass", dic.low_pass);
     section.get("border", dic.border);
     section.get("brightness", dic.brightness);
+    section.get("local_brightness", dic.local_brightness);
     section.get("groups", dic.groups);
   }
 

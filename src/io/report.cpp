@@ -118,18 +118,22 @@ class Report {
   }
 
   void headline() {
-    const auto result = summary(file_);
+    auto result = summary(file_);
     std::string rows;
     const auto add = [&](const char* what, const char* key) {
       if (!result.contains(key) || result[key]["value"].is_null()) return;
-      rows +=
-          fmt::format("<tr><td>{}</td><td>{}</td><td class=\"left\">{}</td></tr>\n", what,
-                      shown(result[key]["value"].get<double>(), 4), escaped(result[key]["unit"].get<std::string>()));
+      std::string cells;
+      for (const auto* part : {&result, &result["fitted"], &result["held_out"]}) {
+        const bool given = part->contains(key) && !(*part)[key]["value"].is_null();
+        cells += fmt::format("<td>{}</td>", given ? shown((*part)[key]["value"].get<double>(), 4) : "–");
+      }
+      rows += fmt::format("<tr><td>{}</td>{}<td class=\"left\">{}</td></tr>\n", what, cells,
+                          escaped(result[key]["unit"].get<std::string>()));
     };
     add("force, measured − predicted (rms over the frames)", "force_rms_difference");
     add("residual of the identified model (rms)", "residual_rms_model");
     add("residual of pure DIC (rms)", "residual_rms_dic");
-    if (!rows.empty()) out_ += "<h2>How well it fits</h2>\n<table>\n" + rows + "</table>\n";
+    if (!rows.empty()) out_ += "<h2>How well it fits</h2>\n<table>\n<tr><th></th><th>all frames</th><th>fitted</th><th>held out</th><th></th></tr>\n" + rows + "</table>\n";
   }
 
   void curves() {

@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <cmath>
 #include <fstream>
 #include <nlohmann/json.hpp>
@@ -77,6 +78,22 @@ json summary(const ResultsFile& file) {
     result["frames"]["correlated"] = file.frames_done("dic").size();
     result["residual_rms_dic"] = quantity(rms(file.read("residual/rms_dic")), "grey level");
     result["residual_rms_model"] = quantity(rms(file.read("residual/rms_model")), "grey level");
+  }
+  // The same over the frames that were fitted and over those that were held out.
+  const auto use = file.has("frames/use") ? file.read_integers("frames/use") : std::vector<int>{};
+  for (const auto& [kind, key] : {std::pair{1, "fitted"}, {2, "held_out"}}) {
+    if (std::find(use.begin(), use.end(), kind) == use.end()) continue;
+    const auto of_kind = [&, kind = kind](std::vector<double> values) {
+      for (std::size_t i = 0; i < values.size(); ++i)
+        if (use[i] != kind) values[i] = std::nan("");
+      return values;
+    };
+    if (result.contains("force_rms_difference"))
+      result[key]["force_rms_difference"] = quantity(rms_difference(of_kind(measured), predicted), file.unit("frames/force_measured"));
+    if (result.contains("residual_rms_dic")) {
+      result[key]["residual_rms_dic"] = quantity(rms(of_kind(file.read("residual/rms_dic"))), "grey level");
+      result[key]["residual_rms_model"] = quantity(rms(of_kind(file.read("residual/rms_model"))), "grey level");
+    }
   }
   if (file.has("identification/parameters")) {
     result["parameters"] = parameters(file);

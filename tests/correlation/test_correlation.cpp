@@ -223,6 +223,37 @@ TEST(Correlation, BrightnessIsFittedWithTheDisplacement) {
   EXPECT_NEAR(fitted.offset, -3750.0, 0.5);
 }
 
+// The contour's nodes are where an offset that is left in an element does not cancel between neighbours.
+TEST(Correlation, LightThatChangesFromPlaceToPlaceMovesNothing) {
+  const Correlation all(pair().quads, pair().eye, pair().f, {.brightness = true});
+  const Correlation local(pair().quads, pair().eye, pair().f, {.local_brightness = true});
+  Image bright = pair().reference;
+  for (int y = 0; y < bright.height; ++y)
+    for (int x = 0; x < bright.width; ++x) bright(x, y) = (0.7F + 0.004F * x) * bright(x, y) + 40.0F * y;
+  const Eigen::VectorXd zero = Eigen::VectorXd::Zero(all.unknowns());
+  const BSpline g(bright);
+  const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> M(all.M());
+  const auto moved = [&](const Correlation& correlation) {
+    return Eigen::VectorXd(M.solve(correlation.evaluate(g, zero, alone).b)).cwiseAbs().maxCoeff() *
+           std::sqrt(std::abs(correlation.pixels_per_length().determinant()));
+  };
+  std::printf("moved by the light: %.3f px with one gain, %.3f px with one for each element\n", moved(all), moved(local));
+  EXPECT_LT(moved(local), 0.15 * moved(all));
+  EXPECT_GT(local.evaluate(g, zero, alone).coefficient, all.evaluate(g, zero, alone).coefficient);
+  // The residual in pixels is that of the sums.
+  double squares = 0.0;
+  for (const float r : local.residual(g, zero)) squares += static_cast<double>(r) * r;
+  const Evaluation seen = local.evaluate(g, zero, alone);
+  EXPECT_NEAR(squares, seen.squares, 1e-4 * seen.squares);
+  // Light that is the same everywhere is what `brightness` finds.
+  Image even = pair().reference;
+  for (float& value : even.grey) value = 0.8F * value + 3000.0F;
+  const Evaluation same = local.evaluate(BSpline(even), zero, alone);
+  EXPECT_LT(same.rms(), 0.5);
+  EXPECT_NEAR(same.element_gain.minCoeff(), 1.25, 1e-4);
+  EXPECT_NEAR(same.element_gain.maxCoeff(), 1.25, 1e-4);
+}
+
 TEST(Correlation, PixelsThatLeaveTheImageAreDropped) {
   const mesh::Mesh quads = rectangle(10, 10, 110, 90, 10, 8);
   const Correlation correlation(quads, camera(), pair().f);

@@ -79,6 +79,21 @@ TEST(Loads, AHundredMistakesAreCounted) {
   EXPECT_NE(mistakes_in(text).find("80 more mistakes"), std::string::npos);
 }
 
+TEST(Loads, TheLagOfTheRecorderIsUndone) {
+  // A force that grows as t^2 behind a low-pass of 0.3 s reads t^2 - 0.6 t + 0.18 once the start is forgotten; the
+  // steps are uneven and two rows share a time.
+  std::vector<LoadRecord> records;
+  for (double t : {1.0, 1.1, 1.3, 1.4, 1.4, 1.6, 1.7})
+    records.push_back({.time = t, .force = t * t - 0.6 * t + 0.18});
+  const auto read = records;
+  remove_lag(records, 0.3);
+  for (std::size_t i : {1U, 2U}) EXPECT_NEAR(records[i].force, read[i].time * read[i].time, 1e-12) << i;
+  for (std::size_t i : {0U, 6U}) EXPECT_NEAR(records[i].force, read[i].time * read[i].time, 0.3 * 0.1 + 1e-12) << i;
+  records = read;
+  remove_lag(records, 0.0);
+  EXPECT_EQ(records[3].force, read[3].force);
+}
+
 TEST(Loads, MeasuredRecords) {
   const char* given = std::getenv("IMIC3D_DATA");
   const fs::path data = given ? fs::path(given) : fs::path(IMIC3D_SOURCE_DIRECTORY) / "../shared/data";

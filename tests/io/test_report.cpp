@@ -85,6 +85,15 @@ TEST(Report, IsSelfContained) {
   EXPECT_EQ(images, 3U);
 }
 
+TEST(Pictures, ALostFrameIsNotShownAsDisplacement) {
+  const TemporaryFolder folder;
+  auto file = example_run(folder.path());
+  auto u = file.read("dic/displacement", 10);
+  std::fill(u.begin(), u.end(), std::nan(""));
+  write_dic_frame(file, 10, u, 9.0, file.read("residual/element_dic", 10));
+  EXPECT_EQ(draw_pictures(file, folder.path()).front().filename(), "dic_displacement_frame_0018.png");
+}
+
 TEST(Report, OfARunThatHasNothingYet) {
   const TemporaryFolder folder;
   Case test;

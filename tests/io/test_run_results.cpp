@@ -63,6 +63,8 @@ TEST(RunResults, TheSummaryHasEveryHeadlineNumberWithItsUnit) {
   EXPECT_EQ(result["frames"]["simulated"], 11);
   EXPECT_EQ(result["force_rms_difference"]["unit"], "N");
   EXPECT_GT(result["residual_rms_model"]["value"], 2.0);
+  EXPECT_NEAR(result["fitted"]["residual_rms_model"]["value"], 2.075, 0.01);  // frames 0 to 5: 2.00 to 2.15
+  EXPECT_TRUE(result["held_out"]["residual_rms_model"]["value"].is_null());   // the last frame was not reached
   EXPECT_EQ(result["program"]["PETSc"], "3.18.5");
   EXPECT_THROW(write_json("/proc/result.json", result), InputError);
   // no temporary file is left

@@ -30,7 +30,8 @@ class RunOutput {
   void iteration(int stage, int iteration, const identification::Iterate& at);
   void identified(const std::vector<double>& values, const Eigen::MatrixXd& covariance);
   void simulation_frame(int place, const mechanics::FrameState& state);
-  /// Residual of the model on every frame (collective) and the force of the DIC-driven simulation.
+  /// Residual of the model on every frame (collective) and the force of the DIC-driven simulation; pictures of the
+  /// residual at a few frames.
   void model(const Communicator& world, const identification::ImageData& images, const identification::Record& record,
              const identification::Path& shown, const identification::Path& driven);
   /// result.json, pictures and report.html; prints the table of the parameters. `seconds`: time of the run.
@@ -38,6 +39,8 @@ class RunOutput {
               double seconds);
 
  private:
+  void draw_residual(int t, const identification::Record& record, const identification::Path& shown) const;
+
   std::filesystem::path folder_;
   const io::Case& test_;
   const identification::Specimen& specimen_;

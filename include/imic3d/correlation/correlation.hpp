@@ -23,6 +23,9 @@ struct CorrelationOptions {
   /// The residual is f - (gain * g + offset), with the gain and offset that give g(x + u) the mean and the standard
   /// deviation of f (zero-mean normalised).
   bool brightness = false;
+  /// The same with a gain and an offset for each element: light or reflectance that change from place to place (stress
+  /// whitening). An offset that is left in an element cancels between neighbours but pushes the nodes of the contour.
+  bool local_brightness = false;
   double slope_noise = 1.392;  ///< variance of grad F for unit noise of the reference (imaging::noise_response) [1/px^2]
   QuadratureOptions quadrature = {};
 };
@@ -42,8 +45,10 @@ struct Evaluation {
   double squares = 0.0;             ///< sum of squared residuals [grey level^2]
   double pixels = 0.0;              ///< number of pixels in the sums
   double dropped = 0.0;             ///< pixels that have left the deformed image: in no sum
-  double gain = 1.0, offset = 0.0;  ///< light that was fitted: f = gain * g + offset
-  double coefficient = 0.0;         ///< correlation coefficient of f and g(x + u) over all pixels
+  double gain = 1.0, offset = 0.0;  ///< light that was fitted to all pixels: f = gain * g + offset
+  Eigen::VectorXd element_gain, element_offset;  ///< light that was used [elements]
+  double coefficient = 0.0;         ///< correlation coefficient of f and g(x + u) over all pixels (local brightness: of
+                                    ///< their deviations from the elements' means)
   Eigen::VectorXd element_squares;  ///< [elements, grey level^2]
   Eigen::VectorXd element_pixels;   ///< [elements] number of pixels in it
   Eigen::VectorXd element_rms;      ///< [elements, grey level]
@@ -117,6 +122,7 @@ class Correlation {
   std::shared_ptr<const imaging::Camera> camera_;
   int dofs_;
   bool brightness_;
+  bool local_brightness_;
   double slope_noise_;
   InImage positions_;
   PixelQuadrature quadrature_;

@@ -24,6 +24,7 @@ struct DicOptions {
   double low_pass = 0.0;        ///< standard deviation of the Gaussian that smooths all images, 0: none [px]
   double border = 0.0;          ///< pixels along the mesh's contour that the finest level leaves out [px]
   bool brightness = false;      ///< fit gain and offset of every frame together with the displacement
+  bool local_brightness = false;  ///< a gain and an offset for each element
   double strain_change = 0.02;  ///< M is built anew, with the gradient transported, when an element's deformation
                                 ///< gradient has changed by more than this
   double lost = 0.5;            ///< a frame whose grey levels correlate less than this with the reference's is lost

@@ -68,6 +68,8 @@ struct LoadsCase {
   LoadColumns columns;              ///< which column holds what
   double force_scale = 1.0;         ///< multiplies the column (e.g. 1000 for a column in kN)
   std::optional<double> noise;      ///< standard deviation [force], measured on static frames if not given
+  double lag = 0.0;                 ///< time constant of the force recorder, a first-order low-pass [time]
+  double offset = 0.0;              ///< reading without load, subtracted [force]
   std::vector<LoadRecord> records;  ///< every row, force already in the case's unit; empty without a file
 };
 
@@ -93,6 +95,7 @@ struct DicCase {
   double low_pass = 1.0;    ///< standard deviation of the Gaussian that smooths all images [px]
   double border = 3.0;      ///< pixels along the mesh's contour that are left out [px]
   bool brightness = false;  ///< per-frame gain and offset are fitted with the displacement
+  bool local_brightness = false;  ///< the same for each element
   int groups = 0;           ///< 0: auto
 };
 

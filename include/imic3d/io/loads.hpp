@@ -30,4 +30,9 @@ struct LoadRecord {
 [[nodiscard]] std::vector<LoadRecord> read_loads(const std::filesystem::path& file, const LoadColumns& columns = {},
                                                  double force_scale = 1.0);
 
+/// Undoes a recorder that follows the force F by dr/dt = (F - r) / lag: F = r + lag dr/dt, the slope of the parabola
+/// through three rows (of the line through two at the ends). Every row serves, with an image or not. Rows whose times
+/// coincide with their neighbours' keep their force.
+void remove_lag(std::vector<LoadRecord>& records, double lag);
+
 }  // namespace imic3d::io
