@@ -67,6 +67,12 @@ void identify(const Communicator& world, const CommandOptions& options) {
   spdlog::info("noise: {:.3f} grey levels ({}), {:.4g} {} of the force", seen.noise,
                seen.noise_is_measured ? "static frames or given" : "from the DIC's residual", solver.force_noise, test.units.force);
 
+  if (solver.functional != id::Functional::force_driven) {
+    const double reaction = id::reaction_noise(world, specimen, material.law, driving_noise(seen), material.values);
+    spdlog::info("noise of the reaction through the displacement of the ends: {:.4g} {}", reaction, test.units.force);
+    solver.force_noise = std::hypot(solver.force_noise, reaction);
+  }
+
   std::size_t most_free = 1;
   for (const auto& stage : test.identify.stages) most_free = std::max(most_free, stage.free.size());
   id::ForwardModel model(world, specimen, material.law, record, {.increments = test.identify.steps_per_frame, .with_fields = false},

@@ -17,6 +17,17 @@
 
 namespace imic3d::app {
 
+namespace {
+/// Surface nodes of the two ends, where the mesh stops and the specimen goes on.
+std::vector<int> nodes_of_ends(const identification::Specimen& specimen) {
+  std::set<int> ends;
+  const auto& from_surface = specimen.displacement_from_surface;
+  for (int column = 0; column < from_surface.outerSize(); ++column)
+    if (from_surface.outerIndexPtr()[column + 1] > from_surface.outerIndexPtr()[column]) ends.insert(column / 2);
+  return {ends.begin(), ends.end()};
+}
+}  // namespace
+
 Observation observe(const io::Case& test, const identification::Specimen& specimen) {
   const auto& declared = test.cameras.front();
   Observation observation;
@@ -46,6 +57,7 @@ Observation observe(const io::Case& test, const identification::Specimen& specim
                               .regularisation = test.dic.regularisation.value_or(0.0),
                               .low_pass = test.dic.low_pass,
                               .border = test.dic.border,
+                              .cut_nodes = nodes_of_ends(specimen),
                               .brightness = test.dic.brightness,
                               .local_brightness = test.dic.local_brightness,
                               .groups = test.dic.groups},
@@ -103,7 +115,14 @@ std::vector<double> three_components(const Eigen::VectorXd& in_plane) {
   return all;
 }
 
-identification::Record make_record(const Observation& observation, const io::Case& test,
+namespace {
+/// White noise that moves a displacement as much as that of a frame and of the reference [grey level].
+double noise_of_pair(const Observation& observation) {
+  return observation.noise * observation.dic->motion_noise() * std::sqrt(1.0 + 1.0 / observation.references);
+}
+}  // namespace
+
+identification::Record make_record(Observation& observation, const io::Case& test,
                                    const identification::Specimen& specimen) {
   identification::Record record;
   const auto frames = static_cast<Eigen::Index>(observation.places.size());
@@ -127,21 +146,24 @@ identification::Record make_record(const Observation& observation, const io::Cas
     low = std::min(low, specimen.volume.nodes(node, 1 - specimen.axis));
     high = std::max(high, specimen.volume.nodes(node, 1 - specimen.axis));
   }
-  std::set<int> ends;
-  for (int column = 0; column < specimen.displacement_from_surface.outerSize(); ++column)
-    for (Eigen::SparseMatrix<double>::InnerIterator entry(specimen.displacement_from_surface, column); entry; ++entry)
-      ends.insert(column / 2);
   const double longest = test.identify.boundary_smoothing.value_or(0.5 * (high - low));
   record.driving = record.surface_displacement;
   if (longest > 0.0) {
-    const double sigma = observation.noise * observation.dic->motion_noise() * std::sqrt(1.0 + 1.0 / observation.references);
     std::vector<double> cut_offs;
     record.driving = correlation::smoothed_within_noise(observation.dic->correlation(), record.surface_displacement,
-                                                        {ends.begin(), ends.end()}, sigma, longest, &cut_offs);
-    const auto [least, most] = std::minmax_element(cut_offs.begin(), cut_offs.end());
-    spdlog::info("the ends' displacement is smoothed over {:.3g} to {:.3g} {}, as far as the noise hides it", *least, *most, test.units.length);
+                                                        nodes_of_ends(specimen), noise_of_pair(observation), longest, &cut_offs);
+    std::sort(cut_offs.begin(), cut_offs.end());
+    observation.driving_cut_off = cut_offs[cut_offs.size() / 2];
+    spdlog::info("the ends' displacement is smoothed over {:.3g} to {:.3g} {}, as far as the noise hides it", cut_offs.front(),
+                 cut_offs.back(), test.units.length);
   }
   return record;
+}
+
+Eigen::MatrixXd driving_noise(const Observation& observation, int draws) {
+  const auto& correlation = observation.dic->correlation();
+  const Eigen::MatrixXd noise = correlation::noise_draws(correlation, noise_of_pair(observation), draws);
+  return observation.driving_cut_off > 0.0 ? correlation::smooth(correlation, noise, observation.driving_cut_off) : noise;
 }
 
 identification::ImageData make_image_data(const Observation& observation, const io::Case& test) {

@@ -87,7 +87,7 @@ GlobalDic::GlobalDic(const mesh::Mesh& surface, std::shared_ptr<const imaging::C
     if (level == 0) operators.slope_noise = noise_.slope;
     if (level > 0 && masked) mask = every_second(mask);
     if (masked) operators.quadrature.mask = &mask;
-    if (level == 0) operators.quadrature.border = options_.border;
+    if (level == 0) operators.quadrature.border = options_.border, operators.quadrature.cut_nodes = options_.cut_nodes;
     operators.quadrature.clip = level > 0;  // half a pixel of a coarse image may stick out
     next.correlation = std::make_shared<Correlation>(surface, std::make_shared<ReducedCamera>(camera, factor),
                                                      next.reference, operators);

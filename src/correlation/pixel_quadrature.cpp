@@ -126,12 +126,15 @@ imaging::Image without_border(const mesh::Cells& cells, const InImage& positions
     mask = *options.mask;
   else
     std::fill(mask.grey.begin(), mask.grey.end(), 255.0F);
+  const auto is_cut = [&](int node) {
+    return std::find(options.cut_nodes.begin(), options.cut_nodes.end(), node) != options.cut_nodes.end();
+  };
   std::map<std::pair<int, int>, int> times;
   const auto edge = [&](Eigen::Index e, int i) { return std::minmax(cells(e, i), cells(e, (i + 1) % 4)); };
   for (Eigen::Index e = 0; e < cells.rows(); ++e)
     for (int i = 0; i < 4; ++i) ++times[edge(e, i)];
   for (const auto& [nodes, count] : times) {
-    if (count != 1) continue;
+    if (count != 1 || (is_cut(nodes.first) && is_cut(nodes.second))) continue;
     const Eigen::Vector2d a = positions.row(nodes.first).transpose(), along = positions.row(nodes.second).transpose() - a;
     const Eigen::Vector2d low = a.cwiseMin(a + along).array() - options.border, high = a.cwiseMax(a + along).array() + options.border;
     const int last_row = std::min(mask.height - 1, static_cast<int>(std::floor(high.y())));

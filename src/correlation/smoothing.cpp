@@ -70,22 +70,30 @@ double smoothing_weight(const Correlation& correlation, double cut_off) {
   return correlation.mean_square_gradient() * scale * scale * std::pow(cut_off / (2.0 * M_PI), 4);
 }
 
+Eigen::MatrixXd smooth(const Correlation& correlation, const Eigen::MatrixXd& U, double cut_off) {
+  const Eigen::SparseMatrix<double> M = correlation.M();
+  const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(
+      M + smoothing_weight(correlation, cut_off) * curvature_energy(correlation.surface(), correlation.dofs_per_node()));
+  return factor.solve(M * U);
+}
+
+Eigen::MatrixXd noise_draws(const Correlation& correlation, double sigma, int draws) {
+  const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> optical(correlation.M());  // P M P^T = L D L^T
+  std::mt19937_64 random(1);
+  std::normal_distribution<double> normal;
+  Eigen::MatrixXd noise(correlation.unknowns(), draws);
+  for (double& value : noise.reshaped()) value = normal(random);
+  noise = sigma * optical.vectorD().cwiseMax(1e-300).cwiseSqrt().cwiseInverse().asDiagonal() * noise;
+  return optical.permutationPinv() * Eigen::MatrixXd(optical.matrixU().solve(noise));
+}
+
 Eigen::MatrixXd smoothed_within_noise(const Correlation& correlation, const Eigen::MatrixXd& U,
                                       const std::vector<int>& nodes, double sigma, double longest,
                                       std::vector<double>* cut_offs) {
   constexpr int draws = 50;
   constexpr double allowed = 1.5;
-  using Factor = Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>>;
   const int dofs = correlation.dofs_per_node();
-  const Eigen::SparseMatrix<double> M = correlation.M(), C = curvature_energy(correlation.surface(), dofs);
-  const Factor optical(M);
-  std::mt19937_64 random(1);
-  std::normal_distribution<double> normal;
-  Eigen::MatrixXd noise(U.rows(), draws);
-  for (double& value : noise.reshaped()) value = normal(random);
-  noise = sigma * optical.vectorD().cwiseMax(1e-300).cwiseSqrt().cwiseInverse().asDiagonal() * noise;
-  noise = optical.permutationPinv() * Eigen::MatrixXd(optical.matrixU().solve(noise));
-
+  const Eigen::MatrixXd noise = noise_draws(correlation, sigma, draws);
   const auto mean_square_at_nodes = [&](const Eigen::MatrixXd& field) -> Eigen::RowVectorXd {
     Eigen::RowVectorXd sum = Eigen::RowVectorXd::Zero(field.cols());
     for (int node : nodes) sum += field.middleRows(dofs * node, dofs).colwise().squaredNorm();
@@ -95,15 +103,14 @@ Eigen::MatrixXd smoothed_within_noise(const Correlation& correlation, const Eige
   if (cut_offs != nullptr) cut_offs->assign(static_cast<std::size_t>(U.cols()), 0.0);
   std::vector<char> open(static_cast<std::size_t>(U.cols()), 1);
   for (double cut_off = longest / 16.0; cut_off < 1.01 * longest; cut_off *= std::sqrt(2.0)) {
-    const Factor smoothed(M + smoothing_weight(correlation, cut_off) * C);
-    const Eigen::MatrixXd smooth = smoothed.solve(M * U);
-    const Eigen::RowVectorXd lost = mean_square_at_nodes(smooth - U);
-    const double lost_noise = mean_square_at_nodes(smoothed.solve(M * noise) - noise).mean();
+    const Eigen::MatrixXd smoothed = smooth(correlation, U, cut_off);
+    const Eigen::RowVectorXd lost = mean_square_at_nodes(smoothed - U);
+    const double lost_noise = mean_square_at_nodes(smooth(correlation, noise, cut_off) - noise).mean();
     for (Eigen::Index t = 0; t < U.cols(); ++t) {
       auto& is_open = open[static_cast<std::size_t>(t)];
       is_open = is_open != 0 && lost[t] <= allowed * lost_noise;
       if (is_open == 0) continue;
-      result.col(t) = smooth.col(t);
+      result.col(t) = smoothed.col(t);
       if (cut_offs != nullptr) (*cut_offs)[static_cast<std::size_t>(t)] = cut_off;
     }
   }

@@ -224,6 +224,20 @@ void fit_rigid_motion(const mesh::Mesh& surface, const Eigen::SparseMatrix<doubl
   }
 }
 
+double reaction_noise(Communicator world, const Specimen& specimen, std::shared_ptr<const material::FiniteStrainLaw> law,
+                      const Eigen::MatrixXd& driving, const std::vector<double>& parameters) {
+  const auto draws = static_cast<int>(driving.cols());
+  Record noise;
+  noise.frames.resize(static_cast<std::size_t>(draws));
+  noise.time = Eigen::VectorXd::LinSpaced(draws, 1.0, draws);
+  noise.force.setZero(draws);
+  noise.surface_displacement = noise.driving = driving;
+  ForwardModel model(world, specimen, std::move(law), std::move(noise), {.with_fields = false}, 1, 1);
+  const Path path = model.simulate(Control::displacement, {parameters}, draws).front();
+  if (path.frames < draws) throw ConvergenceError("the noise of the reaction: " + path.message);
+  return std::sqrt(path.reaction.squaredNorm() / draws);
+}
+
 StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageData& images,
                          const std::vector<ParameterInfo>& information, const Stage& stage,
                          const GaussNewtonOptions& options, std::vector<double>& parameters,

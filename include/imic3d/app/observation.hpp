@@ -20,6 +20,7 @@ struct Observation {
   int references = 1;           ///< images averaged to the reference
   double noise = 0.0;           ///< grey-level noise of one image [grey level]
   bool noise_is_measured = false;  ///< from static frames or given; else estimated from the residual of the DIC
+  double driving_cut_off = 0.0;    ///< waves that the displacement on the ends has lost, median of the frames [length]
   std::vector<correlation::DicFrame> frames;  ///< one per place, after `correlate`
 };
 
@@ -37,9 +38,12 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
 [[nodiscard]] std::vector<double> three_components(const Eigen::VectorXd& in_plane);
 
 /// What the identification needs: the record of the frames after the reference, and the images.
-[[nodiscard]] identification::Record make_record(const Observation& observation, const io::Case& test,
+[[nodiscard]] identification::Record make_record(Observation& observation, const io::Case& test,
                                                  const identification::Specimen& specimen);
 [[nodiscard]] identification::ImageData make_image_data(const Observation& observation, const io::Case& test);
+
+/// Noise of the displacement that drives the simulation [2 * surface nodes x draws, length].
+[[nodiscard]] Eigen::MatrixXd driving_noise(const Observation& observation, int draws = 64);
 
 /// Standard deviation of the load cell [force]: given, else that of the static frames, else 0.1 % of the largest force.
 [[nodiscard]] double force_noise(const Observation& observation, const io::Case& test);

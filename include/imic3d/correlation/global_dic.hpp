@@ -23,6 +23,7 @@ struct DicOptions {
   double regularisation = 0.0;  ///< cut-off wavelength of the smoothing at the finest level [length]; 0: none
   double low_pass = 0.0;        ///< standard deviation of the Gaussian that smooths all images, 0: none [px]
   double border = 0.0;          ///< pixels along the mesh's contour that the finest level leaves out [px]
+  std::vector<int> cut_nodes = {};  ///< nodes where the specimen goes on beyond the mesh: no border there
   bool brightness = false;      ///< fit gain and offset of every frame together with the displacement
   bool local_brightness = false;  ///< a gain and an offset for each element
   double strain_change = 0.02;  ///< M is built anew, with the gradient transported, when an element's deformation

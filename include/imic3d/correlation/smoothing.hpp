@@ -17,6 +17,13 @@ namespace imic3d::correlation {
 /// smoothed, with the fourth power of the ratio (like the mechanical regularisation of Réthoré, Hild and Roux 2009).
 [[nodiscard]] double smoothing_weight(const Correlation& correlation, double cut_off);
 
+/// Displacements U [unknowns x frames, length] without the waves shorter than `cut_off` [length]: least squares in the norm
+/// of M_DIC with that energy.
+[[nodiscard]] Eigen::MatrixXd smooth(const Correlation& correlation, const Eigen::MatrixXd& U, double cut_off);
+
+/// Random displacements of covariance sigma^2 M^-1 [unknowns x draws, length], the same on every rank.
+[[nodiscard]] Eigen::MatrixXd noise_draws(const Correlation& correlation, double sigma, int draws);
+
 /// Every frame's displacement U [unknowns x frames, length], smoothed with the longest cut-off up to `longest` at which
 /// what the smoothing takes away at `nodes` is no more than what it takes away of noise (the discrepancy principle; 1.5
 /// times in the mean square). `sigma`: the white noise of a frame and the reference together that moves M^-1 b as much

@@ -41,7 +41,7 @@ struct GaussNewtonOptions {
   Functional functional = Functional::force_driven;
   double eta = 1e-3;               ///< eta_c of Eq. 13
   int max_iterations = 20;
-  double force_noise = 1.0;        ///< sigma_F [force]
+  double force_noise = 1.0;        ///< sigma of F - R [force]: the load cell's and that of `reaction_noise`
   double perturbation = 1e-3;      ///< relative step of the perturbed simulations
   double image_reach = 1.0;        ///< frames whose model is nearer than this to the DIC (rms, px) are judged by grey
                                    ///< levels; the others by their distance to the DIC displacement in the norm of M_DIC
@@ -79,6 +79,14 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
                          const std::vector<ParameterInfo>& information, const Stage& stage,
                          const GaussNewtonOptions& options, std::vector<double>& parameters,
                          const std::function<void(const Iterate&)>& report = {});
+
+/// Noise of the reaction R of a DIC-driven simulation [force] that comes from the noise of the displacement prescribed on
+/// the ends: the rms reaction to `driving`, random displacements of the surface [2 * surface nodes x draws, length], from
+/// rest, with the law `parameters`. These are elastic; where the specimen yields its tangent is lower and so is the noise:
+/// an upper bound there. What is common to neighbouring frames (noise of the reference) counts as if it were not.
+[[nodiscard]] double reaction_noise(Communicator world, const Specimen& specimen,
+                                    std::shared_ptr<const material::FiniteStrainLaw> law,
+                                    const Eigen::MatrixXd& driving, const std::vector<double>& parameters);
 
 /// In-plane rigid-body modes at the deformed surface [2n x 3].
 [[nodiscard]] Eigen::Matrix<double, Eigen::Dynamic, 3> rigid_modes(const mesh::Mesh& surface,
