@@ -101,15 +101,12 @@ Eigen::MatrixXd smoothed_within_noise(const Correlation& correlation, const Eige
   };
   Eigen::MatrixXd result = U;
   if (cut_offs != nullptr) cut_offs->assign(static_cast<std::size_t>(U.cols()), 0.0);
-  std::vector<char> open(static_cast<std::size_t>(U.cols()), 1);
   for (double cut_off = longest / 16.0; cut_off < 1.01 * longest; cut_off *= std::sqrt(2.0)) {
     const Eigen::MatrixXd smoothed = smooth(correlation, U, cut_off);
     const Eigen::RowVectorXd lost = mean_square_at_nodes(smoothed - U);
     const double lost_noise = mean_square_at_nodes(smooth(correlation, noise, cut_off) - noise).mean();
     for (Eigen::Index t = 0; t < U.cols(); ++t) {
-      auto& is_open = open[static_cast<std::size_t>(t)];
-      is_open = is_open != 0 && lost[t] <= allowed * lost_noise;
-      if (is_open == 0) continue;
+      if (lost[t] > allowed * lost_noise) continue;
       result.col(t) = smoothed.col(t);
       if (cut_offs != nullptr) (*cut_offs)[static_cast<std::size_t>(t)] = cut_off;
     }

@@ -111,6 +111,23 @@ TEST(PixelQuadrature, PixelsInsideTheContourAreAllFound) {
   EXPECT_EQ(wrong, 0);
 }
 
+TEST(PixelQuadrature, TheBorderIsLeftOutExceptWhereTheSpecimenGoesOn) {
+  const BSpline f(Image(200, 180, 8, 1.0F));
+  const mesh::Mesh quads = rectangle(20, 30, 120, 130, 5, 5);
+  QuadratureOptions options{.border = 3.0};
+  for (int i = 0; i <= 5; ++i) options.cut_nodes.push_back(i);  // the nodes of the side y = 30
+  InImage positions = quads.nodes.leftCols<2>();
+  const Image kept = footprint(quadrature(quads.cells, positions, f, options), 200, 180);
+  const auto is_kept = [&](int column, int row) { return kept(column, row) > 0.0F; };
+  EXPECT_FALSE(is_kept(22, 80));
+  EXPECT_TRUE(is_kept(23, 80));
+  EXPECT_FALSE(is_kept(118, 80));
+  EXPECT_FALSE(is_kept(70, 128));
+  EXPECT_TRUE(is_kept(70, 127));
+  EXPECT_TRUE(is_kept(70, 31));  // the cut side
+  EXPECT_TRUE(is_kept(40, 80));  // an edge between two elements
+}
+
 TEST(PixelQuadrature, LocalCoordinatesLeadBackToThePixel) {
   const BSpline f(Image(200, 180, 8, 1.0F));
   const mesh::Mesh quads = distorted(rectangle(20, 20, 150, 140, 7, 9), 3.0);
