@@ -20,11 +20,11 @@ def main():
         table = list(csv.DictReader(line for line in file if not line.startswith("#")))
     column = lambda name: numpy.array([float(row[name]) for row in table])
     folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_calculix_"))
-    gmsh("plate_with_hole", folder / "plate.msh", length=24, size_hole=0.8, size_far=2.5)
+    gmsh("plate_with_hole", folder / "plate.msh", length=24, size_hole=0.5, size_far=2.5)
     values = ", ".join(["0"] + [row["end_mm"] for row in table])
     (folder / "case.yaml").write_text(f"""
 title: Plate with a hole, ends free to contract
-specimen: {{mesh: plate.msh, thickness: 8, layers: 3, layer_ratio: 1.6, element: hex20, mid_plane_symmetry: true, held: bottom, loaded: top}}
+specimen: {{mesh: plate.msh, thickness: 8, layers: 4, layer_ratio: 1.6, element: hex20, mid_plane_symmetry: true, held: bottom, loaded: top}}
 material:
   hardening: power_linear
   tie_initial_modulus: true
