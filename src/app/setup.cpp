@@ -44,6 +44,7 @@ Material make_material(const io::Case& test) {
     const auto& declared = test.material.parameters.at(info.name);
     if (declared.lower) info.lower = std::max(info.lower, *declared.lower);
     if (declared.upper) info.upper = std::min(info.upper, *declared.upper);
+    if (info.unit == "stress") info.unit = io::stress_unit(test.units);
     result.values.push_back(declared.value);
     result.information.push_back(std::move(info));
   }

@@ -109,12 +109,12 @@ GlobalDic::GlobalDic(const mesh::Mesh& surface, std::shared_ptr<const imaging::C
     const PixelQuadrature& pixels = correlation().quadrature();
     double once = 0.0, twice = 0.0;
     for (const auto* slopes : {&pixels.fx, &pixels.fy}) {
-      imaging::Image image(reference.width, reference.height);
+      imaging::Image slope(reference.width, reference.height);
       std::size_t p = 0;
       for (const PixelRow& row : pixels.rows)
-        for (int i = 0; i < row.count; ++i) image(row.column + i, row.row) = (*slopes)[p++];
-      for (const float slope : image.grey) once += static_cast<double>(slope) * slope;
-      for (const float slope : imaging::low_pass(image, options_.low_pass).grey) twice += static_cast<double>(slope) * slope;
+        for (int i = 0; i < row.count; ++i) slope(row.column + i, row.row) = (*slopes)[p++];
+      for (const float value : slope.grey) once += static_cast<double>(value) * value;
+      for (const float value : imaging::low_pass(slope, options_.low_pass).grey) twice += static_cast<double>(value) * value;
     }
     motion_noise_ = std::sqrt(twice / once);
   }

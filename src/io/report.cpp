@@ -83,8 +83,8 @@ class Report {
         "<style>{1}</style>\n</head>\n<body>\n<h1>{0}</h1>\n",
         title, style);
     const auto text_of = [&](const std::string& name) { return file_.has(name) ? file_.read_text(name) : "?"; };
-    out_ += fmt::format("<p class=\"note\">{} · imic3d {} ({})</p>\n", escaped(file_.read_text("case/file")),
-                        escaped(text_of("program/imic3d")), escaped(text_of("program/git_revision")));
+    out_ += fmt::format("<p class=\"note\">{} · imic3d {}</p>\n", escaped(file_.read_text("case/file")),
+                        escaped(text_of("program/imic3d")));
     parameters();
     headline();
     curves();

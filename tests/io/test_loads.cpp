@@ -84,7 +84,7 @@ TEST(Loads, TheLagOfTheRecorderIsUndone) {
   // steps are uneven and two rows share a time.
   std::vector<LoadRecord> records;
   for (double t : {1.0, 1.1, 1.3, 1.4, 1.4, 1.6, 1.7})
-    records.push_back({.time = t, .force = t * t - 0.6 * t + 0.18});
+    records.push_back({.time = t, .force = t * t - 0.6 * t + 0.18, .image = {}});
   const auto read = records;
   remove_lag(records, 0.3);
   for (std::size_t i : {1U, 2U}) EXPECT_NEAR(records[i].force, read[i].time * read[i].time, 1e-12) << i;

@@ -14,14 +14,14 @@ template <class Size>
 class Hexahedron : public ::testing::Test {
  protected:
   static constexpr int nodes_count = Size::value, dofs = 3 * nodes_count;
-  using Vector = ElementVector<nodes_count>;
-  using Result = ElementResult<nodes_count>;
+  using VectorOf = ElementVector<nodes_count>;
+  using ResultOf = ElementResult<nodes_count>;
 
   std::shared_ptr<const material::FiniteStrainLaw> law =
       material::make_law({.law = "j2", .hardening = "power_linear", .tie_initial_modulus = true, .table_strain = {}});
   std::vector<double> parameters = {198e3, 0.25, 284.0, 1480.0, 0.042};
   ElementNodes<nodes_count> nodes;
-  Vector u;
+  VectorOf u;
   std::vector<double> old_history, new_history;
 
   Hexahedron() {
@@ -39,7 +39,7 @@ class Hexahedron : public ::testing::Test {
     const auto size = static_cast<std::size_t>(law->history_size());
     for (std::size_t p = 0; p < hexahedron_points; ++p) law->initialise(std::span(old_history).subspan(p * size, size));
   }
-  bool evaluate_at(const Vector& at, Result& result, bool tangent) {
+  bool evaluate_at(const VectorOf& at, ResultOf& result, bool tangent) {
     return evaluate(*law, parameters, 1.0, nodes, at, old_history, new_history, result, tangent);
   }
 };
@@ -48,9 +48,8 @@ using Sizes = ::testing::Types<std::integral_constant<int, 8>, std::integral_con
 TYPED_TEST_SUITE(Hexahedron, Sizes);
 
 TYPED_TEST(Hexahedron, TangentIsTheDerivativeOfTheForceWhilePlastic) {
-  using Vector = typename TestFixture::Vector;
-  using Result = typename TestFixture::Result;
-  constexpr int count = TestFixture::nodes_count;
+  using Vector = typename TestFixture::VectorOf;
+  using Result = typename TestFixture::ResultOf;
   Result result;
   ASSERT_TRUE(this->evaluate_at(this->u, result, true));
   ASSERT_GT(result.plastic_strain, 0.01) << "the state must have yielded";
@@ -72,39 +71,37 @@ TYPED_TEST(Hexahedron, TangentIsTheDerivativeOfTheForceWhilePlastic) {
 }
 
 TYPED_TEST(Hexahedron, RigidRotationLeavesNoForce) {
-  using Vector = typename TestFixture::Vector;
-  using Result = typename TestFixture::Result;
+  using Vector = typename TestFixture::VectorOf;
+  using Result = typename TestFixture::ResultOf;
   constexpr int count = TestFixture::nodes_count;
   const Eigen::Matrix3d R = Eigen::AngleAxisd(1.1, Eigen::Vector3d(1, 2, 3).normalized()).toRotationMatrix();
-  Vector u;
+  Vector moved;
   for (int a = 0; a < count; ++a)
-    u.template segment<3>(3 * a) = (R - Eigen::Matrix3d::Identity()) * this->nodes.row(a).transpose() + Eigen::Vector3d(5, 6, 7);
+    moved.template segment<3>(3 * a) = (R - Eigen::Matrix3d::Identity()) * this->nodes.row(a).transpose() + Eigen::Vector3d(5, 6, 7);
   Result result;
-  ASSERT_TRUE(this->evaluate_at(u, result, false));
+  ASSERT_TRUE(this->evaluate_at(moved, result, false));
   EXPECT_LT(result.force.norm(), 1e-9 * this->parameters[0]);
 }
 
 TYPED_TEST(Hexahedron, ForcesTurnWithTheElement) {
-  using Vector = typename TestFixture::Vector;
-  using Result = typename TestFixture::Result;
+  using Vector = typename TestFixture::VectorOf;
+  using Result = typename TestFixture::ResultOf;
   constexpr int count = TestFixture::nodes_count;
   Result result, turned;
   ASSERT_TRUE(this->evaluate_at(this->u, result, false));
   const Eigen::Matrix3d R = Eigen::AngleAxisd(0.7, Eigen::Vector3d(-1, 2, 0.5).normalized()).toRotationMatrix();
-  Vector u;
+  Vector moved;
   for (int a = 0; a < count; ++a) {
     const Eigen::Vector3d X = this->nodes.row(a).transpose();
-    u.template segment<3>(3 * a) = R * (X + this->u.template segment<3>(3 * a)) - X;
+    moved.template segment<3>(3 * a) = R * (X + this->u.template segment<3>(3 * a)) - X;
   }
-  ASSERT_TRUE(this->evaluate_at(u, turned, false));
+  ASSERT_TRUE(this->evaluate_at(moved, turned, false));
   for (int a = 0; a < count; ++a)
     EXPECT_LT((turned.force.template segment<3>(3 * a) - R * result.force.template segment<3>(3 * a)).norm(), 1e-12 * result.force.norm());
 }
 
 TYPED_TEST(Hexahedron, AnInvertedElementIsReported) {
-  using Vector = typename TestFixture::Vector;
-  using Result = typename TestFixture::Result;
-  constexpr int count = TestFixture::nodes_count;
+  using Result = typename TestFixture::ResultOf;
   this->u[2] += 3.0;
   Result result;
   EXPECT_FALSE(this->evaluate_at(this->u, result, true));
