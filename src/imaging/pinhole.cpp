@@ -1,0 +1,79 @@
+#include "imic3d/imaging/pinhole.hpp"
+
+#include <fmt/format.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <limits>
+
+#include "imic3d/core/error.hpp"
+
+namespace imic3d::imaging {
+
+namespace {
+
+/// The distorted direction (x', y') and its derivative with respect to (x, y).
+struct Distorted {
+  Eigen::Vector2d position;
+  Eigen::Matrix2d slope;
+};
+
+Distorted distort(const Intrinsics& lens, const Eigen::Vector2d& direction) {
+  const auto& [k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4] = lens.distortion;
+  const double x = direction[0], y = direction[1], r2 = x * x + y * y, r4 = r2 * r2;
+  const double above = 1.0 + k1 * r2 + k2 * r4 + k3 * r4 * r2, below = 1.0 + k4 * r2 + k5 * r4 + k6 * r4 * r2;
+  const double radial = above / below;
+  const double radial_slope = ((k1 + 2.0 * k2 * r2 + 3.0 * k3 * r4) - radial * (k4 + 2.0 * k5 * r2 + 3.0 * k6 * r4)) / below;
+  const Eigen::Vector2d of_r2(2.0 * x, 2.0 * y);  // d(r^2)/d(x, y)
+  Distorted seen;
+  seen.position << x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x) + s1 * r2 + s2 * r4,
+      y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y + s3 * r2 + s4 * r4;
+  seen.slope.row(0) = (x * radial_slope + p2 + s1 + 2.0 * s2 * r2) * of_r2.transpose() +
+                      Eigen::RowVector2d(radial + 2.0 * p1 * y + 4.0 * p2 * x, 2.0 * p1 * x);
+  seen.slope.row(1) = (y * radial_slope + p1 + s3 + 2.0 * s4 * r2) * of_r2.transpose() +
+                      Eigen::RowVector2d(2.0 * p2 * y, radial + 4.0 * p1 * y + 2.0 * p2 * x);
+  return seen;
+}
+
+Eigen::Matrix2d sensor(const Intrinsics& lens) {
+  return Eigen::Matrix2d{{lens.fx, lens.skew}, {0.0, lens.fy}};
+}
+
+}  // namespace
+
+Pose operator*(const Pose& inner, const Pose& outer) {
+  return {inner.rotation * outer.rotation, inner.rotation * outer.translation + inner.translation};
+}
+
+Eigen::Vector2d PinholeCamera::project(const Eigen::Vector3d& point) const {
+  const Eigen::Vector3d seen = pose_.rotation * point + pose_.translation;
+  if (!(seen[2] > 0.0)) return Eigen::Vector2d::Constant(std::numeric_limits<double>::quiet_NaN());
+  const Eigen::Vector2d direction = seen.head<2>() / seen[2];
+  return sensor(intrinsics_) * distort(intrinsics_, direction).position + Eigen::Vector2d(intrinsics_.cx, intrinsics_.cy);
+}
+
+Eigen::Matrix<double, 2, 3> PinholeCamera::jacobian(const Eigen::Vector3d& point) const {
+  const Eigen::Vector3d seen = pose_.rotation * point + pose_.translation;
+  if (!(seen[2] > 0.0)) return Eigen::Matrix<double, 2, 3>::Constant(std::numeric_limits<double>::quiet_NaN());
+  const Eigen::Vector2d direction = seen.head<2>() / seen[2];
+  Eigen::Matrix<double, 2, 3> of_point;  // d(direction)/d(seen)
+  of_point << 1.0, 0.0, -direction[0], 0.0, 1.0, -direction[1];
+  of_point /= seen[2];
+  return sensor(intrinsics_) * distort(intrinsics_, direction).slope * of_point * pose_.rotation;
+}
+
+Eigen::Vector3d PinholeCamera::ray(const Eigen::Vector2d& pixel) const {
+  const Eigen::Vector2d wanted = sensor(intrinsics_).inverse() * (pixel - Eigen::Vector2d(intrinsics_.cx, intrinsics_.cy));
+  Eigen::Vector2d direction = wanted;
+  for (int iteration = 0; iteration < 50; ++iteration) {
+    const Distorted at = distort(intrinsics_, direction);
+    const Eigen::Vector2d step = at.slope.partialPivLu().solve(wanted - at.position);
+    direction += step;
+    if (step.norm() < 1e-14) return (pose_.rotation.transpose() * direction.homogeneous()).normalized();
+    if (!direction.allFinite()) break;
+  }
+  throw InputError("camera", fmt::format("no direction is seen at the pixel ({:.1f}, {:.1f})", pixel[0], pixel[1]),
+                   "pixels that the lens distortion reaches");
+}
+
+}  // namespace imic3d::imaging
