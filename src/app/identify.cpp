@@ -61,6 +61,7 @@ void identify(const Communicator& world, const CommandOptions& options) {
 
   id::GaussNewtonOptions solver;
   solver.functional = id::functional_from(test.identify.functional);
+  solver.alpha = test.identify.alpha;
   solver.eta = test.identify.eta;
   solver.max_iterations = test.identify.max_iterations;
   solver.force_noise = force_noise(seen, test);
@@ -111,8 +112,13 @@ void identify(const Communicator& world, const CommandOptions& options) {
   std::vector<id::Path> shown;
   if (force_driven) {
     const auto distribution = final_model.distribute_force(material.values, frames, driven);
-    shown = final_model.simulate(id::Control::force, {material.values}, driven.frames, &distribution, fields);
-    id::fit_rigid_motion(specimen.surface.mesh, images.M, record.surface_displacement, shown.front());
+    if (solver.alpha > 0.0) {
+      final_model.follow_images(images, solver.alpha, material.values);
+      shown = final_model.simulate(id::Control::images, {material.values}, driven.frames, &distribution, fields);
+    } else {
+      shown = final_model.simulate(id::Control::force, {material.values}, driven.frames, &distribution, fields);
+      id::fit_rigid_motion(specimen.surface.mesh, images.M, record.surface_displacement, shown.front());
+    }
   } else {
     shown = final_model.simulate(id::Control::displacement, {material.values}, frames, nullptr, fields);
     driven = shown.front();

@@ -174,7 +174,7 @@ identification::ImageData make_image_data(const Observation& observation, const 
   data.pixels_per_length = std::sqrt(std::abs(correlation.pixels_per_length().determinant()));
   // The splines of the frames that this rank judges are kept while they take less than 2 GB.
   auto kept = std::make_shared<std::map<int, imaging::BSpline>>();
-  data.evaluate = [&observation, &test, kept](int t, const Eigen::VectorXd& displacement) {
+  data.evaluate = [&observation, &test, kept](int t, const Eigen::VectorXd& displacement, const Communicator& group) {
     constexpr std::size_t budget = 2'000'000'000;
     const auto& files = test.cameras.front().images;
     const int place = observation.places[static_cast<std::size_t>(t)];
@@ -187,7 +187,7 @@ identification::ImageData make_image_data(const Observation& observation, const 
       const std::size_t size = 4UL * static_cast<std::size_t>(fresh.width()) * static_cast<std::size_t>(fresh.height());
       spline = (kept->size() + 1) * size < budget ? &kept->emplace(t, std::move(fresh)).first->second : &fresh;
     }
-    const auto seen = observation.dic->correlation().evaluate(*spline, displacement, Communicator{MPI_COMM_SELF});
+    const auto seen = observation.dic->correlation().evaluate(*spline, displacement, group);
     return identification::ImageEvaluation{
         .b = seen.b, .squares = seen.squares, .pixels = seen.pixels, .element_rms = seen.element_rms};
   };

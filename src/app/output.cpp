@@ -126,7 +126,7 @@ void RunOutput::model(const Communicator& world, const identification::ImageData
     Eigen::VectorXd all = Eigen::VectorXd::Zero(elements + 1);
     collectively(world, [&] {
       if (t % world.size() != world.rank()) return;
-      const auto answer = images.evaluate(t, shown.surface.col(t));
+      const auto answer = images.evaluate(t, shown.surface.col(t), Communicator{MPI_COMM_SELF});
       all.head(elements) = answer.element_rms;
       all[elements] = std::sqrt(answer.squares / std::max(1.0, answer.pixels));
     });

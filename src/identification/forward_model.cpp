@@ -12,7 +12,8 @@ struct ForwardModel::Implementation {
   mesh::Partition partition;
   std::shared_ptr<const material::FiniteStrainLaw> law;
   mechanics::EquilibriumOptions options;
-  std::array<std::unique_ptr<mechanics::Equilibrium>, 2> solver;  // by Control
+  std::array<std::unique_ptr<mechanics::Equilibrium>, 3> solver;  // by Control
+  mechanics::OpticalTerm optical;
   std::vector<Eigen::VectorXd> guess;  // the last DIC-driven displacement of set 0, per frame, the same on every rank
 
   Implementation(Communicator world, const Specimen& specimen, std::shared_ptr<const material::FiniteStrainLaw> law_,
@@ -39,6 +40,31 @@ ForwardModel::ForwardModel(Communicator world, const Specimen& specimen,
 
 ForwardModel::~ForwardModel() = default;
 
+void ForwardModel::follow_images(const ImageData& images, double alpha, const std::vector<double>& parameters) {
+  Eigen::VectorXd v = Eigen::VectorXd::Zero(3 * specimen_.volume.nodes.rows());
+  for (Eigen::Index i = 0; i < specimen_.volume.nodes.rows(); ++i)
+    v[3 * i + specimen_.axis] = specimen_.volume.nodes(i, specimen_.axis);
+  const Eigen::SparseMatrix<double> M = specimen_.projection.transpose() * images.M * specimen_.projection;
+  constexpr double strain = 1e-6;  // elastic
+  double work = 0.0;
+  collectively(impl_->layout.world(), [&] {
+    work = impl_->equilibrium(specimen_, Control::images).internal_work(strain * v, parameters);
+  });
+  const double m0 = v.dot(M * v), k0 = work / (strain * strain);
+  const double c = k0 / m0 * alpha / (1.0 - alpha);
+  impl_->optical.stiffness = c * M;
+  impl_->optical.force = [this, &images, c](int t, double fraction, const Eigen::VectorXd& U) -> Eigen::VectorXd {
+    const Eigen::VectorXd seen = specimen_.project(U);
+    Eigen::VectorXd dic = record_.surface_displacement.col(t);
+    if (fraction < 1.0)  // no image between two frames: the way from one DIC displacement to the next
+      dic = fraction * dic + (1.0 - fraction) * (t > 0 ? Eigen::VectorXd(record_.surface_displacement.col(t - 1)) : Eigen::VectorXd::Zero(dic.size()));
+    const Eigen::VectorXd gap = dic - seen, Mgap = images.M * gap;
+    const bool far = std::sqrt(images.distance(gap, Mgap)) > images.reach;
+    const Eigen::VectorXd b = far || fraction < 1.0 ? Mgap : images.evaluate(t, seen, impl_->layout.group()).b;
+    return c * (specimen_.projection.transpose() * b);
+  };
+}
+
 int ForwardModel::groups() const { return impl_->layout.groups(); }
 
 std::vector<Path> ForwardModel::simulate(Control control, const std::vector<std::vector<double>>& parameter_sets,
@@ -51,7 +77,7 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<std:
     auto& step = steps[static_cast<std::size_t>(t)];
     step.time = record_.time[t];
     step.prescribed = from_surface * record_.driving.col(t);
-    if (control != Control::force) continue;
+    if (control == Control::displacement) continue;
     step.force.setZero(3 * specimen_.volume.nodes.rows());
     for (std::size_t i = 0; i < distribution->dofs.size(); ++i)
       step.force[distribution->dofs[i]] = distribution->force(static_cast<Eigen::Index>(i), t);
@@ -89,7 +115,7 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<std:
             [&](int t) {
               return static_cast<std::size_t>(t) < impl_->guess.size() ? &impl_->guess[static_cast<std::size_t>(t)] : nullptr;
             },
-            increments);
+            increments, control == Control::images ? &impl_->optical : nullptr);
         path.frames = status.frames;
         path.limit_point = status.limit_point;
         path.message = status.message;

@@ -51,9 +51,11 @@ Linearisation linearise(ForwardModel& model, const ImageData& images, const std:
   } else {
     Path nominal;
     const auto distribution = model.distribute_force(parameters, frames, nominal);  // Sec. 3.4
-    paths = model.simulate(Control::force, sets, nominal.frames, &distribution);
-    for (auto& path : paths)
-      fit_rigid_motion(model.specimen().surface.mesh, images.M, model.record().surface_displacement, path);
+    const bool follows = options.alpha > 0.0;
+    paths = model.simulate(follows ? Control::images : Control::force, sets, nominal.frames, &distribution);
+    if (!follows)  // the images do not fix the rigid motion of the simulation: they are asked afterwards
+      for (auto& path : paths)
+        fit_rigid_motion(model.specimen().surface.mesh, images.M, model.record().surface_displacement, path);
     driven = {std::move(nominal)};
     if (options.functional == Functional::combined)
       driven = model.simulate(Control::displacement, sets, driven.front().frames);
@@ -89,8 +91,6 @@ NormalEquations assemble(Communicator world, ForwardModel& model, const ImageDat
   Eigen::Map<Eigen::VectorXd> right(local.data() + unknowns * unknowns, unknowns);
   auto scalars = local.tail<6>();
   const double weight = 1.0 / (2.0 * images.noise * images.noise);
-  const double per_length = images.pixels_per_length;
-  const double total = images.M.diagonal().sum();  // for the M-weighted rms distance
 
   for (std::size_t i = 0; i < stage.frames.size(); ++i) {
     const int t = stage.frames[i];
@@ -98,10 +98,10 @@ NormalEquations assemble(Communicator world, ForwardModel& model, const ImageDat
     const Eigen::VectorXd u = at.nominal.surface.col(t);
     const Eigen::VectorXd gap = model.record().surface_displacement.col(t) - u;
     const Eigen::VectorXd Mgap = images.M * gap;
-    const double distance = 2.0 * gap.dot(Mgap) / total * per_length * per_length;  // mean square of |gap| [px^2]
-    const ImageEvaluation seen = images.evaluate(t, u);
+    const double distance = images.distance(gap, Mgap);
+    const ImageEvaluation seen = images.evaluate(t, u, Communicator{MPI_COMM_SELF});
     // Grey levels say where the model is wrong only within about a speckle; from afar the DIC displacement does.
-    const Eigen::VectorXd b = std::sqrt(distance) < options.image_reach ? seen.b : Mgap;
+    const Eigen::VectorXd b = std::sqrt(distance) < images.reach ? seen.b : Mgap;
     Eigen::MatrixXd S(u.size(), unknowns);
     for (Eigen::Index j = 0; j < unknowns; ++j) S.col(j) = at.sensitivity[static_cast<std::size_t>(j)].col(t);
     matrix += weight * (S.transpose() * (images.M * S));  // Eq. (11)
@@ -243,6 +243,7 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
                          const GaussNewtonOptions& options, std::vector<double>& parameters,
                          const std::function<void(const Iterate&)>& report) {
   StageResult result;
+  if (options.alpha > 0.0) model.follow_images(images, options.alpha, parameters);
   const auto move = [&](const std::vector<double>& from, const Eigen::VectorXd& step) {
     auto to = from;
     for (std::size_t j = 0; j < stage.free.size(); ++j)

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "imic3d/core/parallel.hpp"
+#include "imic3d/identification/image_data.hpp"
 #include "imic3d/identification/specimen.hpp"
 #include "imic3d/material/finite_strain_law.hpp"
 #include "imic3d/mechanics/equilibrium.hpp"
@@ -53,8 +54,14 @@ class ForwardModel {
   ForwardModel(const ForwardModel&) = delete;
   ForwardModel& operator=(const ForwardModel&) = delete;
 
+  /// Under Control::images the pull of `images` is weighed against the forces by alpha (Eq. 16, multiplied by
+  /// k_0/(1/alpha - 1)). The normalisations are those of one displacement, a uniform stretch v along the axis:
+  /// m_0 = v^T P^T M_DIC P v and k_0 = v^T K v with the elastic K of `parameters`, so that at alpha = 1/2 both terms have the same
+  /// curvature for a uniform strain. Must be called before simulate(Control::images, …). Collective over the world.
+  void follow_images(const ImageData& images, double alpha, const std::vector<double>& parameters);
+
   /// Simulates the first `frames` frames for every parameter set, the sets as concurrent groups. Under Control::force
-  /// the nodal forces are `distribution`. `sink` (optional) gets the fields of set 0 on all ranks of the group that
+  /// and Control::images the nodal forces are `distribution`. `sink` (optional) gets the fields of set 0 on all ranks of the group that
   /// runs it. All sets take the same load increments, so that their differences are derivatives: a set that needed
   /// other ones than the rest is simulated again. Each starts its frames from the last DIC-driven solution of set 0,
   /// on every group alike. Collective over the world.

@@ -106,6 +106,7 @@ struct StageCase {
 
 struct IdentifyCase {
   std::string functional = "force_driven";  ///< `force_driven`, `displacement_driven`, `combined`
+  double alpha = 0.0;  ///< penalty parameter of Eq. 16; 0: the limit alpha -> 0
   std::vector<StageCase> stages;
   double eta = 1e-3;  ///< Eq. 13
   int max_iterations = 20;
