@@ -160,10 +160,13 @@ identification::Record make_record(Observation& observation, const io::Case& tes
   return record;
 }
 
+Eigen::MatrixXd driving_displacement(const Observation& observation, const Eigen::MatrixXd& displacement) {
+  if (observation.driving_cut_off == 0.0) return displacement;
+  return correlation::smooth(observation.dic->correlation(), displacement, observation.driving_cut_off);
+}
+
 Eigen::MatrixXd driving_noise(const Observation& observation, int draws) {
-  const auto& correlation = observation.dic->correlation();
-  const Eigen::MatrixXd noise = correlation::noise_draws(correlation, noise_of_pair(observation), draws);
-  return observation.driving_cut_off > 0.0 ? correlation::smooth(correlation, noise, observation.driving_cut_off) : noise;
+  return driving_displacement(observation, correlation::noise_draws(observation.dic->correlation(), noise_of_pair(observation), draws));
 }
 
 identification::ImageData make_image_data(const Observation& observation, const io::Case& test) {

@@ -537,6 +537,7 @@ class CaseReader {
       mistake(section.path("alpha"), fmt::format("{} with functional: {}", identify.alpha, identify.functional), "functional: force_driven, or alpha: 0");
     section.get("eta", identify.eta);
     section.get("max_iterations", identify.max_iterations);
+    section.get("noise_draws", identify.noise_draws);
     section.get("boundary_smoothing", identify.boundary_smoothing);
     section.get("groups", identify.groups);
     section.get("steps_per_frame", identify.steps_per_frame);

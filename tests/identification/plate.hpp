@@ -51,7 +51,7 @@ struct Plate {
     }
     record.driving = record.surface_displacement;
     ForwardModel model(world, specimen, law, record, {.with_fields = false}, 1, 1);
-    const Path path = model.simulate(Control::displacement, {truth}, static_cast<int>(frames)).front();
+    const Path path = model.simulate(Control::displacement, {{.parameters = truth}}, static_cast<int>(frames)).front();
     record.surface_displacement = record.driving = path.surface;
     record.force = path.reaction;
 

@@ -15,7 +15,7 @@ const std::vector<double> stretch = {0.003, 0.006, 0.02, 0.06, 0.12};
 
 /// Force-driven path and the path at alpha, both with wrong parameters.
 struct Paths {
-  Path forces, pulled, driven;
+  Path forces, pulled;
 };
 Paths paths_of(Plate& plate, double alpha, int increments = 1) {
   const Communicator world;
@@ -24,11 +24,13 @@ Paths paths_of(Plate& plate, double alpha, int increments = 1) {
   wrong[2] *= 1.05;
   Paths result;
   const int frames = static_cast<int>(stretch.size());
-  const auto distribution = model.distribute_force(plate.truth, frames, result.driven);
-  result.forces = model.simulate(Control::force, {wrong}, frames, &distribution).front();
+  std::vector<Path> driven;
+  const auto distribution = model.distribute_forces({{.parameters = plate.truth}}, frames, driven).front();
+  const Run run{.parameters = wrong, .forces = &distribution};
+  result.forces = model.simulate(Control::force, {run}, frames).front();
   fit_rigid_motion(plate.specimen.surface.mesh, plate.images.M, plate.record.surface_displacement, result.forces);
   model.follow_images(plate.images, alpha, wrong);
-  result.pulled = model.simulate(Control::images, {wrong}, frames, &distribution).front();
+  result.pulled = model.simulate(Control::images, {run}, frames).front();
   return result;
 }
 

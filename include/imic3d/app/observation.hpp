@@ -42,6 +42,9 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
                                                  const identification::Specimen& specimen);
 [[nodiscard]] identification::ImageData make_image_data(const Observation& observation, const io::Case& test);
 
+/// What becomes of a displacement of the surface [2 * surface nodes x any number, length] before it drives the ends: smoothed.
+[[nodiscard]] Eigen::MatrixXd driving_displacement(const Observation& observation, const Eigen::MatrixXd& displacement);
+
 /// Noise of the displacement that drives the simulation [2 * surface nodes x draws, length].
 [[nodiscard]] Eigen::MatrixXd driving_noise(const Observation& observation, int draws = 64);
 

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "imic3d/core/parameter.hpp"
+#include "imic3d/identification/covariance.hpp"
 #include "imic3d/identification/forward_model.hpp"
 
 namespace imic3d::identification {
@@ -28,6 +29,7 @@ struct GaussNewtonOptions {
   double force_noise = 1.0;        ///< sigma of F - R [force]: the load cell's and that of `reaction_noise`
   double perturbation = 1e-3;      ///< relative step of the perturbed simulations
   double largest_step = 0.5;       ///< largest relative change of a parameter in one iteration
+  NoiseModel noise_model;          ///< what the covariance is made of
 };
 
 /// One stage: which parameters move and which frames judge them.
@@ -50,7 +52,7 @@ struct Iterate {
 
 struct StageResult {
   std::vector<Iterate> iterates;  ///< the first is the start
-  Eigen::MatrixXd covariance;     ///< of the free parameters: Eq. 14, with the force's noise where it is in the functional
+  Covariance covariance;          ///< of the free parameters
   bool converged = false;
   std::string message;            ///< what the user should know: frames that could not be simulated, bounds reached
 };
