@@ -152,21 +152,31 @@ identification::Record make_record(Observation& observation, const io::Case& tes
     std::vector<double> cut_offs;
     record.driving = correlation::smoothed_within_noise(observation.dic->correlation(), record.surface_displacement,
                                                         nodes_of_ends(specimen), noise_of_pair(observation), longest, &cut_offs);
+    observation.driving_cut_off = cut_offs;
     std::sort(cut_offs.begin(), cut_offs.end());
-    observation.driving_cut_off = cut_offs[cut_offs.size() / 2];
     spdlog::info("the ends' displacement is smoothed over {:.3g} to {:.3g} {}, as far as the noise hides it", cut_offs.front(),
                  cut_offs.back(), test.units.length);
   }
   return record;
 }
 
-Eigen::MatrixXd driving_displacement(const Observation& observation, const Eigen::MatrixXd& displacement) {
-  if (observation.driving_cut_off == 0.0) return displacement;
-  return correlation::smooth(observation.dic->correlation(), displacement, observation.driving_cut_off);
+Eigen::MatrixXd driving_displacement(const Observation& observation, Eigen::MatrixXd displacement) {
+  std::map<double, std::vector<Eigen::Index>> frames_of;
+  for (std::size_t t = 0; t < observation.driving_cut_off.size() && static_cast<Eigen::Index>(t) < displacement.cols(); ++t)
+    if (observation.driving_cut_off[t] > 0.0) frames_of[observation.driving_cut_off[t]].push_back(static_cast<Eigen::Index>(t));
+  for (const auto& [cut_off, frames] : frames_of)
+    displacement(Eigen::all, frames) = correlation::smooth(observation.dic->correlation(), displacement(Eigen::all, frames), cut_off);
+  return displacement;
 }
 
 Eigen::MatrixXd driving_noise(const Observation& observation, int draws) {
-  return driving_displacement(observation, correlation::noise_draws(observation.dic->correlation(), noise_of_pair(observation), draws));
+  const auto& correlation = observation.dic->correlation();
+  const Eigen::MatrixXd noise = correlation::noise_draws(correlation, noise_of_pair(observation), draws);
+  auto cut_offs = observation.driving_cut_off;
+  if (cut_offs.empty()) return noise;
+  std::nth_element(cut_offs.begin(), cut_offs.begin() + static_cast<std::ptrdiff_t>(cut_offs.size() / 2), cut_offs.end());
+  const double median = cut_offs[cut_offs.size() / 2];
+  return median > 0.0 ? correlation::smooth(correlation, noise, median) : noise;
 }
 
 identification::ImageData make_image_data(const Observation& observation, const io::Case& test) {
