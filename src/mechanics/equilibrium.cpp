@@ -30,6 +30,7 @@ struct Equilibrium::Implementation {
   std::vector<int> dofs;  // constrained, natural
   EquilibriumOptions options;
   Assembler assembler;
+  int axes;  // degrees of freedom of a node; natural vectors always hold 3, the third is 0 in a plane mesh
   Vec u = nullptr, trial = nullptr, force = nullptr, external = nullptr, residual = nullptr, increment = nullptr,
       lifting = nullptr, correction = nullptr;
   KSP solver = nullptr;
@@ -43,7 +44,8 @@ struct Equilibrium::Implementation {
         law(std::move(law_)),
         dofs(std::move(dofs_)),
         options(std::move(options_)),
-        assembler(partition, mesh, law, flags(static_cast<std::size_t>(3 * mesh.nodes.rows()), dofs)) {
+        assembler(partition, mesh, law, flags(static_cast<std::size_t>(3 * mesh.nodes.rows()), dofs)),
+        axes(assembler.axes()) {
     IMIC3D_PETSC(MatCreateVecs(assembler.tangent(), &u, nullptr));
     for (Vec* vector : {&trial, &force, &external, &residual, &increment, &lifting, &correction}) IMIC3D_PETSC(VecDuplicate(u, vector));
     make_solver();
@@ -62,7 +64,7 @@ struct Equilibrium::Implementation {
     IMIC3D_PETSC(KSPSetOptionsPrefix(solver, options.prefix.c_str()));
     PC preconditioner = nullptr;
     IMIC3D_PETSC(KSPGetPC(solver, &preconditioner));
-    if (3 * mesh.nodes.rows() <= direct_limit) {
+    if (axes * mesh.nodes.rows() <= direct_limit) {
       IMIC3D_PETSC(KSPSetType(solver, KSPPREONLY));
       IMIC3D_PETSC(PCSetType(preconditioner, PCCHOLESKY));
       IMIC3D_PETSC(PCFactorSetMatSolverType(preconditioner, MATSOLVERMUMPS));
@@ -82,7 +84,7 @@ struct Equilibrium::Implementation {
   void attach_near_null_space() {
     Vec coordinates = nullptr;
     IMIC3D_PETSC(VecDuplicate(u, &coordinates));
-    IMIC3D_PETSC(VecSetBlockSize(coordinates, 3));
+    IMIC3D_PETSC(VecSetBlockSize(coordinates, axes));
     const Eigen::Map<const Eigen::VectorXd> positions(mesh.nodes.data(), mesh.nodes.size());
     to_global(positions, coordinates);
     MatNullSpace rigid = nullptr;
@@ -101,7 +103,7 @@ struct Equilibrium::Implementation {
     PetscScalar* values = nullptr;
     IMIC3D_PETSC(VecGetArray(global, &values));
     for (int i = 0; i < partition.owned_nodes(); ++i)
-      for (int k = 0; k < 3; ++k) values[3 * i + k] = natural[3 * natural_of_owned(i) + k];
+      for (int k = 0; k < axes; ++k) values[axes * i + k] = natural[3 * natural_of_owned(i) + k];
     IMIC3D_PETSC(VecRestoreArray(global, &values));
   }
 
@@ -111,7 +113,7 @@ struct Equilibrium::Implementation {
     const PetscScalar* values = nullptr;
     IMIC3D_PETSC(VecGetArrayRead(global, &values));
     for (int i = 0; i < partition.owned_nodes(); ++i)
-      for (int k = 0; k < 3; ++k) natural[3 * natural_of_owned(i) + k] = values[3 * i + k];
+      for (int k = 0; k < axes; ++k) natural[3 * natural_of_owned(i) + k] = values[axes * i + k];
     IMIC3D_PETSC(VecRestoreArrayRead(global, &values));
     partition.communicator.sum(std::span(natural.data(), static_cast<std::size_t>(natural.size())));
     return natural;
