@@ -147,8 +147,8 @@ TEST(PlaneStress, AStripInTensionFollowsTheClosedForm) {
   EXPECT_NEAR(stress / (tau * std::exp(-strain - 2.0 * lateral)), 1.0, 1e-10);
 }
 
-/// A sheet and a plate of hexahedra of the same elements in the plane: as the plate gets thinner, force and displacement of
-/// a clamped, notched strip tend to the sheet's. Two thicknesses tell a limit from a coincidence.
+/// A sheet and a plate of hexahedra, the same elements in the plane: as the plate gets thinner, force and displacement of
+/// a clamped strip tend to the sheet's. Two thicknesses tell a limit from a coincidence.
 TEST(PlaneStress, IsTheLimitOfAThinPlate) {
   const Eigen::Vector2d size(2.0, 1.0);
   const auto pull = [&](const mesh::Mesh& mesh, double* transverse) {
