@@ -91,10 +91,11 @@ def main():
     end = strains * options.length
     rows = [[str(n), f"{e:.6g}", f"{u:.8g}", *(f"{v:.7g}" for v in (*a, *b))]
             for n, (e, u, a, b) in enumerate(zip(strains, end, *both), 1)]
-    name = "plate_history_clamped.csv" if options.clamped else "plate_history.csv"
+    thin = "" if options.thickness == size.thickness else f"_{options.thickness:g}mm"
+    name = f"plate_history{'_clamped' if options.clamped else ''}{thin}.csv"
     lateral = "u_x = u_z = 0 on both ends" if options.clamped else "lateral motion of the ends free (no shear traction)"
     command = "/usr/bin/python3 tools/calculix_plate.py" + (" --clamped" if options.clamped else "")
-    command += f" --mesh {options.mesh}"
+    command += f" --mesh {options.mesh}" + (f" --thickness {options.thickness:g}" if thin else "")
     cx.write_table(options.output / name, [
         f"Plate {options.width:g} x {options.thickness:g} mm, hole {options.hole:g} mm at the origin, between the ends "
         f"y = -{options.length / 2:g} and y = +{options.length / 2:g} mm; z = 0 is the mid-plane.",

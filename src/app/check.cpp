@@ -42,7 +42,10 @@ void check(const Communicator& world, const CommandOptions& options) {
   }
   if (!world.is_root()) return;
   fmt::print("{}\n", test.title);
-  fmt::print("  simulation   {} hexahedra, {} unknowns\n", specimen.volume.cells.rows(), 3 * specimen.volume.nodes.rows());
+  const auto& volume = specimen.volume;
+  fmt::print("  simulation   {} {}{}, {} unknowns\n", volume.cells.rows(), mesh::name(volume.type),
+             test.specimen.plane_stress() ? " in plane stress" : "", mesh::dimension(volume.type) * volume.nodes.rows());
+  if (!test.specimen.unused.empty()) fmt::print("  not used     {}\n", fmt::join(test.specimen.unused, ", "));
   fmt::print("  correlation  {} elements, {} unknowns\n", specimen.surface.mesh.cells.rows(), 2 * specimen.surface.mesh.nodes.rows());
   fmt::print("  images       {}\n", images);
   for (std::size_t k = 0; k < test.identify.stages.size(); ++k)

@@ -53,7 +53,7 @@ void identify(const Communicator& world, const CommandOptions& options) {
 
   // The displacement that the images show, without any law.
   spdlog::info("{}: {} frames, {} surface nodes, {} unknowns", test.title, seen.places.size(),
-               specimen.surface.mesh.nodes.rows(), 3 * specimen.volume.nodes.rows());
+               specimen.surface.mesh.nodes.rows(), mesh::dimension(specimen.volume.type) * specimen.volume.nodes.rows());
   correlate(seen, test, world, [&](int place, const correlation::DicFrame& frame) { output.dic_frame(place, frame); });
   const id::Record record = make_record(seen, test, specimen);
   id::ImageData images = make_image_data(seen, test);

@@ -4,16 +4,18 @@
 
 #include <algorithm>
 
+#include "imic3d/core/log.hpp"
 #include "imic3d/mesh/mesh.hpp"
 
 namespace imic3d::app {
 
 namespace {
 
-material::LawChoice choice(const io::MaterialCase& declared) {
+material::LawChoice choice(const io::MaterialCase& declared, bool plane_stress = false) {
   return {.law = declared.law,
           .hardening = declared.hardening,
           .tie_initial_modulus = declared.tie_initial_modulus,
+          .plane_stress = plane_stress,
           .cauchy_yield = declared.yield_stress == "cauchy",
           .table_strain = declared.table_strain};
 }
@@ -39,7 +41,7 @@ io::Case read_case(const CommandOptions& options, std::vector<std::string> secti
 
 Material make_material(const io::Case& test) {
   Material result;
-  result.law = material::make_law(choice(test.material));
+  result.law = material::make_law(choice(test.material, test.specimen.plane_stress()));
   for (ParameterInfo info : result.law->parameters()) {
     const auto& declared = test.material.parameters.at(info.name);
     if (declared.lower) info.lower = std::max(info.lower, *declared.lower);
@@ -55,16 +57,19 @@ identification::Specimen make_specimen(const io::Case& test) {
   const auto& declared = test.specimen;
   mesh::Mesh mesh = mesh::read(declared.mesh);
   for (int i = 0; i < declared.refine; ++i) mesh = mesh::refine(mesh);
-  if (mesh.type == mesh::CellType::quad4) {
+  if (declared.plane_stress()) {
+    mesh.thickness = declared.thickness;
+    for (const auto& key : declared.unused) spdlog::info("specimen.{} says nothing in plane stress", key);
+  } else if (mesh.type == mesh::CellType::quad4) {
     const double thickness = declared.mid_plane_symmetry ? 0.5 * declared.thickness : declared.thickness;
     mesh = mesh::extrude(mesh, thickness, declared.layers);
     if (declared.layer_ratio != 1.0) mesh::grade_layers(mesh, declared.layer_ratio, declared.mid_plane_symmetry);
   } else if (mesh.node_groups.contains(declared.front)) {
     mesh::choose_front(mesh, declared.front);
   }
-  if (declared.element == "hex20") mesh = mesh::quadratic(mesh);
+  if (declared.quadratic()) mesh = mesh::quadratic(mesh);
   return identification::make_specimen(std::move(mesh), declared.held, declared.loaded, declared.axis == "x" ? 0 : 1,
-                                       declared.mid_plane_symmetry);
+                                       declared.mid_plane_symmetry && !declared.plane_stress());
 }
 
 std::filesystem::path output_folder(const io::Case& test, const CommandOptions& options, const Communicator& world) {

@@ -10,26 +10,29 @@ namespace imic3d::app {
 
 namespace {
 
-/// Area share of each node of the loaded end [length^2]: the integral of its shape function over the faces whose corners
-/// are all on it. A quarter of a hex8's face each; of a hex20's (flat, its middles in the middle) a third for the middles
-/// and -1/12 for the corners.
+/// Area share of each node of the loaded end [length^2] (in plane stress of its line, [length]): the integral of its shape
+/// function over the faces whose corners are all on it. A quarter of a hex8's face each; of a hex20's (flat, its middles in
+/// the middle) a third for the middles and -1/12 for the corners. Half a quad4's edge each; of a quad8's two thirds for the
+/// middle and a sixth for the corners.
 Eigen::VectorXd end_areas(const identification::Specimen& specimen) {
   const auto& mesh = specimen.volume;
   Eigen::VectorXd share = Eigen::VectorXd::Zero(mesh.nodes.rows());
   const std::set<int> end(specimen.loaded.begin(), specimen.loaded.end());
   const mesh::Cells facets = mesh::with_middles(mesh, mesh::boundary_facets(mesh).nodes);
-  const bool quadratic = facets.cols() == 8;
+  const bool plane = mesh::dimension(mesh.type) == 2, quadratic = facets.cols() == 8 || facets.cols() == 3;
+  const int corners = plane ? 2 : 4;
+  const double of_corner = plane ? (quadratic ? 1.0 / 6.0 : 0.5) : (quadratic ? -1.0 / 12.0 : 0.25);
+  const double of_middle = plane ? 2.0 / 3.0 : 1.0 / 3.0;
   for (Eigen::Index f = 0; f < facets.rows(); ++f) {
     std::array<Eigen::Vector3d, 4> x;
     bool on_end = true;
-    for (int a = 0; a < 4; ++a) {
+    for (int a = 0; a < corners; ++a) {
       on_end = on_end && end.contains(facets(f, a));
       x[static_cast<std::size_t>(a)] = mesh.nodes.row(facets(f, a)).transpose();
     }
     if (!on_end) continue;
-    const double area = 0.5 * (x[2] - x[0]).cross(x[3] - x[1]).norm();
-    for (int a = 0; a < 4; ++a) share[facets(f, a)] += (quadratic ? -1.0 / 12.0 : 0.25) * area;
-    for (int a = 4; a < facets.cols(); ++a) share[facets(f, a)] += area / 3.0;
+    const double area = plane ? (x[1] - x[0]).norm() : 0.5 * (x[2] - x[0]).cross(x[3] - x[1]).norm();
+    for (int a = 0; a < facets.cols(); ++a) share[facets(f, a)] += (a < corners ? of_corner : of_middle) * area;
   }
   return share;
 }

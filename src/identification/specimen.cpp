@@ -137,12 +137,13 @@ Specimen make_specimen(mesh::Mesh volume, const std::string& held, const std::st
   std::set<int> displacement_dofs, force_dofs = {3 * a, 3 * a + 1, 3 * b + axis};
   for (const auto* end : {&specimen.held, &specimen.loaded})
     for (int node : *end) displacement_dofs.insert({3 * node, 3 * node + 1});
+  const bool plane = mesh::dimension(specimen.volume.type) == 2;
   if (mid_plane_symmetry) {
     for (int node : group(specimen.volume, "back", case_place + ".mid_plane_symmetry")) {
       displacement_dofs.insert(3 * node + 2);
       force_dofs.insert(3 * node + 2);
     }
-  } else {
+  } else if (!plane) {
     displacement_dofs.insert(3 * a + 2);
     force_dofs.insert({3 * a + 2, 3 * b + 2, 3 * c + 2});
   }

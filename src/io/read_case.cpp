@@ -148,6 +148,7 @@ class CaseReader {
     const auto section = root_.group("specimen");
     auto& specimen = case_.specimen;
     section.get("mesh", specimen.mesh);
+    section.get("kinematics", specimen.kinematics);
     section.get("thickness", specimen.thickness);
     section.get("layers", specimen.layers);
     section.get("layer_ratio", specimen.layer_ratio);
@@ -158,6 +159,10 @@ class CaseReader {
     section.get("loaded", specimen.loaded);
     section.get("axis", specimen.axis);
     section.get("front", specimen.front);
+    for (const char* key : {"layers", "layer_ratio", "mid_plane_symmetry"})
+      if (specimen.plane_stress() && section.has(key)) specimen.unused.emplace_back(key);
+    if (!specimen.plane_stress() && specimen.element.starts_with("quad"))
+      mistake(section.path("element"), specimen.element + " with kinematics: 3d", "hex8, hex20; quad4, quad8 with kinematics: plane_stress");
     if (!section.has("mesh")) return;  // the schema's check has said so
     for (const char* end : {"held", "loaded"})
       if (simulates() && !section.has(end)) mistake(section.path(end), "not given", "the name of a group of the mesh");
@@ -193,6 +198,8 @@ class CaseReader {
     if (solid) check_group("front", specimen.front);
     if (!solid && !section.has("thickness") && simulates())
       mistake(section.path("thickness"), "not given", fmt::format("a positive number [{}]", case_.units.length));
+    if (solid && specimen.plane_stress())
+      mistake(section.path("kinematics"), "plane_stress for a 3D mesh", "a 2D mesh of quadrilaterals");
     if (solid && section.has("thickness"))
       mistake(section.path("thickness"), "given for a 3D mesh", "only with a 2D mesh");
   }

@@ -26,8 +26,8 @@ void store_mesh(ResultsFile& file, const std::string& group, const mesh::Mesh& m
   file.store(group + "/nodes", {static_cast<std::size_t>(mesh.nodes.rows()), 3}, flat(mesh.nodes), length,
              "reference position of the nodes [node, axis]");
   file.store(group + "/cells", shape(mesh.cells), flat(mesh.cells), "-", "nodes of the cells [cell, corner]");
-  if (mesh.type == mesh::CellType::hex20) {
-    const mesh::Cells corners = mesh.cells.leftCols(8);
+  if (const int count = mesh::corners_per_cell(mesh.type); count < mesh.cells.cols()) {
+    const mesh::Cells corners = mesh.cells.leftCols(count);
     file.store(group + "/corners", shape(corners), flat(corners), "-", "corners of the cells [cell, corner], for viewers");
   }
   if (mesh.front.size() > 0)

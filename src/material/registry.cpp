@@ -9,15 +9,22 @@
 #include "imic3d/material/hardening.hpp"
 #include "imic3d/material/j2.hpp"
 #include "imic3d/material/log_strain_law.hpp"
+#include "imic3d/material/plane_stress.hpp"
 
 namespace imic3d::material {
 namespace {
 
 using LawPointer = std::shared_ptr<const FiniteStrainLaw>;
 
+template <SmallStrainLaw Law>
+LawPointer finite_strain(const LawChoice& choice, Law law) {
+  if (choice.plane_stress) return std::make_shared<LogStrainLaw<PlaneStress<Law>>>(PlaneStress<Law>{std::move(law)});
+  return std::make_shared<LogStrainLaw<Law>>(std::move(law));
+}
+
 template <class Hardening>
 LawPointer j2(const LawChoice& choice, Hardening hardening) {
-  return std::make_shared<LogStrainLaw<J2<Hardening>>>(J2<Hardening>{std::move(hardening), "j2 " + choice.hardening, choice.cauchy_yield});
+  return finite_strain(choice, J2<Hardening>{std::move(hardening), "j2 " + choice.hardening, choice.cauchy_yield});
 }
 
 Table checked_table(const LawChoice& choice) {
@@ -76,7 +83,7 @@ LawPointer make_j2(const LawChoice& choice) {
 }
 
 constexpr Entry laws[] = {
-    {"elastic", [](const LawChoice&) -> LawPointer { return std::make_shared<LogStrainLaw<Elastic>>(Elastic{}); }},
+    {"elastic", [](const LawChoice& c) { return finite_strain(c, Elastic{}); }},
     {"j2", make_j2},
 };
 

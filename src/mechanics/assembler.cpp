@@ -5,6 +5,7 @@
 
 #include "imic3d/core/error.hpp"
 #include "imic3d/mechanics/hexahedron.hpp"
+#include "imic3d/mechanics/quadrilateral.hpp"
 #include "imic3d/mesh/petsc.hpp"
 
 namespace imic3d::mechanics {
@@ -35,10 +36,14 @@ Assembler::Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
                      std::shared_ptr<const material::FiniteStrainLaw> law, const std::vector<char>& constrained)
     : partition_(partition),
       law_(std::move(law)),
-      history_(*law_, static_cast<int>(partition.cells.size()), hexahedron_points),
-      nodes_per_cell_(mesh::nodes_per_cell(mesh.type)) {
-  if (mesh.type != mesh::CellType::hex8 && mesh.type != mesh::CellType::hex20)
-    throw InputError("mesh", "not hexahedra", "hexahedra with 8 or 20 nodes");
+      history_(*law_, static_cast<int>(partition.cells.size()), mesh::dimension(mesh.type) == 2 ? quadrilateral_points : hexahedron_points),
+      type_(mesh.type),
+      axes_(mesh::dimension(mesh.type)),
+      nodes_per_cell_(mesh::nodes_per_cell(mesh.type)),
+      thickness_(mesh.thickness) {
+  if (axes_ < 2) throw InputError("mesh", mesh::name(mesh.type), "quadrilaterals or hexahedra");
+  if ((axes_ == 2) != (law_->thickness_strain_index() >= 0))
+    throw InputError("material", law_->name() + " on " + mesh::name(mesh.type), "a law of plane stress on quadrilaterals, else on hexahedra");
   const std::size_t cells = partition.cells.size();
   const auto& global_of_natural = partition.global_of_natural;
 
@@ -53,10 +58,10 @@ Assembler::Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
     global_nodes.push_back(global);
   }
 
-  const auto n = static_cast<std::size_t>(nodes_per_cell_), cell_dofs = 3 * n;
+  const auto n = static_cast<std::size_t>(nodes_per_cell_), axes = static_cast<std::size_t>(axes_), cell_dofs = axes * n;
   nodes_.resize(static_cast<Eigen::Index>(cells * n), 3);
   local_nodes_.resize(static_cast<Eigen::Index>(cells), nodes_per_cell_);
-  constrained_local_.assign(3 * global_nodes.size(), 0);
+  constrained_local_.assign(axes * global_nodes.size(), 0);
   std::vector<PetscInt> rows, columns, vector_rows, dofs(cell_dofs);
   rows.reserve(cells * cell_dofs * cell_dofs);
   columns.reserve(cells * cell_dofs * cell_dofs);
@@ -68,9 +73,9 @@ Assembler::Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
       const int local = local_of_global.at(global);
       nodes_.row(static_cast<Eigen::Index>(k * n + corner)) = mesh.nodes.row(natural);
       local_nodes_(static_cast<Eigen::Index>(k), static_cast<Eigen::Index>(corner)) = local;
-      for (std::size_t i = 0; i < 3; ++i) {
-        dofs[3 * corner + i] = 3 * global + static_cast<PetscInt>(i);
-        constrained_local_[3 * static_cast<std::size_t>(local) + i] = constrained[3 * static_cast<std::size_t>(natural) + i];
+      for (std::size_t i = 0; i < axes; ++i) {
+        dofs[axes * corner + i] = axes_ * global + static_cast<PetscInt>(i);
+        constrained_local_[axes * static_cast<std::size_t>(local) + i] = constrained[3 * static_cast<std::size_t>(natural) + i];
       }
     }
     for (PetscInt row : dofs) {
@@ -82,11 +87,11 @@ Assembler::Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
     }
   }
   // One diagonal entry per owned degree of freedom carries the identity of the constrained ones.
-  const PetscInt first = 3 * partition.first_owned(), owned = 3 * partition.owned_nodes();
+  const PetscInt first = axes_ * partition.first_owned(), owned = axes_ * partition.owned_nodes();
   constrained_owned_.assign(static_cast<std::size_t>(owned), 0);
   for (std::size_t natural = 0; natural < global_of_natural.size(); ++natural)
-    for (int i = 0; i < 3; ++i) {
-      const PetscInt dof = 3 * global_of_natural[natural] + i;
+    for (int i = 0; i < axes_; ++i) {
+      const PetscInt dof = axes_ * global_of_natural[natural] + i;
       if (dof >= first && dof < first + owned)
         constrained_owned_[static_cast<std::size_t>(dof - first)] = constrained[3 * natural + static_cast<std::size_t>(i)];
     }
@@ -99,7 +104,7 @@ Assembler::Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
   IMIC3D_PETSC(MatCreate(comm, &tangent_));
   IMIC3D_PETSC(MatSetSizes(tangent_, owned, owned, PETSC_DETERMINE, PETSC_DETERMINE));
   IMIC3D_PETSC(MatSetType(tangent_, MATAIJ));
-  IMIC3D_PETSC(MatSetBlockSize(tangent_, 3));
+  IMIC3D_PETSC(MatSetBlockSize(tangent_, axes_));
   IMIC3D_PETSC(MatSetOptionsPrefix(tangent_, "mechanics_"));
   IMIC3D_PETSC(MatSetFromOptions(tangent_));
   IMIC3D_PETSC(MatSetPreallocationCOO(tangent_, static_cast<PetscCount>(rows.size()), rows.data(), columns.data()));
@@ -110,9 +115,9 @@ Assembler::Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
   IMIC3D_PETSC(VecSetPreallocationCOO(force_pattern_, static_cast<PetscCount>(vector_rows.size()), vector_rows.data()));
 
   IS from = nullptr;
-  IMIC3D_PETSC(ISCreateBlock(PETSC_COMM_SELF, 3, static_cast<PetscInt>(global_nodes.size()), global_nodes.data(),
+  IMIC3D_PETSC(ISCreateBlock(PETSC_COMM_SELF, axes_, static_cast<PetscInt>(global_nodes.size()), global_nodes.data(),
                       PETSC_COPY_VALUES, &from));
-  IMIC3D_PETSC(VecCreateSeq(PETSC_COMM_SELF, static_cast<PetscInt>(3 * global_nodes.size()), &local_));
+  IMIC3D_PETSC(VecCreateSeq(PETSC_COMM_SELF, static_cast<PetscInt>(axes * global_nodes.size()), &local_));
   IMIC3D_PETSC(VecScatterCreate(force_pattern_, from, local_, nullptr, &scatter_));
   IMIC3D_PETSC(ISDestroy(&from));
 
@@ -121,8 +126,8 @@ Assembler::Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
     element_tangents_[cells * cell_dofs * cell_dofs + static_cast<std::size_t>(i)] = constrained_owned_[static_cast<std::size_t>(i)] != 0;
   element_forces_.resize(cells * cell_dofs);
   element_lifting_.resize(cells * cell_dofs);
-  u_local_.resize(3 * global_nodes.size());
-  increment_local_.resize(3 * global_nodes.size());
+  u_local_.resize(axes * global_nodes.size());
+  increment_local_.resize(axes * global_nodes.size());
   stress_.setZero(static_cast<Eigen::Index>(cells), 6);
   plastic_strain_.setZero(static_cast<Eigen::Index>(cells));
 }
@@ -143,25 +148,31 @@ void Assembler::gather(Vec global, std::vector<double>& local) const {
   IMIC3D_PETSC(VecRestoreArrayRead(local_, &values));
 }
 
-template <int nodes>
+template <int nodes, int axes>
 bool Assembler::evaluate_cells(double time_increment, std::span<const double> parameters, bool with_tangent) {
-  constexpr int dofs = 3 * nodes;
+  constexpr int dofs = axes * nodes;
   const auto cells = static_cast<int>(local_nodes_.rows());
   int failed = 0;
 #pragma omp parallel for schedule(static) reduction(max : failed)
   for (int cell = 0; cell < cells; ++cell) {
-    ElementVector<nodes> displacement, prescribed;
+    ElementVector<nodes, axes> displacement, prescribed;
     std::array<bool, dofs> fixed;
     for (int dof = 0; dof < dofs; ++dof) {
-      const auto local = static_cast<std::size_t>(3 * local_nodes_(cell, dof / 3) + dof % 3);
+      const auto local = static_cast<std::size_t>(axes * local_nodes_(cell, dof / axes) + dof % axes);
       const bool is_fixed = fixed[static_cast<std::size_t>(dof)] = constrained_local_[local] != 0;
       displacement[dof] = u_local_[local];
       prescribed[dof] = with_tangent && is_fixed ? increment_local_[local] : 0.0;
     }
-    ElementResult<nodes> element;
-    const ElementNodes<nodes> places = nodes_.middleRows<nodes>(nodes * static_cast<Eigen::Index>(cell));
-    if (!evaluate(*law_, parameters, time_increment, places, displacement, history_.converged(cell),
-                  history_.trial(cell), element, with_tangent)) {
+    ElementResult<nodes, axes> element;
+    const ElementNodes<nodes, axes> places = nodes_.middleRows<nodes>(nodes * static_cast<Eigen::Index>(cell)).template leftCols<axes>();
+    bool good = false;
+    if constexpr (axes == 2)
+      good = evaluate<nodes>(*law_, thickness_, parameters, time_increment, places, displacement, history_.converged(cell),
+                             history_.trial(cell), element, with_tangent);
+    else
+      good = evaluate(*law_, parameters, time_increment, places, displacement, history_.converged(cell),
+                      history_.trial(cell), element, with_tangent);
+    if (!good) {
       failed = 1;
       continue;
     }
@@ -169,7 +180,7 @@ bool Assembler::evaluate_cells(double time_increment, std::span<const double> pa
     stress_.row(cell) = element.cauchy_stress.transpose();
     plastic_strain_[cell] = element.plastic_strain;
     if (!with_tangent) continue;
-    const ElementVector<nodes> lift = element.tangent * prescribed;
+    const ElementVector<nodes, axes> lift = element.tangent * prescribed;
     std::copy_n(lift.data(), dofs, element_lifting_.begin() + dofs * cell);
     for (int dof = 0; dof < dofs; ++dof)
       if (fixed[static_cast<std::size_t>(dof)]) {
@@ -187,8 +198,10 @@ bool Assembler::assemble(Vec u, double time_increment, std::span<const double> p
   gather(u, u_local_);
   if (with_tangent) gather(increment, increment_local_);
 
-  const bool good = nodes_per_cell_ == 8 ? evaluate_cells<8>(time_increment, parameters, with_tangent)
-                                         : evaluate_cells<20>(time_increment, parameters, with_tangent);
+  const bool good = type_ == mesh::CellType::quad4   ? evaluate_cells<4, 2>(time_increment, parameters, with_tangent)
+                    : type_ == mesh::CellType::quad8 ? evaluate_cells<8, 2>(time_increment, parameters, with_tangent)
+                    : type_ == mesh::CellType::hex8  ? evaluate_cells<8, 3>(time_increment, parameters, with_tangent)
+                                                     : evaluate_cells<20, 3>(time_increment, parameters, with_tangent);
   const int failed = good ? 0 : 1;
   int anywhere = 0;
   MPI_Allreduce(&failed, &anywhere, 1, MPI_INT, MPI_MAX, partition_.communicator.handle);

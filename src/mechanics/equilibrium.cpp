@@ -30,6 +30,7 @@ struct Equilibrium::Implementation {
   std::vector<int> dofs;  // constrained, natural
   EquilibriumOptions options;
   Assembler assembler;
+  int axes;  // degrees of freedom of a node; natural vectors always hold 3, the third is 0 in a plane mesh
   Vec u = nullptr, optical_force = nullptr, force = nullptr, external = nullptr, residual = nullptr, increment = nullptr,
       lifting = nullptr, correction = nullptr;
   KSP solver = nullptr;
@@ -46,7 +47,8 @@ struct Equilibrium::Implementation {
         law(std::move(law_)),
         dofs(std::move(dofs_)),
         options(std::move(options_)),
-        assembler(partition, mesh, law, flags(static_cast<std::size_t>(3 * mesh.nodes.rows()), dofs)) {
+        assembler(partition, mesh, law, flags(static_cast<std::size_t>(3 * mesh.nodes.rows()), dofs)),
+        axes(assembler.axes()) {
     IMIC3D_PETSC(MatCreateVecs(assembler.tangent(), &u, nullptr));
     for (Vec* vector : {&optical_force, &force, &external, &residual, &increment, &lifting, &correction}) IMIC3D_PETSC(VecDuplicate(u, vector));
     make_solver();
@@ -65,7 +67,7 @@ struct Equilibrium::Implementation {
     IMIC3D_PETSC(KSPSetOptionsPrefix(solver, options.prefix.c_str()));
     PC preconditioner = nullptr;
     IMIC3D_PETSC(KSPGetPC(solver, &preconditioner));
-    if (3 * mesh.nodes.rows() <= direct_limit) {
+    if (axes * mesh.nodes.rows() <= direct_limit) {
       IMIC3D_PETSC(KSPSetType(solver, KSPPREONLY));
       IMIC3D_PETSC(PCSetType(preconditioner, PCCHOLESKY));
       IMIC3D_PETSC(PCFactorSetMatSolverType(preconditioner, MATSOLVERMUMPS));
@@ -85,7 +87,7 @@ struct Equilibrium::Implementation {
   void attach_near_null_space() {
     Vec coordinates = nullptr;
     IMIC3D_PETSC(VecDuplicate(u, &coordinates));
-    IMIC3D_PETSC(VecSetBlockSize(coordinates, 3));
+    IMIC3D_PETSC(VecSetBlockSize(coordinates, axes));
     const Eigen::Map<const Eigen::VectorXd> positions(mesh.nodes.data(), mesh.nodes.size());
     to_global(positions, coordinates);
     MatNullSpace rigid = nullptr;
@@ -104,7 +106,7 @@ struct Equilibrium::Implementation {
     PetscScalar* values = nullptr;
     IMIC3D_PETSC(VecGetArray(global, &values));
     for (int i = 0; i < partition.owned_nodes(); ++i)
-      for (int k = 0; k < 3; ++k) values[3 * i + k] = natural[3 * natural_of_owned(i) + k];
+      for (int k = 0; k < axes; ++k) values[axes * i + k] = natural[3 * natural_of_owned(i) + k];
     IMIC3D_PETSC(VecRestoreArray(global, &values));
   }
 
@@ -114,7 +116,7 @@ struct Equilibrium::Implementation {
     const PetscScalar* values = nullptr;
     IMIC3D_PETSC(VecGetArrayRead(global, &values));
     for (int i = 0; i < partition.owned_nodes(); ++i)
-      for (int k = 0; k < 3; ++k) natural[3 * natural_of_owned(i) + k] = values[3 * i + k];
+      for (int k = 0; k < axes; ++k) natural[3 * natural_of_owned(i) + k] = values[axes * i + k];
     IMIC3D_PETSC(VecRestoreArrayRead(global, &values));
     partition.communicator.sum(std::span(natural.data(), static_cast<std::size_t>(natural.size())));
     return natural;
@@ -168,12 +170,12 @@ struct Equilibrium::Implementation {
     const auto held = flags(static_cast<std::size_t>(3 * mesh.nodes.rows()), dofs);
     for (int i = 0; i < static_cast<int>(constrained.size()); ++i) {
       if (constrained[static_cast<std::size_t>(i)] != 0) continue;
-      const PetscInt row = 3 * partition.first_owned() + i;
-      const int natural = 3 * natural_of_owned(i / 3) + i % 3;
+      const PetscInt row = axes * partition.first_owned() + i;
+      const int natural = 3 * natural_of_owned(i / axes) + i % axes;
       // Symmetric: the column of the natural degree is its row.
       for (Eigen::SparseMatrix<double>::InnerIterator entry(optical->stiffness, natural); entry; ++entry) {
         if (held[static_cast<std::size_t>(entry.row())] != 0) continue;
-        const PetscInt column = 3 * partition.global_of_natural[static_cast<std::size_t>(entry.row() / 3)] + entry.row() % 3;
+        const PetscInt column = axes * partition.global_of_natural[static_cast<std::size_t>(entry.row() / 3)] + entry.row() % 3;
         IMIC3D_PETSC(MatSetValue(assembler.tangent(), row, column, entry.value(), ADD_VALUES));
       }
     }

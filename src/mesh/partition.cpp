@@ -18,11 +18,6 @@ namespace {
 using OwnedDM = PetscOwner<DM, DMDestroy>;
 using OwnedSF = PetscOwner<PetscSF, PetscSFDestroy>;
 
-int dimension(CellType type) {
-  if (type == CellType::quad4) return 2;
-  return type == CellType::line2 ? 1 : 3;
-}
-
 /// All of the mesh on rank 0: points 0 … cells - 1 are the cells, the next ones are their corners, in natural order.
 OwnedDM plex_on_root(const Mesh& mesh, Communicator communicator) {
   const bool root = communicator.is_root();

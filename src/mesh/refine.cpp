@@ -166,6 +166,7 @@ Mesh refine(const Mesh& mesh) {
   NewNodes nodes(mesh);
   Mesh fine;
   fine.type = mesh.type;
+  fine.thickness = mesh.thickness;
   fine.cells.resize(children * mesh.cells.rows(), mesh.cells.cols());
   for (Eigen::Index c = 0; c < mesh.cells.rows(); ++c)
     fine.cells.middleRows(children * c, children) =
@@ -185,29 +186,37 @@ Mesh refine(const Mesh& mesh) {
   return fine;
 }
 
-Mesh quadratic(const Mesh& hexes) {
-  if (hexes.type != CellType::hex8) throw InputError("mesh", "not 8-node hexahedra", "8-node hexahedra");
-  NewNodes nodes(hexes);
-  Mesh result = hexes;
-  result.type = CellType::hex20;
+Mesh quadratic(const Mesh& linear) {
+  if (linear.type != CellType::hex8 && linear.type != CellType::quad4)
+    throw InputError("mesh", name(linear.type), "8-node hexahedra or 4-node quadrilaterals");
+  const bool solid = linear.type == CellType::hex8;
+  const Eigen::Index corners = linear.cells.cols();
+  NewNodes nodes(linear);
+  Mesh result = linear;
+  result.type = solid ? CellType::hex20 : CellType::quad8;
   result.nodes_per_layer = 0;
-  result.cells.resize(hexes.cells.rows(), 20);
-  result.cells.leftCols(8) = hexes.cells;
-  for (Eigen::Index c = 0; c < hexes.cells.rows(); ++c)
-    for (std::size_t e = 0; e < hex_edges.size(); ++e)
-      result.cells(c, 8 + static_cast<Eigen::Index>(e)) =
-          nodes.between(std::array{hexes.cells(c, hex_edges[e][0]), hexes.cells(c, hex_edges[e][1])});
-  if (const int per_layer = hexes.nodes_per_layer; per_layer > 0) {
-    Mesh face;
-    face.type = CellType::quad4;
-    face.nodes = hexes.nodes.topRows(per_layer);
-    face.cells = hexes.front;
+  result.cells.resize(linear.cells.rows(), nodes_per_cell(result.type));
+  result.cells.leftCols(corners) = linear.cells;
+  const auto add_middles = [&](const auto& edges) {
+    for (Eigen::Index c = 0; c < linear.cells.rows(); ++c)
+      for (std::size_t e = 0; e < edges.size(); ++e)
+        result.cells(c, corners + static_cast<Eigen::Index>(e)) =
+            nodes.between(std::array{linear.cells(c, edges[e][0]), linear.cells(c, edges[e][1])});
+  };
+  solid ? add_middles(hex_edges) : add_middles(quad_edges);
+
+  Mesh face;  // with the curved contour
+  face.type = CellType::quad4;
+  const auto per_layer = solid ? linear.nodes_per_layer : static_cast<int>(linear.nodes.rows());
+  if (per_layer > 0) {
+    face.nodes = linear.nodes.topRows(per_layer);
+    face.cells = solid ? linear.front : linear.cells;
     for (const Bulge& bulge : bulges(face))
-      for (int node = 0; node < hexes.nodes.rows(); node += per_layer)
+      for (int node = 0; node < linear.nodes.rows(); node += per_layer)
         nodes.move(nodes.of(edge_key(node + bulge.from, node + bulge.to)), bulge.shift);
   }
   result.nodes = nodes.all();
-  extend_node_groups(hexes, nodes, false, result);
+  extend_node_groups(linear, nodes, false, result);
   return result;
 }
 

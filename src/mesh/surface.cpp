@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numeric>
 
 #include "facets.hpp"
 #include "imic3d/mesh/mesh.hpp"
@@ -14,6 +15,7 @@ int nodes_per_cell(CellType type) {
       return 2;
     case CellType::quad4:
       return 4;
+    case CellType::quad8:
     case CellType::hex8:
       return 8;
     case CellType::hex20:
@@ -22,15 +24,37 @@ int nodes_per_cell(CellType type) {
   return 0;
 }
 
-int corners_per_cell(CellType type) { return type == CellType::hex20 ? 8 : nodes_per_cell(type); }
+int corners_per_cell(CellType type) {
+  if (type == CellType::quad8) return 4;
+  return type == CellType::hex20 ? 8 : nodes_per_cell(type);
+}
+
+int dimension(CellType type) {
+  if (type == CellType::line2) return 1;
+  return is_hexahedron(type) ? 3 : 2;
+}
+
+std::string name(CellType type) {
+  const bool line = type == CellType::line2;
+  return fmt::format("{}{}", line ? "line" : is_hexahedron(type) ? "hex" : "quad", nodes_per_cell(type));
+}
 
 Cells with_middles(const Mesh& volume, const Cells& facets) {
-  if (volume.type != CellType::hex20) return facets;
+  if (volume.type != CellType::hex20 && volume.type != CellType::quad8) return facets;
   FacetMap<int> middle;
-  for (Eigen::Index c = 0; c < volume.cells.rows(); ++c)
-    for (std::size_t e = 0; e < hex_edges.size(); ++e)
-      middle.emplace(edge_key(volume.cells(c, hex_edges[e][0]), volume.cells(c, hex_edges[e][1])),
-                     volume.cells(c, 8 + static_cast<Eigen::Index>(e)));
+  const auto add_edges = [&](const auto& edges) {
+    for (Eigen::Index c = 0; c < volume.cells.rows(); ++c)
+      for (std::size_t e = 0; e < edges.size(); ++e)
+        middle.emplace(edge_key(volume.cells(c, edges[e][0]), volume.cells(c, edges[e][1])),
+                       volume.cells(c, corners_per_cell(volume.type) + static_cast<Eigen::Index>(e)));
+  };
+  is_hexahedron(volume.type) ? add_edges(hex_edges) : add_edges(quad_edges);
+  if (facets.cols() == 2) {
+    Cells all(facets.rows(), 3);
+    for (Eigen::Index f = 0; f < facets.rows(); ++f)
+      all.row(f) << facets(f, 0), facets(f, 1), middle.at(edge_key(facets(f, 0), facets(f, 1)));
+    return all;
+  }
   Cells all(facets.rows(), 8);
   for (Eigen::Index f = 0; f < facets.rows(); ++f)
     for (Eigen::Index k = 0; k < 4; ++k) {
@@ -89,11 +113,12 @@ void choose_front(Mesh& mesh, const std::string& group) {
 }
 
 Surface front_surface(const Mesh& volume) {
-  if (volume.front.rows() == 0)
+  const bool plane = dimension(volume.type) == 2;  // the mesh is what the camera sees
+  if (!plane && volume.front.rows() == 0)
     throw InputError("mesh", "no face that the camera sees",
                      "boundary quadrilaterals that face +z, or a named front group");
-  const bool split = volume.type == CellType::hex20;  // each face into four around its centre
-  const Cells faces_seen = with_middles(volume, volume.front);
+  const Cells faces_seen = plane ? volume.cells : with_middles(volume, volume.front);
+  const bool split = faces_seen.cols() == 8;  // each face into four around its centre
   std::vector<int> seen(faces_seen.data(), faces_seen.data() + faces_seen.size());
   std::sort(seen.begin(), seen.end());
   seen.erase(std::unique(seen.begin(), seen.end()), seen.end());
@@ -103,7 +128,7 @@ Surface front_surface(const Mesh& volume) {
   Surface surface;
   Mesh& quads = surface.mesh;
   quads.type = CellType::quad4;
-  const auto on_volume = static_cast<Eigen::Index>(seen.size()), front = volume.front.rows();
+  const auto on_volume = static_cast<Eigen::Index>(seen.size()), front = faces_seen.rows();
   std::vector<Eigen::Triplet<double>> weights;
   for (Eigen::Index i = 0; i < on_volume; ++i)
     weights.emplace_back(static_cast<int>(i), seen[static_cast<std::size_t>(i)], 1.0);
@@ -134,13 +159,13 @@ Surface front_surface(const Mesh& volume) {
       if (number[static_cast<std::size_t>(node)] >= 0) group.push_back(number[static_cast<std::size_t>(node)]);
     if (!group.empty()) quads.node_groups[name] = std::move(group);
   }
-  // An edge belongs to the facet groups of the volume's faces that it bounds.
+  // An edge belongs to the facet groups of the volume's faces that it bounds; in a quad mesh it is the facet.
   const Facets edges = boundary_facets(quads);
   FacetMap<Eigen::Index> edge_at;
   for (Eigen::Index e = 0; e < edges.nodes.rows(); ++e)
     edge_at.emplace(edge_key(edges.nodes(e, 0), edges.nodes(e, 1)), e);
   FacetMap<int> in_front;
-  for (Eigen::Index f = 0; f < front; ++f) in_front.emplace(facet_key(volume.front.row(f), 4), static_cast<int>(f));
+  for (Eigen::Index f = 0; !plane && f < front; ++f) in_front.emplace(facet_key(volume.front.row(f), 4), static_cast<int>(f));
   for (const auto& [name, faces] : volume.facet_groups) {
     std::vector<Eigen::Index> group;
     const Cells whole = with_middles(volume, faces);
@@ -150,11 +175,11 @@ Surface front_surface(const Mesh& volume) {
       if (const auto found = edge_at.find(edge_key(on_a, on_b)); found != edge_at.end()) group.push_back(found->second);
     };
     for (Eigen::Index f = 0; f < faces.rows(); ++f) {
-      if (in_front.contains(facet_key(faces.row(f), 4))) continue;
-      for (Eigen::Index k = 0; k < 4; ++k) {
-        const int a = faces(f, k), b = faces(f, (k + 1) % 4);
+      if (!plane && in_front.contains(facet_key(faces.row(f), 4))) continue;
+      for (Eigen::Index k = 0; k < (plane ? 1 : 4); ++k) {
+        const int a = faces(f, k), b = faces(f, (k + 1) % faces.cols());
         if (!split) add(a, b);
-        if (split) add(a, whole(f, 4 + k)), add(whole(f, 4 + k), b);
+        if (split) add(a, whole(f, faces.cols() + k)), add(whole(f, faces.cols() + k), b);
       }
     }
     if (group.empty()) continue;
@@ -166,7 +191,8 @@ Surface front_surface(const Mesh& volume) {
   }
   const Facets faces = boundary_facets(volume);
   std::vector<int> cell_of_face(static_cast<std::size_t>(front), -1);
-  for (Eigen::Index f = 0; f < faces.nodes.rows(); ++f)
+  if (plane) std::iota(cell_of_face.begin(), cell_of_face.end(), 0);
+  for (Eigen::Index f = 0; !plane && f < faces.nodes.rows(); ++f)
     if (const auto found = in_front.find(facet_key(faces.nodes.row(f), 4)); found != in_front.end())
       cell_of_face[static_cast<std::size_t>(found->second)] = faces.cells[static_cast<std::size_t>(f)];
   const int children = split ? 4 : 1;

@@ -176,8 +176,12 @@ TABLE = [
      ["case.yaml:4 specimen.thickness: .nan; allowed: a finite number"]),
     ("no_thickness", change("case.yaml", "thickness: 1.5, ", ""),
      ["case.yaml:4 specimen.thickness: not given; allowed: a positive number [mm]"]),
+    ("element_of_a_plane_in_3d", change("case.yaml", "layers: 2", "element: quad8"),
+     ["case.yaml:4 specimen.element: quad8 with kinematics: 3d; allowed: hex8, hex20; quad4, quad8 with kinematics: plane_stress"]),
+    ("unknown_kinematics", change("case.yaml", "layers: 2", "kinematics: plane_strain"),
+     ['case.yaml:4 specimen.kinematics: "plane_strain"; allowed: 3d, plane_stress']),
     ("unknown_key", change("case.yaml", "layers: 2", "layer: 2"),
-     ["case.yaml:4 specimen.layer: unknown key, near to layers; allowed: axis, element, front, held, layer_ratio, layers, loaded, mesh, "
+     ["case.yaml:4 specimen.layer: unknown key, near to layers; allowed: axis, element, front, held, kinematics, layer_ratio, layers, loaded, mesh, "
       "mid_plane_symmetry, refine, thickness"]),
     ("duplicate_key", change("case.yaml", "layers: 2", "layers: 2, layers: 3"),
      ["case.yaml:4 specimen.layers: key given twice (first in line 4); allowed: each key once"]),

@@ -135,6 +135,18 @@ output: out
   EXPECT_EQ(test.output, folder.path() / "out");
 }
 
+TEST_F(CaseFile, PlaneStressSaysWhatItHasNoUseFor) {
+  const std::string plane = changed(good_case, "element: hex8", "kinematics: plane_stress, element: quad8");
+  const Case test = read(plane);
+  EXPECT_TRUE(test.specimen.plane_stress());
+  EXPECT_TRUE(test.specimen.quadratic());
+  EXPECT_THAT(test.specimen.unused, ElementsAre("layers"));
+  EXPECT_FALSE(read(good_case).specimen.plane_stress());
+  EXPECT_THAT(read(good_case).specimen.unused, ElementsAre());
+  EXPECT_EQ(mistakes(changed(plane, "plane_stress", "3d")),
+            "case.yaml:4 specimen.element: quad8 with kinematics: 3d; allowed: hex8, hex20; quad4, quad8 with kinematics: plane_stress");
+}
+
 TEST_F(CaseFile, EveryMistakeIsNamedInOneGo) {
   EXPECT_EQ(
       mistakes(R"(title: 12

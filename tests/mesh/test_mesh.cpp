@@ -186,6 +186,44 @@ TEST(Quadratic, GetsMiddlesOfEdgesGroupsAndAFrontOfFourQuadsAFace) {
   EXPECT_NEAR((seen - surface.mesh.nodes).norm(), 0.0, 1e-14);
 }
 
+TEST(PlaneMesh, IsItsOwnSurface) {
+  const Mesh ring = ring_sector();
+  const Surface surface = front_surface(ring);
+  EXPECT_TRUE(surface.mesh.nodes == ring.nodes);
+  EXPECT_TRUE(surface.mesh.cells == ring.cells);
+  EXPECT_EQ(surface.mesh.node_groups, ring.node_groups);
+  EXPECT_EQ(surface.mesh.cell_groups, ring.cell_groups);
+  EXPECT_EQ(surface.mesh.facet_groups.at("top").rows(), ring.facet_groups.at("top").rows());
+  EXPECT_EQ(surface.weights.nonZeros(), ring.nodes.rows());
+}
+
+TEST(PlaneMesh, QuadraticHasItsMiddlesOnTheContourAndIsSeenAsFourQuadsEach) {
+  const Mesh ring = ring_sector(), curved = quadratic(ring);
+  EXPECT_EQ(name(curved.type), "quad8");
+  EXPECT_EQ(curved.nodes.rows(), 21 + 6 * 3 + 7 * 2);
+  EXPECT_TRUE(curved.nodes.topRows(21) == ring.nodes);
+  int on = 0;
+  for (Eigen::Index i = 0; i < curved.nodes.rows(); ++i) on += on_ring(curved.nodes.row(i)) ? 1 : 0;
+  EXPECT_EQ(on, 2 * 13);
+  EXPECT_THAT(curved.node_groups.at("left"), SizeIs(5));
+  const Cells edges = with_middles(curved, boundary_facets(curved).nodes);
+  ASSERT_EQ(edges.cols(), 3);
+  for (Eigen::Index e = 0; e < edges.rows(); ++e) {  // the middle of an edge has the same distance to its ends
+    const auto a = curved.nodes.row(edges(e, 0)), b = curved.nodes.row(edges(e, 1)), m = curved.nodes.row(edges(e, 2));
+    EXPECT_NEAR((m - a).norm(), (m - b).norm(), 1e-12);
+    EXPECT_LT((m - 0.5 * (a + b)).norm(), 0.1 * (a - b).norm());
+  }
+  const Surface surface = front_surface(curved);
+  EXPECT_EQ(surface.mesh.cells.rows(), 4 * 12);
+  EXPECT_EQ(surface.mesh.nodes.rows(), 21 + 6 * 3 + 7 * 2 + 12);
+  EXPECT_THAT(check(surface.mesh, "surface"), SizeIs(0));
+  EXPECT_THAT(surface.mesh.node_groups.at("left"), SizeIs(5));
+  EXPECT_EQ(surface.mesh.facet_groups.at("top").rows(), 12);
+  EXPECT_NEAR((surface.weights * Eigen::VectorXd::Ones(curved.nodes.rows()) - Eigen::VectorXd::Ones(surface.mesh.nodes.rows())).norm(), 0.0, 1e-13);
+  EXPECT_THROW((void)quadratic(curved), InputError);
+  EXPECT_THROW((void)refine(curved), InputError);
+}
+
 TEST(Contours, OuterCounterClockwiseThenHoles) {
   Mesh mesh = grid(5, 5);
   Cells kept(24, 4);

@@ -63,6 +63,8 @@ TEST(Partition, HexahedraAreSharedOutEvenly) {
 TEST(Partition, QuadrilateralsAndTheGroupsOfASplitCommunicator) {
   const Mesh mesh = grid(9, 7);
   expect_consistent(mesh, partition(mesh, Communicator{}));
+  const Mesh curved = quadratic(mesh);
+  expect_consistent(curved, partition(curved, Communicator{}));
   const GroupLayout layout(Communicator{}, 2);
   expect_consistent(mesh, partition(mesh, layout.group()));
 }

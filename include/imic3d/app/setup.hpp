@@ -27,7 +27,7 @@ struct Material {
 
 [[nodiscard]] Material make_material(const io::Case& test);
 
-/// Reads the mesh, refines it, extrudes it if it is 2D, and finds the ends and the camera's face.
+/// Reads the mesh, refines it, extrudes it if it is 2D and not in plane stress, and finds the ends and the camera's face.
 [[nodiscard]] identification::Specimen make_specimen(const io::Case& test);
 
 /// Creates the folder of the results and returns it. Throws InputError if that cannot be done.

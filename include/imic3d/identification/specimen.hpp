@@ -17,7 +17,8 @@ enum class Control {
   images         ///< the same forces and the images' pull (Eq. 7, finite alpha): held is only what no camera sees
 };
 
-/// Volume, camera surface and ends of a specimen. Degrees of freedom: 3 * node + component, natural numbering.
+/// Volume, camera surface and ends of a specimen. Degrees of freedom: 3 * node + component, natural numbering. In plane
+/// stress the volume is the quad mesh itself, whose nodes do not move along z.
 struct Specimen {
   mesh::Mesh volume;
   mesh::Surface surface;            ///< the camera's face of the volume
@@ -43,7 +44,7 @@ struct Specimen {
 };
 
 /// Builds the specimen. `mid_plane_symmetry`: the volume is the camera's half, its nodes of group `back` cannot move
-/// through the thickness. Throws InputError if a group is unknown or empty.
+/// through the thickness (not in plane stress). Throws InputError if a group is unknown or empty.
 [[nodiscard]] Specimen make_specimen(mesh::Mesh volume, const std::string& held, const std::string& loaded, int axis,
                                      bool mid_plane_symmetry, const std::string& case_place = "specimen");
 

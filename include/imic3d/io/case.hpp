@@ -32,12 +32,16 @@ struct Units {
 
 struct SpecimenCase {
   std::filesystem::path mesh;  ///< resolved against the case file's folder
+  std::string kinematics = "3d";  ///< `3d`, or `plane_stress` on the quadrilaterals of a 2D mesh
+  std::vector<std::string> unused;  ///< keys that are given and say nothing in plane stress
   double thickness = 0.0;      ///< [length]; 2D meshes only
   int layers = 4;              ///< hexahedra through the thickness (of the half, with mid-plane symmetry)
   double layer_ratio = 1.0;  ///< thickness of a layer over that of its neighbour nearer to the free face
   int refine = 0;              ///< uniform refinements of the simulation's mesh (the DIC mesh is the file's own)
-  std::string element = "hex8";
+  std::string element = "hex8";  ///< in plane stress the face of it: `quad4` for hex8, `quad8` for hex20
   bool mid_plane_symmetry = false;  ///< simulate the camera's half of the thickness
+  [[nodiscard]] bool plane_stress() const { return kinematics == "plane_stress"; }
+  [[nodiscard]] bool quadratic() const { return element == "hex20" || element == "quad8"; }
   std::string held, loaded;         ///< node groups at the ends
   std::string axis = "y";           ///< direction of the load: x or y
   std::string front = "front";      ///< 3D meshes: group of the face that the camera sees

@@ -33,7 +33,7 @@ namespace imic3d::io {
 /// What a run is going to write; decides what is declared.
 struct RunPlan {
   std::map<std::string, std::string> versions;  ///< e.g. {"imic3d", "0.1.0"}, {"git_revision", "9ae1877"}, {"PETSc", …}
-  const mesh::Mesh* volume = nullptr;           ///< the simulation's mesh (hex8, or quad4 in 2D): mesh/ and fields/
+  const mesh::Mesh* volume = nullptr;           ///< the simulation's mesh (hexahedra, or quadrilaterals in plane stress): mesh/ and fields/
   const mesh::Mesh* surface = nullptr;          ///< the DIC mesh (quad4): surface/, dic/ and residual/
   std::vector<ParameterInfo> parameters;        ///< not empty: identification/
   int most_iterations = 500;                    ///< rows kept for iterations, all stages together

@@ -37,6 +37,9 @@ class FiniteStrainLaw {
   virtual void initialise(std::span<double> history) const = 0;
   /// Where the accumulated plastic strain stands in the history, or -1.
   [[nodiscard]] virtual int plastic_strain_index() const = 0;
+  /// A law of plane stress: where ln(lambda_3), the logarithmic strain through the thickness, stands in the history. Such a
+  /// law is given F with F_33 = 1 and no shear out of the plane, and of its tangent the plane's components count. Else -1.
+  [[nodiscard]] virtual int thickness_strain_index() const = 0;
   /// Stress at the end of a step that takes the point to deformation gradient F.
   /// history_old is not changed; history_new gets the trial state (the two may not overlap).
   /// The tangent is computed if `with_tangent`. Returns false where the point cannot follow (det F <= 0, no root).
@@ -64,6 +67,7 @@ struct LawChoice {
   std::string law = "j2";                  ///< `j2`, `elastic`
   std::string hardening = "power_linear";  ///< `power_linear` (Eq. 18), `linear`, `voce`, `swift`, `table`
   bool tie_initial_modulus = false;        ///< Eq. 19: eps_0 = delta S_y / (E - H) is not a parameter then
+  bool plane_stress = false;               ///< no stress along axis 3
   bool cauchy_yield = false;               ///< the hardening curve is that of the Cauchy stress, not of the Kirchhoff stress
   std::vector<double> table_strain{};      ///< for `table`: accumulated plastic strain [-], from 0, ascending
 };

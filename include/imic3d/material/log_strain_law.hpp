@@ -31,6 +31,12 @@ class LogStrainLaw final : public FiniteStrainLaw {
   [[nodiscard]] int plastic_strain_index() const override {
     return Law::plastic_strain_index < 0 ? -1 : 9 + Law::plastic_strain_index;
   }
+  [[nodiscard]] int thickness_strain_index() const override {
+    if constexpr (requires { Law::thickness_strain_index; })
+      return 9 + Law::thickness_strain_index;
+    else
+      return -1;
+  }
 
   void initialise(std::span<double> history) const override {
     std::fill_n(history.begin(), 9, 0.0);

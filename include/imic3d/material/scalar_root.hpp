@@ -59,6 +59,30 @@ std::optional<double> bracketed_newton(const Residual& residual, double lower, d
   return std::nullopt;
 }
 
+/// Root of an increasing function of a Dual<1> by Newton's method from `start`, to the noise of the function, `scale()`
+/// times a few epsilon (asked after each evaluation), or to a few units in the last place. The sign of each value narrows
+/// the interval of the root; a step that leaves it, or does not halve the value, is replaced by a bisection where both
+/// ends are known. No value where the function is not finite or does not increase.
+template <class Function, class Scale>
+std::optional<double> increasing_newton(const Function& function, double start, const Scale& scale) noexcept {
+  constexpr double epsilon = std::numeric_limits<double>::epsilon();
+  constexpr int max_iterations = 100;
+  double x = start, lower = -INFINITY, upper = INFINITY, last = INFINITY;
+  for (int iteration = 0; iteration < max_iterations; ++iteration) {
+    const Dual<1> f = function(Dual<1>::variable(x, 0));
+    if (!std::isfinite(f.value) || !(f.derivative[0] > 0.0)) return std::nullopt;
+    double next = x - f.value / f.derivative[0];
+    if (std::abs(f.value) <= 4.0 * epsilon * scale()) return next;
+    (f.value < 0.0 ? lower : upper) = x;
+    const bool slow = iteration > 3 && std::abs(f.value) > 0.5 * last;
+    if ((!(next > lower && next < upper) || slow) && std::isfinite(upper - lower)) next = 0.5 * (lower + upper);
+    if (std::abs(next - x) <= 2.0 * epsilon * std::abs(x)) return next;
+    last = std::abs(f.value);
+    x = next;
+  }
+  return std::nullopt;
+}
+
 /// The root as a function of what the residual depends on: with r(x; q) = 0, dx = -(dr/dq dq) / (dr/dx).
 /// residual_at_root: r evaluated at the root (a constant) with the derivatives of q; slope: dr/dx at the root.
 template <Scalar T>

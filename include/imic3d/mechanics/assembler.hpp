@@ -33,17 +33,21 @@ class HistoryField {
 };
 
 /// Assembles over the cells of one rank: OpenMP threads fill flat element arrays without any PETSc call, then one
-/// collective insertion (MatSetValuesCOO). Degrees of freedom are 3 * node + component in the partition's global order.
+/// collective insertion (MatSetValuesCOO). Degrees of freedom are axes() * node + component in the partition's global order.
 class Assembler {
  public:
-  /// `constrained`: flag for each natural degree of freedom (3 * nodes) whose displacement is prescribed.
+  /// `constrained`: flag for each natural degree of freedom (3 * nodes) whose displacement is prescribed. In a plane mesh,
+  /// which takes a law of plane stress, nodes have no third one and its flags say nothing.
   Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
             std::shared_ptr<const material::FiniteStrainLaw> law, const std::vector<char>& constrained);
   ~Assembler();
   Assembler(const Assembler&) = delete;
   Assembler& operator=(const Assembler&) = delete;
 
-  /// At displacement u [3 * nodes, global order]: internal forces `force`; and, if `increment` is given, the tangent
+  /// Degrees of freedom of a node: 3, or 2 in a plane mesh.
+  [[nodiscard]] int axes() const { return axes_; }
+
+  /// At displacement u [axes() * nodes, global order]: internal forces `force`; and, if `increment` is given, the tangent
   /// with the rows and columns of constrained degrees replaced by the identity, and `lifting`: the tangent's columns of
   /// the constrained degrees times `increment`, to be taken to the right-hand side. Collective; false on every rank if
   /// an element anywhere failed.
@@ -61,13 +65,15 @@ class Assembler {
  private:
   void gather(Vec global, std::vector<double>& local) const;
   /// Fills the element arrays; false if an element of this rank failed.
-  template <int nodes>
+  template <int nodes, int axes>
   [[nodiscard]] bool evaluate_cells(double time_increment, std::span<const double> parameters, bool with_tangent);
 
   const mesh::Partition& partition_;
   std::shared_ptr<const material::FiniteStrainLaw> law_;
   HistoryField history_;
-  int nodes_per_cell_;
+  mesh::CellType type_;
+  int axes_, nodes_per_cell_;
+  double thickness_;         // of a plane mesh
   mesh::Nodes nodes_;        // reference positions, cell by cell [local cells * nodes per cell x 3]
   mesh::Cells local_nodes_;  // of each local cell, into local arrays
   std::vector<char> constrained_local_, constrained_owned_;

@@ -14,7 +14,8 @@
 
 namespace imic3d::mechanics {
 
-/// What drives the specimen at one frame. All vectors are in natural numbering, the same on every rank.
+/// What drives the specimen at one frame. All vectors are in natural numbering, the same on every rank, with three degrees
+/// of freedom for each node; the third one of a plane mesh (plane stress) is 0.
 struct LoadStep {
   double time = 0.0;
   Eigen::VectorXd prescribed;  ///< displacement of the constrained degrees, in the order of Constraints::dofs [length]

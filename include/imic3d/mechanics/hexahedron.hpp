@@ -1,27 +1,11 @@
 #pragma once
 // Hexahedra at finite strain: 8 nodes with element-averaged dilatation, 20 nodes with reduced integration.
 
-#include <Eigen/Core>
 #include <span>
 
-#include "imic3d/material/finite_strain_law.hpp"
+#include "imic3d/mechanics/element.hpp"
 
 namespace imic3d::mechanics {
-
-/// Positions of an element's nodes [nodes x 3, length]; values of its degrees of freedom, node by node x, y, z.
-template <int nodes>
-using ElementNodes = Eigen::Matrix<double, nodes, 3>;
-template <int nodes>
-using ElementVector = Eigen::Matrix<double, 3 * nodes, 1>;
-
-/// Internal force, consistent tangent and cell averages of one hexahedron.
-template <int nodes>
-struct ElementResult {
-  ElementVector<nodes> force;                                 ///< internal forces [force]
-  Eigen::Matrix<double, 3 * nodes, 3 * nodes> tangent;        ///< d(force)/d(displacement) [force/length]
-  material::Vector6 cauchy_stress;                            ///< volume average of the Cauchy stress [stress]
-  double plastic_strain = 0.0;                                ///< volume average of the accumulated plastic strain [-]
-};
 
 /// Points of the Gauss rule of either element: 2 x 2 x 2.
 inline constexpr int hexahedron_points = 8;

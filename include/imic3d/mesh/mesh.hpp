@@ -15,10 +15,12 @@ namespace imic3d::mesh {
 /// Cells in the usual finite-element order: a quad4 is numbered counter-clockwise, a hex8 has its bottom face first
 /// (counter-clockwise seen from inside, i.e. positive volume), then the top face above it. A hex20 has its corners like
 /// a hex8, then the middles of the bottom edges 01 12 23 30, of the top edges 45 56 67 74 and of the upright edges
-/// 04 15 26 37.
-enum class CellType { line2, quad4, hex8, hex20 };
+/// 04 15 26 37; a quad8 its corners, then the middles of the edges 01 12 23 30.
+enum class CellType { line2, quad4, quad8, hex8, hex20 };
 [[nodiscard]] int nodes_per_cell(CellType type);
 [[nodiscard]] int corners_per_cell(CellType type);
+[[nodiscard]] int dimension(CellType type);
+[[nodiscard]] std::string name(CellType type);  ///< as above
 
 using Nodes = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
 using Cells = Eigen::Matrix<int, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
@@ -38,6 +40,7 @@ struct Mesh {
   /// Number of 2D nodes per layer if the mesh was extruded (layer 0 is the front face, node = layer * this + i); else
   /// 0.
   int nodes_per_layer = 0;
+  double thickness = 1.0;  ///< quad meshes: of the sheet that they stand for in plane stress [length]
 };
 
 /// Reads Gmsh 2.2 / 4.1 (ASCII) `.msh` or Abaqus `.inp` with named groups (physical names; *NSET, *ELSET).
@@ -75,9 +78,10 @@ void grade_layers(Mesh& mesh, double ratio, bool one_face);
 /// k. `nodes_per_layer` of a refined hex mesh is 0: refine the quads before the extrusion to keep the layers.
 [[nodiscard]] Mesh refine(const Mesh& mesh);
 
-/// The hex20 mesh of a hex8 mesh: its nodes first, then the middles of the edges, which belong to groups as those of
-/// `refine` do. Where the mesh was extruded, edges on a curved contour get their middle on the circle through its nodes.
-[[nodiscard]] Mesh quadratic(const Mesh& hexes);
+/// The hex20 mesh of a hex8 mesh, the quad8 mesh of a quad4 mesh: its nodes first, then the middles of the edges, which
+/// belong to groups as those of `refine` do. In a quad mesh, and where a hex mesh was extruded, edges on a curved contour get
+/// their middle on the circle through its nodes.
+[[nodiscard]] Mesh quadratic(const Mesh& linear);
 
 /// How far the middles of the boundary edges of a quad mesh lie off the straight edge if the contour is smooth.
 struct Bulge {
@@ -97,11 +101,12 @@ struct Facets {
 };
 [[nodiscard]] Facets boundary_facets(const Mesh& mesh);
 
-/// Facets of a hex20 mesh with the middles of their edges: [k x 4] corners -> [k x 8]; for a hex8 mesh as they are.
+/// Facets of a hex20 mesh with the middles of their edges: [k x 4] corners -> [k x 8]; of a quad8 mesh: [k x 2] -> [k x 3];
+/// for a linear mesh as they are.
 [[nodiscard]] Cells with_middles(const Mesh& volume, const Cells& facets);
 
-/// The quads seen by a camera as a mesh of their own. A face of a hex20 is seen as four quads, whose common node is the
-/// face's centre.
+/// The quads seen by a camera as a mesh of their own: the front of a hex mesh, all of a quad mesh. A face of a hex20 and a
+/// quad8 are seen as four quads, whose common node is the centre.
 struct Surface {
   Mesh mesh;
   Eigen::SparseMatrix<double, Eigen::RowMajor> weights;  ///< a surface node's value from the volume's nodes' [surface x volume]

@@ -11,7 +11,8 @@ namespace imic3d::mesh {
 
 /// A mesh shared out over the ranks of a communicator. Every cell is on one rank (overlap 0). Every node is owned by
 /// one of the ranks that have a cell at it; global node numbers run through the ranks in contiguous ranges, so that
-/// degree of freedom d of a node is row 3 * global + d of a PETSc matrix or vector with 3 * owned_nodes() local rows.
+/// degree of freedom d of a node is row n * global + d of a PETSc matrix or vector with n * owned_nodes() local rows, n the
+/// number of degrees of freedom of a node.
 struct Partition {
   Communicator communicator;
   std::vector<int> cells;       ///< this rank's cells, natural numbers in ascending order
