@@ -33,8 +33,8 @@ Eigen::Vector2d at(const Affine& affine, const Eigen::Vector2d& place) {
 
 }  // namespace
 
-std::optional<Eigen::VectorXd> search_patches(const Correlation& correlation, const imaging::BSpline& reference,
-                                              const imaging::Image& image, const Eigen::VectorXd& U, double reach) {
+std::optional<InImage> search_patches(const Correlation& correlation, const imaging::BSpline& reference,
+                                      const imaging::Image& image, const Eigen::VectorXd& U, double reach) {
   constexpr int most_patches = 80;
   constexpr double least_score = 0.5;
   const InImage shift = correlation.pixel_displacement(U);
@@ -96,17 +96,10 @@ std::optional<Eigen::VectorXd> search_patches(const Correlation& correlation, co
   if (best.size() < 3) return {};
   const Affine affine = fit(found, best);
 
-  // Back to physical displacements of least size that give this motion in the image.
-  Eigen::VectorXd guess = U;
-  const int dofs = correlation.dofs_per_node();
-  for (int node = 0; node < correlation.nodes(); ++node) {
-    Eigen::Matrix<double, 2, 3> J = correlation.camera().jacobian(correlation.surface().nodes.row(node).transpose());
-    if (dofs == 2) J.col(2).setZero();
-    const Eigen::Vector2d motion = at(affine, positions.row(node).transpose() - middle);
-    const Eigen::Vector3d displacement = J.transpose() * ((J * J.transpose()).inverse() * motion);
-    for (int a = 0; a < dofs; ++a) guess[static_cast<Eigen::Index>(node) * dofs + a] += displacement[a];
-  }
-  return guess;
+  InImage moved = shift;
+  for (int node = 0; node < correlation.nodes(); ++node)
+    moved.row(node) += at(affine, positions.row(node).transpose() - middle).transpose();
+  return moved;
 }
 
 }  // namespace imic3d::correlation

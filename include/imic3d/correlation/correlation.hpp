@@ -56,8 +56,11 @@ struct Evaluation {
 };
 
 /// M_DIC and b_DIC of a camera. Displacements are physical, U [nodes * dofs, length], node by node:
-/// U[node * dofs + component]. The displacement in the image is bilinear in each element between the projected
-/// displacements of the nodes, which for a telecentric camera is exact.
+/// U[node * dofs + component]. For a telecentric camera the displacement in the image is bilinear in each element. What a
+/// perspective camera makes of the bilinear surface and of its displacement is not: there the pixels' local coordinates
+/// and their displacement follow the biquadratic map through the projections of nine points of the element. With the
+/// bilinear map of the projected nodes alone a motion by d pixels would be wrong by about d (h sin(tilt)/Z)^2/4 from the
+/// perspective and 3/4 d k1 (h/f)^2 from the distortion, h the element's size.
 ///
 /// Every rank holds all pixels; `group` says over which ranks a sum is split (contiguous blocks of elements with about
 /// equal numbers of pixels), and such calls are collective over it. Sums do not depend on the number of threads.
@@ -115,8 +118,11 @@ class Correlation {
   [[nodiscard]] Eigen::Vector3d displaced(int node, const Eigen::VectorXd& U) const;
   [[nodiscard]] Eigen::Matrix<double, 4, 2> of_element(const InImage& values, int element) const;
   [[nodiscard]] std::pair<int, int> share(const Communicator& group) const;
-  void interpolate(const imaging::BSpline& g, int element, const InImage& shift, float* values, float* slope_x,
-                   float* slope_y) const;
+  void interpolate(const imaging::BSpline& g, int element, const InImage& shift, const Eigen::VectorXd& U, float* values,
+                   float* slope_x, float* slope_y) const;
+  /// Projections of the middles of the edges and of the centre of an element displaced by U, if given.
+  [[nodiscard]] Eigen::Matrix<double, 5, 2> inner_points(int element, const Eigen::VectorXd* U) const;
+  void correct_local_coordinates();
 
   mesh::Mesh surface_;
   std::shared_ptr<const imaging::Camera> camera_;
@@ -127,6 +133,7 @@ class Correlation {
   InImage positions_;
   PixelQuadrature quadrature_;
   float mean_grey_ = 0.0F;
+  std::vector<Eigen::Matrix<double, 5, 2>> inner_;  // inner_points in the reference; empty for an affine camera
   std::vector<Gram> gram_;
   Eigen::SparseMatrix<double> pattern_;
   std::vector<int> slots_;  // of the element matrices' blocks in the pattern's values
