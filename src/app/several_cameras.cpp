@@ -229,6 +229,7 @@ void dic_with_several(const Communicator& world, const CommandOptions& options, 
     for (const auto& own : frame.cameras) rms.push_back(own.rms);
     spdlog::info("  frame {}: residual {:.3f} grey levels, {} iterations{}", test.frames[static_cast<std::size_t>(places[static_cast<std::size_t>(t)])],
                  fmt::join(rms, ", "), frame.iterations, frame.lost ? ", lost" : frame.converged ? "" : ", not converged");
+    if (frame.hardly_seen > 0) spdlog::info("    {} nodes are hardly seen by a second camera in this frame: their depth continues the neighbours'", frame.hardly_seen);
   });
 
   // Noise of an image of each camera [grey level]: measured, given, or what the DIC leaves in its best frame.
@@ -263,7 +264,6 @@ void dic_with_several(const Communicator& world, const CommandOptions& options, 
     const Eigen::VectorXd nothing = Eigen::VectorXd::Constant(frame.displacement.size(), std::numeric_limits<double>::quiet_NaN());
     io::write_dic_frame(*file, place, all_components(known ? frame.displacement : nothing, dofs), frame.rms,
                         {frame.element_rms.data(), static_cast<std::size_t>(frame.element_rms.size())});
-    if (!known) continue;
     const Motion motion = motion_of(rig.surface, frame.displacement, dofs);
     std::vector<double> rms;
     for (const auto& own : frame.cameras) rms.push_back(own.rms);

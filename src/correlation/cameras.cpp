@@ -44,9 +44,9 @@ Eigen::SparseMatrix<double> Cameras::sum_of_M(std::span<const double> factors) c
   return sum;
 }
 
-Eigen::SparseMatrix<double> Cameras::M(const Eigen::VectorXd& U) const {
-  Eigen::SparseMatrix<double> sum = weights_[0] * cameras_[0]->M(U);
-  for (std::size_t c = 1; c < cameras_.size(); ++c) sum += weights_[c] * cameras_[c]->M(U);
+Eigen::SparseMatrix<double> Cameras::M(const Eigen::VectorXd& U, const std::vector<Eigen::VectorXd>& shares) const {
+  Eigen::SparseMatrix<double> sum = weights_[0] * cameras_[0]->M(U, shares[0]);
+  for (std::size_t c = 1; c < cameras_.size(); ++c) sum += weights_[c] * cameras_[c]->M(U, shares[c]);
   return sum;
 }
 
@@ -143,18 +143,24 @@ double Cameras::smoothing_weight(double cut_off) const {
 
 std::vector<int> Cameras::hardly_seen(const Eigen::SparseMatrix<double>& M) const {
   const int dofs = dofs_per_node();
-  std::vector<double> least;  // eigenvalue of the node's block
+  std::vector<double> ratio, largest;  // of the eigenvalues of the node's block: the least to the largest
   for (int node = 0; node < nodes(); ++node) {
     const Eigen::Index first = static_cast<Eigen::Index>(node) * dofs;
     const Eigen::MatrixXd block = Eigen::MatrixXd(M.block(first, first, dofs, dofs));
-    least.push_back(Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(block).eigenvalues()[0]);
+    const Eigen::VectorXd values = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(block).eigenvalues();
+    largest.push_back(values[dofs - 1]);
+    ratio.push_back(values[dofs - 1] > 0.0 ? values[0] / values[dofs - 1] : 0.0);
   }
-  std::vector<double> sorted = least;
-  std::sort(sorted.begin(), sorted.end());
-  const double well = sorted[sorted.size() * 9 / 10];
+  const auto usual = [](std::vector<double> values) {
+    std::sort(values.begin(), values.end());
+    return values[values.size() * 9 / 10];
+  };
+  const double usual_ratio = usual(ratio), usual_size = usual(largest);
   std::vector<int> result;
-  for (int node = 0; node < nodes(); ++node)
-    if (!(least[static_cast<std::size_t>(node)] > 0.05 * well)) result.push_back(node);
+  for (int node = 0; node < nodes(); ++node) {
+    const auto k = static_cast<std::size_t>(node);
+    if (!(ratio[k] > 0.1 * usual_ratio) || largest[k] < 1e-6 * usual_size) result.push_back(node);
+  }
   return result;
 }
 

@@ -200,13 +200,14 @@ Eigen::SparseMatrix<double> Correlation::M() const {
 }
 
 // A transported gradient T grad F with one T an element turns each block S into T S T^T.
-Eigen::SparseMatrix<double> Correlation::M(const Eigen::VectorXd& U) const {
+Eigen::SparseMatrix<double> Correlation::M(const Eigen::VectorXd& U, const Eigen::VectorXd& share) const {
   const std::vector<Eigen::Matrix2d> transport = transport_of(deformation_gradient(U));
   return assemble(
-      [&transport](int e, const std::array<double, 4>& sums) {
+      [&transport, &share](int e, const std::array<double, 4>& sums) {
         const Eigen::Matrix2d& T = transport[static_cast<std::size_t>(e)];
         const Eigen::Matrix2d S{{sums[0], sums[1]}, {sums[1], sums[2]}};
-        return Eigen::Matrix2d(T * S * T.transpose());
+        const Eigen::Matrix2d block = T * S * T.transpose();
+        return share.size() > 0 ? Eigen::Matrix2d(share[e] * block) : block;
       },
       &U);
 }

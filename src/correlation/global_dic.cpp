@@ -135,7 +135,15 @@ void GlobalDic::build(const mesh::Mesh& surface, const std::vector<View>& views,
     if (level == 0 && several) require_sight(next, views);
     const Eigen::SparseMatrix<double> M = cameras.M();
     next.smoothing = cameras.smoothing_weight(cut_off) * energy;
-    if (level == 0 && several) continue_unseen(next, M);
+    next.chosen = next.smoothing;
+    if (const auto nodes = level == 0 && several ? cameras.hardly_seen(M) : std::vector<int>{}; !nodes.empty()) {
+      next.smoothing += continuation(cameras, nodes);
+      continued_ = true;
+      spdlog::warn(
+          "{} of {} nodes are not, or hardly, seen by two cameras: what cannot be seen of their motion continues that of "
+          "their neighbours",
+          nodes.size(), cameras.nodes());
+    }
     next.factor = std::make_shared<Factor>(M + next.smoothing);
     require_speckle(next, views.front().place);
     levels_.push_back(std::move(next));
@@ -185,19 +193,13 @@ void GlobalDic::require_sight(const Level& level, const std::vector<View>& views
 
 // Nodes that one camera does not see have no depth of their own: there, and only there, waves shorter than two elements are
 // smoothed, which continues what the neighbours do.
-void GlobalDic::continue_unseen(Level& level, const Eigen::SparseMatrix<double>& M) {
-  const Cameras& cameras = *level.cameras;
-  const std::vector<int> nodes = cameras.hardly_seen(M);
-  if (nodes.empty()) return;
+Eigen::SparseMatrix<double> GlobalDic::continuation(const Cameras& cameras, const std::vector<int>& nodes) {
   std::vector<char> elements(static_cast<std::size_t>(cameras.elements()), 0);
   for (int e = 0; e < cameras.elements(); ++e)
     for (int i = 0; i < 4; ++i)
       if (std::binary_search(nodes.begin(), nodes.end(), cameras.surface().cells(e, i))) elements[static_cast<std::size_t>(e)] = 1;
-  level.smoothing += 0.1 * cameras.smoothing_weight(2.0 * mean_edge(cameras.surface())) *
-                     curvature_energy(cameras.surface(), cameras.dofs_per_node(), elements);
-  continued_ = true;
-  spdlog::warn("{} of {} nodes are not, or hardly, seen by two cameras: what cannot be seen of their motion continues that of their neighbours",
-               nodes.size(), cameras.nodes());
+  return 0.1 * cameras.smoothing_weight(2.0 * mean_edge(cameras.surface())) *
+         curvature_energy(cameras.surface(), cameras.dofs_per_node(), elements);
 }
 
 void GlobalDic::require_speckle(const Level& level, const std::string& place) const {
@@ -226,6 +228,8 @@ void GlobalDic::solve_level(int level, std::span<const imaging::BSpline> g, cons
   const Eigen::VectorXd start = finest ? Eigen::VectorXd::Zero(cameras.unknowns()) : frame.displacement;
   std::vector<Eigen::Matrix2d> F_of_M(static_cast<std::size_t>(cameras.size() * cameras.elements()), Eigen::Matrix2d::Identity());
   std::shared_ptr<Factor> factor = at.factor;
+  Eigen::SparseMatrix<double> smoothing = at.smoothing;
+  std::vector<Eigen::VectorXd> shares(static_cast<std::size_t>(cameras.size()), Eigen::VectorXd::Ones(cameras.elements()));
   double previous = INFINITY, least = 0.0;
   frame.converged = false;
   frame.iterations = 0;
@@ -242,12 +246,28 @@ void GlobalDic::solve_level(int level, std::span<const imaging::BSpline> g, cons
                                .gain = own.gain, .offset = own.offset, .element_rms = own.element_rms});
     if (frame.converged || frame.iterations == iterations || seen.pixels == 0.0) break;
     auto F = cameras.deformation_gradient(frame.displacement);
-    if (largest_change(F, F_of_M) > options_.strain_change) {
-      factor = std::make_shared<Factor>(cameras.M(frame.displacement) + at.smoothing);
+    // Pixels that have left one of several images tell nothing any more.
+    double left = 0.0;
+    for (std::size_t c = 0; cameras.size() > 1 && c < shares.size(); ++c)
+      for (int e = 0; e < cameras.elements(); ++e)
+        if (const auto pixels = static_cast<double>(cameras[static_cast<int>(c)].quadrature().pixels_of(e)); pixels > 0.0)
+          left = std::max(left, std::abs(seen.cameras[c].element_pixels[e] / pixels - shares[c][e]));
+    if (largest_change(F, F_of_M) > options_.strain_change || left > 0.1) {
+      for (std::size_t c = 0; left > 0.1 && c < shares.size(); ++c)
+        for (int e = 0; e < cameras.elements(); ++e)
+          shares[c][e] = seen.cameras[c].element_pixels[e] / std::max(1.0, static_cast<double>(cameras[static_cast<int>(c)].quadrature().pixels_of(e)));
+      const Eigen::SparseMatrix<double> M = cameras.M(frame.displacement, shares);
+      if (finest && left > 0.1) {
+        smoothing = at.chosen;
+        const std::vector<int> nodes = cameras.hardly_seen(M);
+        frame.hardly_seen = static_cast<int>(nodes.size());
+        if (!nodes.empty()) smoothing += continuation(cameras, nodes);
+      }
+      factor = std::make_shared<Factor>(M + smoothing);
       F_of_M = std::move(F);
       if (factor->info() != Eigen::Success) break;
     }
-    Eigen::VectorXd update = factor->solve(seen.b - at.smoothing * (frame.displacement - start));
+    Eigen::VectorXd update = factor->solve(seen.b - smoothing * (frame.displacement - start));
     const Eigen::VectorXd steps = cameras.steps(frame.displacement, update);
     double largest = steps.allFinite() ? steps.maxCoeff() : NAN;
     if (group.size() > 1) group.broadcast(std::span(&largest, 1));  // every rank decides alike
@@ -410,7 +430,7 @@ std::vector<DicFrame> GlobalDic::run(const Communicator& world, int frames, cons
     }
   });
 
-  constexpr Eigen::Index of_frame = 9, of_camera = 6;
+  constexpr Eigen::Index of_frame = 10, of_camera = 6;
   for (int frame = 0; frame < frames; ++frame) {
     DicFrame& result = results[static_cast<std::size_t>(frame)];
     const Eigen::Index head = unknowns + elements + of_frame, part = elements + of_camera;
@@ -419,7 +439,7 @@ std::vector<DicFrame> GlobalDic::run(const Communicator& world, int frames, cons
       all.head(unknowns) = result.displacement;
       all.segment(unknowns, elements) = result.element_rms;
       all.segment<of_frame>(unknowns + elements) << result.converged, result.lost, result.iterations, result.rms,
-          result.coefficient, result.pixels, result.dropped, result.gain, result.offset;
+          result.coefficient, result.pixels, result.dropped, result.gain, result.offset, result.hardly_seen;
       for (int c = 0; c < count; ++c) {
         const CameraFrame& own = result.cameras[static_cast<std::size_t>(c)];
         all.segment(head + c * part, elements) = own.element_rms;
@@ -436,6 +456,7 @@ std::vector<DicFrame> GlobalDic::run(const Communicator& world, int frames, cons
     result.rms = values[3], result.coefficient = values[4];
     result.pixels = values[5], result.dropped = values[6];
     result.gain = values[7], result.offset = values[8];
+    result.hardly_seen = static_cast<int>(values[9]);
     result.cameras.clear();
     for (int c = 0; c < count; ++c) {
       values = all.data() + head + c * part + elements;

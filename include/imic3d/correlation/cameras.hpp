@@ -43,7 +43,8 @@ class Cameras {
   [[nodiscard]] std::size_t pixels_of(int element) const;
 
   [[nodiscard]] Eigen::SparseMatrix<double> M() const;
-  [[nodiscard]] Eigen::SparseMatrix<double> M(const Eigen::VectorXd& U) const;
+  /// With gradients transported by U; `shares` [cameras, elements]: how much of each element each camera still sees.
+  [[nodiscard]] Eigen::SparseMatrix<double> M(const Eigen::VectorXd& U, const std::vector<Eigen::VectorXd>& shares) const;
   /// sum of factor_c M_c.
   [[nodiscard]] Eigen::SparseMatrix<double> sum_of_M(std::span<const double> factors) const;
   /// sum of factor_c gradient_noise_c.
@@ -66,8 +67,8 @@ class Cameras {
   /// Smoothing weight (smoothing.hpp) of all cameras together.
   [[nodiscard]] double smoothing_weight(double cut_off) const;
 
-  /// Nodes of which some direction is not seen (along the line of sight of the one camera that sees the node), or hardly: M
-  /// holds it by less than a twentieth of what it does at a well-seen node.
+  /// Nodes of which some direction is not seen (along the line of sight of the one camera that sees the node), or hardly: of
+  /// the two extreme eigenvalues of the node's block of M the ratio is below a tenth of what it is at well-seen nodes.
   [[nodiscard]] std::vector<int> hardly_seen(const Eigen::SparseMatrix<double>& M) const;
 
  private:

@@ -87,7 +87,8 @@ class Correlation {
   /// M_DIC of Eq. 8 [unknowns x unknowns, grey level^2/length^2], symmetric, both triangles stored.
   [[nodiscard]] Eigen::SparseMatrix<double> M() const;
   /// The same with the gradient transported by U (Gradient::transported). No pixel is visited again.
-  [[nodiscard]] Eigen::SparseMatrix<double> M(const Eigen::VectorXd& U) const;
+  /// `share`, if not empty [elements]: how much of each element counts, e.g. of its pixels that are still in the image.
+  [[nodiscard]] Eigen::SparseMatrix<double> M(const Eigen::VectorXd& U, const Eigen::VectorXd& share = {}) const;
 
   /// What white noise in the reference adds to M [unknowns x unknowns, px^2/length^2]: E[M] = M of the noiseless image
   /// + variance * this, i.e. slope_noise N^T N. Counts where the speckle's contrast is poor; subtract it for the true tangent.

@@ -72,6 +72,7 @@ struct DicFrame {
   double gain = 1.0, offset = 0.0;  ///< brightness: f = gain * g + offset
   Eigen::VectorXd element_rms;      ///< [elements, grey level]
   std::vector<CameraFrame> cameras;
+  int hardly_seen = 0;  ///< several cameras: nodes of which some direction continues the neighbours' motion unseen
 };
 
 /// Gauss-Newton on f - g(x + u) (Eqs 5-9 without the mechanical term) from coarse images to fine ones.
@@ -153,7 +154,8 @@ class GlobalDic {
   struct Level {
     std::vector<imaging::BSpline> references;
     std::shared_ptr<Cameras> cameras;
-    Eigen::SparseMatrix<double> smoothing;  // weight * curvature energy
+    Eigen::SparseMatrix<double> smoothing;  // weight * curvature energy, and the continuation where the reference is hardly seen
+    Eigen::SparseMatrix<double> chosen;     // the former alone
     std::shared_ptr<Factor> factor;         // of M + smoothing, undeformed
   };
   void build(const mesh::Mesh& surface, const std::vector<View>& views, int dofs_per_node);
@@ -161,7 +163,7 @@ class GlobalDic {
   [[nodiscard]] DicFrame follow(const std::vector<imaging::Image>& coarse, const std::vector<Eigen::VectorXd>& before,
                                 int finest) const;
   [[nodiscard]] std::vector<imaging::BSpline> splines(const std::vector<imaging::Image>& images, int level) const;
-  void continue_unseen(Level& level, const Eigen::SparseMatrix<double>& M);
+  [[nodiscard]] static Eigen::SparseMatrix<double> continuation(const Cameras& cameras, const std::vector<int>& nodes);
   void require_sight(const Level& level, const std::vector<View>& views) const;
   void require_speckle(const Level& level, const std::string& place) const;
 
@@ -169,7 +171,7 @@ class GlobalDic {
   std::vector<Level> levels_;
   imaging::NoiseResponse noise_;
   std::vector<double> motion_noise_;  // [cameras]
-  bool continued_ = false;            // continue_unseen found such nodes
+  bool continued_ = false;            // nodes of the reference are hardly seen
 };
 
 }  // namespace imic3d::correlation
