@@ -111,11 +111,45 @@ void draw_residual(const std::filesystem::path& picture, const GlobalDic& dic, i
   io::draw_map(picture, map, columns, height, {.legend = legend, .lower = -5.0, .upper = 5.0});
 }
 
+/// The displacement through the surface of one frame.
+void draw_out_of_plane(const std::filesystem::path& picture, const mesh::Mesh& surface, const Eigen::VectorXd& U, const std::string& legend) {
+  std::vector<double> positions, values;
+  for (Eigen::Index i = 0; i < surface.nodes.rows(); ++i) {
+    positions.insert(positions.end(), {surface.nodes(i, 0), -surface.nodes(i, 1)});
+    values.push_back(U[3 * i + 2]);
+  }
+  io::draw_field(picture, surface, positions, values, {.legend = legend, .diverging = false});
+}
+
 std::vector<double> all_components(const Eigen::VectorXd& U, int dofs) {
   std::vector<double> all;
   for (Eigen::Index i = 0; i < U.size() / dofs; ++i)
     for (int a = 0; a < 3; ++a) all.push_back(a < dofs ? U[i * dofs + a] : 0.0);
   return all;
+}
+
+/// Finds the specimen in front of the pinhole cameras; `which` views they are.
+void place_specimen(Rig& rig, const io::Case& test, const std::vector<correlation::RigView>& pinholes, const std::vector<std::size_t>& which,
+                    correlation::PoseOptions options) {
+  const auto& place = *test.specimen.place;
+  std::vector<correlation::PlacedPoint> points;
+  for (const auto& [x, y, column, row] : place.points) points.push_back({x, y, column, row});
+  options.point_deviation = place.deviation, options.cameras = place.refine_cameras, options.shape = place.shape;
+  auto& pose = rig.pose = correlation::find_pose(rig.surface, pinholes, points, options);
+  for (std::size_t k = 0; k < which.size(); ++k) rig.views[which[k]].camera = std::make_shared<imaging::PinholeCamera>(pose.cameras[k]);
+  rig.surface.nodes.col(2) += pose.shape;
+  spdlog::info("points of the mesh: rms {:.2f} px", pose.points_rms);
+  if (pinholes.size() > 1) {
+    const std::string unit = test.units.length;
+    spdlog::info("{} of {} patches of {} found in the other cameras lie on a plane, rms {:.3g} {}", pose.matched, pose.patches,
+                 pinholes[static_cast<std::size_t>(options.camera)].name, pose.plane_rms, unit);
+    spdlog::info("difference of the references on the mesh (normalised): {:.3f}, {:.3f} with the pose refined", pose.rms_start, pose.rms_pose);
+    for (std::size_t k = 1; k < pinholes.size() && options.cameras; ++k)
+      spdlog::info("{:.3f} with the cameras refined: {} turned by {:.4f} degrees, moved by {:.4f} {}", pose.rms_cameras, pinholes[k].name,
+                   pose.camera_change[k].head<3>().norm(), pose.camera_change[k].tail<3>().norm(), unit);
+    if (options.shape > 0.0)
+      spdlog::info("{:.3f} with the shape: from {:.4g} to {:.4g} {} off the plane", pose.rms_shape, pose.shape.minCoeff(), pose.shape.maxCoeff(), unit);
+  }
 }
 
 nlohmann::json numbers(const auto& values) { return std::vector<double>(values.data(), values.data() + values.size()); }
@@ -137,14 +171,13 @@ Rig make_rig(const io::Case& test) {
   rig.surface = surface_of(test);
   std::vector<correlation::RigView> pinholes;
   std::vector<std::size_t> which;
+  std::vector<std::vector<imaging::Image>> references;
   correlation::PoseOptions options;
   for (const auto& declared : test.cameras) {
     std::vector<imaging::Image> images;
     for (int number : declared.reference) images.push_back(imaging::read_image(declared.images[static_cast<std::size_t>(test.index_of(number))]));
     correlation::View view{.camera = nullptr, .reference = imaging::average(images), .noise = declared.noise.value_or(0.0), .place = "cameras." + declared.name};
     rig.references.push_back(static_cast<int>(images.size()));
-    if (!declared.noise && images.size() > 1) view.noise = imaging::noise_of_static_frames(images);
-    rig.noise_is_measured.push_back(view.noise > 0.0);
     if (declared.model == "pinhole") {
       if (test.specimen.place->camera == declared.name) options.camera = static_cast<int>(pinholes.size());
       pinholes.push_back({pinhole(declared, view.reference), view.reference, declared.name});
@@ -153,27 +186,17 @@ Rig make_rig(const io::Case& test) {
       view.camera = std::make_shared<imaging::TelecentricCamera>(place_camera(declared, rig.surface, view.reference));
     }
     rig.views.push_back(std::move(view));
+    references.push_back(std::move(images));
   }
-  if (pinholes.empty()) return rig;
-
-  const auto& place = *test.specimen.place;
-  std::vector<correlation::PlacedPoint> points;
-  for (const auto& [x, y, column, row] : place.points) points.push_back({x, y, column, row});
-  options.point_deviation = place.deviation, options.cameras = place.refine_cameras, options.shape = place.shape;
-  auto& pose = rig.pose = correlation::find_pose(rig.surface, pinholes, points, options);
-  for (std::size_t k = 0; k < which.size(); ++k) rig.views[which[k]].camera = std::make_shared<imaging::PinholeCamera>(pose.cameras[k]);
-  rig.surface.nodes.col(2) += pose.shape;
-  spdlog::info("points of the mesh: rms {:.2f} px", pose.points_rms);
-  if (pinholes.size() > 1) {
-    const std::string unit = test.units.length;
-    spdlog::info("{} of {} patches of {} found in the other cameras lie on a plane, rms {:.3g} {}", pose.matched, pose.patches,
-                 pinholes[static_cast<std::size_t>(options.camera)].name, pose.plane_rms, unit);
-    spdlog::info("difference of the references on the mesh (normalised): {:.3f}, {:.3f} with the pose refined", pose.rms_start, pose.rms_pose);
-    for (std::size_t k = 1; k < pinholes.size() && options.cameras; ++k)
-      spdlog::info("{:.3f} with the cameras refined: {} turned by {:.4f} degrees, moved by {:.4f} {}", pose.rms_cameras, pinholes[k].name,
-                   pose.camera_change[k].head<3>().norm(), pose.camera_change[k].tail<3>().norm(), unit);
-    if (options.shape > 0.0)
-      spdlog::info("{:.3f} with the shape: from {:.4g} to {:.4g} {} off the plane", pose.rms_shape, pose.shape.minCoeff(), pose.shape.maxCoeff(), unit);
+  if (!pinholes.empty()) place_specimen(rig, test, pinholes, which, options);
+  for (std::size_t c = 0; c < rig.views.size(); ++c) {  // on the specimen: the dark background has another noise
+    correlation::View& view = rig.views[c];
+    if (view.noise == 0.0 && references[c].size() > 1) {
+      const correlation::Correlation seen(rig.surface, view.camera, imaging::BSpline(view.reference), {.quadrature = {.clip = true, .place = view.place}});
+      const auto mask = correlation::footprint(seen.quadrature(), view.reference.width, view.reference.height);
+      view.noise = imaging::noise_of_static_frames(references[c], &mask);
+    }
+    rig.noise_is_measured.push_back(view.noise > 0.0);
   }
   return rig;
 }
@@ -264,18 +287,22 @@ void dic_with_several(const Communicator& world, const CommandOptions& options, 
     const Eigen::VectorXd nothing = Eigen::VectorXd::Constant(frame.displacement.size(), std::numeric_limits<double>::quiet_NaN());
     io::write_dic_frame(*file, place, all_components(known ? frame.displacement : nothing, dofs), frame.rms,
                         {frame.element_rms.data(), static_cast<std::size_t>(frame.element_rms.size())});
-    const Motion motion = motion_of(rig.surface, frame.displacement, dofs);
+    const Eigen::Vector3d unknown = nothing.head<3>();
+    const Motion motion = known ? motion_of(rig.surface, frame.displacement, dofs) : Motion{unknown, unknown, unknown, unknown[0], unknown[0]};
     std::vector<double> rms;
     for (const auto& own : frame.cameras) rms.push_back(own.rms);
     csv += fmt::format("{},{},{},{:.5g},{:.8g},{:.6g},{:.6g},{:.8g},{:.6g}\n", number, static_cast<int>(known), frame.iterations, fmt::join(rms, ","),
                        fmt::join(std::span(motion.translation.data(), 3), ","), fmt::join(std::span(motion.rotation.data(), 3), ","),
                        fmt::join(std::span(motion.strain.data(), 3), ","), motion.out_of_plane, motion.bending);
-    table.push_back({{"frame", number}, {"iterations", frame.iterations}, {"residual", rms}, {"translation", numbers(motion.translation)},
+    table.push_back({{"frame", number}, {"converged", known}, {"iterations", frame.iterations}, {"residual", rms}, {"translation", numbers(motion.translation)},
                      {"rotation_degree", numbers(motion.rotation)}, {"mean_strain", numbers(motion.strain)},
                      {"mean_out_of_plane", motion.out_of_plane}, {"bending_out_of_plane", motion.bending}});
     const Eigen::Vector3d micro = 1e6 * motion.strain;
-    fmt::print("  {:5}  {:.2f}   {:9.4f}   {:8.4f}   {:8.0f}   {:.4f}\n", number, fmt::join(rms, " "), fmt::join(std::span(motion.translation.data(), 3), " "),
-               fmt::join(std::span(motion.rotation.data(), 3), " "), fmt::join(std::span(micro.data(), 3), " "), motion.bending);
+    fmt::print("  {:5}  {:.2f}   {:9.4f}   {:8.4f}   {:8.0f}   {:.4f}{}\n", number, fmt::join(rms, " "), fmt::join(std::span(motion.translation.data(), 3), " "),
+               fmt::join(std::span(motion.rotation.data(), 3), " "), fmt::join(std::span(micro.data(), 3), " "), motion.bending, frame.lost ? "   lost" : known ? "" : "   not converged");
+    if (const bool drawn = frames.size() <= 12 || t + 1 == frames.size(); drawn && known && dofs == 3)
+      draw_out_of_plane(folder / fmt::format("out_of_plane_frame_{:04d}.png", number), rig.surface, frame.displacement,
+                        fmt::format("displacement through the surface, frame {} [{}]", number, test.units.length));
     if (frames.size() <= 12 || t + 1 == frames.size())
       for (std::size_t c = 0; c < count; ++c)
         draw_residual(folder / fmt::format("residual_{}_frame_{:04d}.png", test.cameras[c].name, number), dic, static_cast<int>(c), imaging::read_image(images[c][t]),

@@ -97,9 +97,8 @@ TEST(MeasuredStereo, TriangulationOfEachCameraAloneAgrees) {
               << " um in the plane, " << 1000 * std::sqrt(through) << " um through it; rays miss each other by at most " << 1000 * largest_gap
               << " um; noise of a node " << 1000 * noise << " um; residuals " << stereo[t].cameras[0].rms << ", " << stereo[t].cameras[1].rms << "; mean u_z "
               << 1000 * stereo[t].displacement.reshaped(3, quads.nodes.rows()).row(2).mean() << " um\n";
-    // Far below the noise while the motion is small; the large one also shows that two images of one point do not quite agree.
-    EXPECT_LT(std::sqrt(in_plane), t < 3 ? 0.5 * noise : 4.0 * noise);
-    EXPECT_LT(std::sqrt(through), t < 3 ? 1.0 * noise : 8.0 * noise);
+    EXPECT_LT(std::sqrt(in_plane), 0.1 * noise);
+    EXPECT_LT(std::sqrt(through), 0.5 * noise);
   }
 }
 
