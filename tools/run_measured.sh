@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Runs a case on measured data: tools/run_measured.sh pcabs_tension | plate_independent
-# The data folder is IMIC3D_DATA (default ../shared/data); it is linked, never copied.
+# Runs a case on measured data: tools/run_measured.sh pcabs_tension | plate_independent | gt4_stereo
+# The data folder is IMIC3D_DATA (default ../shared/data); it is linked, never copied. Cases without a material are correlated only.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 case=${1:?name of a folder in inputs}
@@ -10,4 +10,7 @@ mkdir -p runs
 ln -sfn "$(cd "$data" && pwd)" runs/data
 tools/make_meshes.sh
 export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 HWLOC_HIDE_ERRORS=2
-mpirun --oversubscribe -n "${RANKS:-2}" build/release/imic3d identify "inputs/$case/${2:-case}.yaml"
+file="inputs/$case/${2:-case}.yaml"
+command=dic
+grep -q "^identify:" "$file" && command=identify
+mpirun --oversubscribe -n "${RANKS:-2}" build/release/imic3d "$command" "$file"
