@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Runs a case on measured data: tools/run_measured.sh pcabs_tension | plate_independent
+# Runs a case on measured data: tools/run_measured.sh pcabs_tension | plate_independent | stereo_chessboard
 # The data folder is IMIC3D_DATA (default ../shared/data); it is linked, never copied.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -8,6 +8,7 @@ data=${IMIC3D_DATA:-../shared/data}
 [ -d "$data/$case" ] || { echo "no $case in $data: set IMIC3D_DATA"; exit 2; }
 mkdir -p runs
 ln -sfn "$(cd "$data" && pwd)" runs/data
-tools/make_meshes.sh
 export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 HWLOC_HIDE_ERRORS=2
+if [ "$case" = stereo_chessboard ]; then exec build/release/imic3d calibrate "inputs/$case/${2:-calibration}.yaml"; fi
+tools/make_meshes.sh
 mpirun --oversubscribe -n "${RANKS:-2}" build/release/imic3d identify "inputs/$case/${2:-case}.yaml"

@@ -1,0 +1,132 @@
+#include "imic3d/imaging/target.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <opencv2/calib3d.hpp>
+#include <opencv2/features2d.hpp>
+#include <opencv2/imgproc.hpp>
+
+namespace imic3d::imaging {
+
+std::vector<Eigen::Vector3d> Target::points() const {
+  std::vector<Eigen::Vector3d> found;
+  const bool staggered = type == TargetType::asymmetric_circles;
+  for (int i = 0; i < rows; ++i)
+    for (int j = 0; j < columns; ++j) found.emplace_back(spacing * (staggered ? 2 * j + i % 2 : j), spacing * i, 0.0);
+  return found;
+}
+
+std::vector<std::vector<int>> Target::orders() const {
+  const auto all = points();
+  Eigen::Vector3d lower = all.front(), upper = all.front();
+  for (const auto& point : all) lower = lower.cwiseMin(point), upper = upper.cwiseMax(point);
+  const Eigen::Vector3d centre = 0.5 * (lower + upper);
+  std::vector<std::vector<int>> orders;
+  for (int quarter = 0; quarter < 4; ++quarter) {
+    const int cosine[] = {1, 0, -1, 0}, sine[] = {0, 1, 0, -1};
+    std::vector<int> order;
+    for (const auto& point : all) {
+      const Eigen::Vector3d at = point - centre;
+      const Eigen::Vector3d turned(cosine[quarter] * at[0] - sine[quarter] * at[1], sine[quarter] * at[0] + cosine[quarter] * at[1], 0.0);
+      const auto same = std::find_if(all.begin(), all.end(), [&](const auto& other) { return (other - centre - turned).norm() < 1e-6 * spacing; });
+      if (same == all.end()) break;
+      order.push_back(static_cast<int>(same - all.begin()));
+    }
+    if (order.size() == all.size()) orders.push_back(order);
+  }
+  return orders;
+}
+
+namespace {
+
+/// As 8 bits: images of 16 bits are stretched over their range.
+cv::Mat as_bytes(const Image& image) {
+  const cv::Mat grey(image.height, image.width, CV_32F, const_cast<float*>(image.grey.data()));
+  cv::Mat bytes;
+  if (image.depth == 8) grey.convertTo(bytes, CV_8U);
+  else cv::normalize(grey, bytes, 0, 255, cv::NORM_MINMAX, CV_8U);
+  return bytes;
+}
+
+std::vector<cv::Point2f> chessboard(const Target& target, const cv::Mat& bytes) {
+  std::vector<cv::Point2f> corners;
+  for (const int flags : {int{cv::CALIB_CB_ACCURACY}, cv::CALIB_CB_ACCURACY | cv::CALIB_CB_EXHAUSTIVE})
+    if (cv::findChessboardCornersSB(bytes, {target.columns, target.rows}, corners, flags)) return corners;
+  return {};
+}
+
+std::vector<cv::Point2f> circles(const Target& target, const cv::Mat& bytes) {
+  cv::SimpleBlobDetector::Params blobs;
+  blobs.minArea = 12.0F;
+  blobs.maxArea = static_cast<float>(bytes.total()) / static_cast<float>(target.rows * target.columns);
+  blobs.minDistBetweenBlobs = 4.0F;
+  blobs.minConvexity = 0.8F;
+  const int kind = target.type == TargetType::circles ? cv::CALIB_CB_SYMMETRIC_GRID : cv::CALIB_CB_ASYMMETRIC_GRID;
+  std::vector<cv::Point2f> centres;
+  for (const bool bright : {false, true}) {
+    blobs.blobColor = bright ? 255 : 0;
+    for (const int how : {0, static_cast<int>(cv::CALIB_CB_CLUSTERING)})
+      if (cv::findCirclesGrid(bytes, {target.columns, target.rows}, centres, kind | how, cv::SimpleBlobDetector::create(blobs))) return centres;
+  }
+  return {};
+}
+
+/// Centroid of a blob, weighted by how far the grey level has gone from the surrounding's to the blob's (nothing below a
+/// quarter of the way, all above three quarters, so that noise on either side has no weight). reach: half the distance to
+/// the next blob [px].
+Eigen::Vector2d centroid(const Image& image, Eigen::Vector2d centre, double reach) {
+  for (int pass = 0; pass < 3; ++pass) {
+    std::vector<float> inside, around;
+    const auto for_all = [&](auto action) {
+      for (int y = std::max(0, static_cast<int>(std::floor(centre[1] - reach))); y <= std::min(image.height - 1, static_cast<int>(std::ceil(centre[1] + reach))); ++y)
+        for (int x = std::max(0, static_cast<int>(std::floor(centre[0] - reach))); x <= std::min(image.width - 1, static_cast<int>(std::ceil(centre[0] + reach))); ++x)
+          if (const double r = std::hypot(x - centre[0], y - centre[1]); r <= reach) action(x, y, r);
+    };
+    for_all([&](int x, int y, double r) {
+      if (r < std::max(1.0, 0.2 * reach)) inside.push_back(image(x, y));
+      if (r > 0.85 * reach) around.push_back(image(x, y));
+    });
+    if (inside.empty() || around.empty()) return centre;
+    const auto median = [](std::vector<float>& values) {
+      std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2), values.end());
+      return static_cast<double>(values[values.size() / 2]);
+    };
+    const double blob = median(inside), surrounding = median(around);
+    if (blob == surrounding) return centre;
+    double weights = 0.0;
+    Eigen::Vector2d sum(0.0, 0.0);
+    for_all([&](int x, int y, double) {
+      const double way = (image(x, y) - surrounding) / (blob - surrounding), weight = std::clamp(2.0 * way - 0.5, 0.0, 1.0);
+      weights += weight, sum += weight * Eigen::Vector2d(x, y);
+    });
+    centre = sum / weights;
+  }
+  return centre;
+}
+
+}  // namespace
+
+std::vector<Eigen::Vector2d> find_target(const Target& target, const Image& image) {
+  const cv::Mat bytes = as_bytes(image);
+  const auto points = target.type == TargetType::chessboard ? chessboard(target, bytes) : circles(target, bytes);
+  if (points.size() != static_cast<std::size_t>(target.rows * target.columns)) return {};
+  std::vector<Eigen::Vector2d> pixels;
+  for (const auto& point : points) pixels.emplace_back(point.x, point.y);
+  const std::size_t columns = static_cast<std::size_t>(target.columns);
+  const Eigen::Vector2d along = pixels[columns - 1] - pixels[0], down = pixels[pixels.size() - columns] - pixels[0];
+  if (along[0] * down[1] - along[1] * down[0] < 0.0) {  // a mirrored numbering: every row the other way round
+    if (target.type == TargetType::asymmetric_circles) return {};
+    for (auto row = pixels.begin(); row != pixels.end(); row += target.columns) std::reverse(row, row + target.columns);
+  }
+  if (target.type == TargetType::chessboard) return pixels;
+  std::vector<Eigen::Vector2d> centres;
+  for (std::size_t k = 0; k < pixels.size(); ++k) {
+    double nearest = 1e9;
+    for (std::size_t other = 0; other < pixels.size(); ++other)
+      if (other != k) nearest = std::min(nearest, (pixels[other] - pixels[k]).norm());
+    centres.push_back(centroid(image, pixels[k], 0.5 * nearest));
+  }
+  return centres;
+}
+
+}  // namespace imic3d::imaging
