@@ -19,6 +19,7 @@ namespace {
 using Eigen::Index;
 constexpr int first_term = 5, first_of_pose = 17;  // places among a camera's numbers
 constexpr std::size_t fewest_images = 3;
+constexpr double most_unsure = 0.1;  // standard deviation of a focal length over its value
 
 Pose inverse(const Pose& pose) { return {pose.rotation.transpose(), -pose.rotation.transpose() * pose.translation}; }
 
@@ -359,6 +360,9 @@ class Fit {
             camera.covariance(rows[i], d * camera_numbers + columns[j]) =
                 covariance(unknowns.camera(static_cast<std::size_t>(c)) + static_cast<Index>(i), unknowns.camera(static_cast<std::size_t>(d)) + static_cast<Index>(j));
       }
+      for (const auto& [number, value] : {std::pair(0, camera.intrinsics.fx), std::pair(1, camera.intrinsics.fy)})
+        if (const double deviation = std::sqrt(camera.covariance(number, c * camera_numbers + number)); !(deviation < most_unsure * value))
+          throw InputError("camera " + seen.name, fmt::format("the images leave its focal length undetermined: {:.4g} px with a standard deviation of {:.2g}", value, deviation), "the target turned in different directions");
       result.cameras.push_back(camera);
     }
     result.targets = state_.targets;

@@ -1,7 +1,9 @@
 #include "imic3d/imaging/target.hpp"
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 #include <opencv2/calib3d.hpp>
 #include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
@@ -104,6 +106,72 @@ Eigen::Vector2d centroid(const Image& image, Eigen::Vector2d centre, double reac
   return centre;
 }
 
+/// The crossing of two edges, fitted to the grey levels about it by Gauss-Newton:
+///   level(x) = m + g . (x - c) + h erf(d1(x)/w) erf(d2(x)/w), d1 and d2 the distances from two lines through the corner c.
+/// The model and a corner are the same upside down, so that blur, noise and the camera's response do not move c. along,
+/// down: ways to the next corners [px]; the window ends before their edges.
+Eigen::Vector2d crossing(const Image& image, const Eigen::Vector2d& start, const Eigen::Vector2d& along, const Eigen::Vector2d& down) {
+  constexpr double window = 0.42;  // of the way to the next corner
+  using Vector9 = Eigen::Vector<double, 9>;
+  const Eigen::Matrix2d to_grid = (Eigen::Matrix2d() << along, down).finished().inverse();
+  std::vector<Eigen::Vector2d> pixels;
+  std::vector<double> levels;
+  const double reach = window * (along.cwiseAbs() + down.cwiseAbs()).maxCoeff();
+  double mean = 0.0, sign = 0.0;
+  for (int y = std::max(0, static_cast<int>(start[1] - reach)); y <= std::min(image.height - 1, static_cast<int>(start[1] + reach) + 1); ++y)
+    for (int x = std::max(0, static_cast<int>(start[0] - reach)); x <= std::min(image.width - 1, static_cast<int>(start[0] + reach) + 1); ++x) {
+      const Eigen::Vector2d pixel(x, y), at = to_grid * (pixel - start);
+      if (at.cwiseAbs().maxCoeff() > window) continue;
+      pixels.push_back(pixel), levels.push_back(image(x, y));
+      mean += image(x, y);
+    }
+  if (pixels.size() < 16) return start;
+  mean /= static_cast<double>(pixels.size());
+  for (std::size_t i = 0; i < pixels.size(); ++i) {
+    const Eigen::Vector2d at = to_grid * (pixels[i] - start);
+    sign += (at[0] * at[1] > 0.0 ? 1.0 : -1.0) * (levels[i] - mean) / static_cast<double>(pixels.size());
+  }
+  // cx cy, directions of the two edges, m, gx gy, h, w
+  Vector9 p;
+  p << start, std::atan2(along[1], along[0]), std::atan2(down[1], down[0]), mean, 0.0, 0.0, -sign, 1.0;
+  for (int iteration = 0; iteration < 30; ++iteration) {
+    Eigen::Matrix<double, 9, 9> H = Eigen::Matrix<double, 9, 9>::Zero();
+    Vector9 g = Vector9::Zero();
+    for (std::size_t i = 0; i < pixels.size(); ++i) {
+      const Eigen::Vector2d way = pixels[i] - p.head<2>();
+      const double w = p[8], s1 = std::sin(p[2]), c1 = std::cos(p[2]), s2 = std::sin(p[3]), c2 = std::cos(p[3]);
+      const double d1 = c1 * way[1] - s1 * way[0], d2 = c2 * way[1] - s2 * way[0];
+      const double e1 = std::erf(d1 / w), e2 = std::erf(d2 / w);
+      const double slope = 2.0 / std::sqrt(std::numbers::pi);
+      const double f1 = p[7] * e2 * slope * std::exp(-d1 * d1 / (w * w)) / w, f2 = p[7] * e1 * slope * std::exp(-d2 * d2 / (w * w)) / w;
+      Vector9 J;
+      J << f1 * s1 + f2 * s2 - p[5], -f1 * c1 - f2 * c2 - p[6], f1 * (-s1 * way[1] - c1 * way[0]), f2 * (-s2 * way[1] - c2 * way[0]), 1.0, way, e1 * e2, -(f1 * d1 + f2 * d2) / w;
+      const double r = levels[i] - (p[4] + p[5] * way[0] + p[6] * way[1] + p[7] * e1 * e2);
+      H += J * J.transpose(), g += J * r;
+    }
+    H.diagonal() *= 1.0 + 1e-6;
+    const Vector9 step = H.ldlt().solve(g);
+    if (!step.allFinite()) return start;
+    p += step.cwiseMax(-1.0 * Vector9(1, 1, 0.2, 0.2, 1e9, 1e9, 1e9, 1e9, 0.5)).cwiseMin(Vector9(1, 1, 0.2, 0.2, 1e9, 1e9, 1e9, 1e9, 0.5));
+    p[8] = std::clamp(p[8], 0.2, reach);
+    if ((p.head<2>() - start).norm() > 0.5 * window * std::min(along.norm(), down.norm())) return start;  // lost: the finder's corner stays
+    if (step.head<2>().norm() < 1e-5) return p.head<2>();
+  }
+  return start;
+}
+
+/// All corners of a chessboard refined; the ways to the neighbours from the corners as found.
+std::vector<Eigen::Vector2d> refined(const Target& target, const Image& image, const std::vector<Eigen::Vector2d>& corners) {
+  std::vector<Eigen::Vector2d> all;
+  const auto at = [&](int row, int column) { return corners[static_cast<std::size_t>(row * target.columns + column)]; };
+  for (int i = 0; i < target.rows; ++i)
+    for (int j = 0; j < target.columns; ++j) {
+      const int before = std::max(j - 1, 0), after = std::min(j + 1, target.columns - 1), above = std::max(i - 1, 0), below = std::min(i + 1, target.rows - 1);
+      all.push_back(crossing(image, at(i, j), (at(i, after) - at(i, before)) / (after - before), (at(below, j) - at(above, j)) / (below - above)));
+    }
+  return all;
+}
+
 }  // namespace
 
 std::vector<Eigen::Vector2d> find_target(const Target& target, const Image& image) {
@@ -118,7 +186,7 @@ std::vector<Eigen::Vector2d> find_target(const Target& target, const Image& imag
     if (target.type == TargetType::asymmetric_circles) return {};
     for (auto row = pixels.begin(); row != pixels.end(); row += target.columns) std::reverse(row, row + target.columns);
   }
-  if (target.type == TargetType::chessboard) return pixels;
+  if (target.type == TargetType::chessboard) return refined(target, image, pixels);
   std::vector<Eigen::Vector2d> centres;
   for (std::size_t k = 0; k < pixels.size(); ++k) {
     double nearest = 1e9;

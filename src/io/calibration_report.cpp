@@ -74,20 +74,40 @@ std::string jpeg(const cv::Mat& picture) {
   return base64({bytes.begin(), bytes.end()});
 }
 
-/// An image with its points, joined row by row from blue to red, and the residuals as arrows.
+/// The way from a point to the next in its row, of all images on average [px].
+double mean_spacing(const CalibrationRun& run) {
+  double sum = 0.0, count = 0.0;
+  const auto columns = static_cast<std::size_t>(run.request.target.columns);
+  for (const auto& camera : run.sightings)
+    for (const auto& pixels : camera.pixels)
+      for (std::size_t k = 1; k < pixels.size(); ++k)
+        if (k % columns != 0) sum += (pixels[k] - pixels[k - 1]).norm(), count += 1.0;
+  return sum / count;
+}
+
+/// The part of an image with the target (all of it if that was not found), its points joined row by row from blue to red,
+/// and the residuals as arrows, `times` their length.
 cv::Mat picture_of(const CalibrationRun& run, std::size_t c, std::size_t f, double times) {
   const auto image = imaging::read_image(run.request.cameras[c].images[f]);
-  const cv::Mat grey(image.height, image.width, CV_32F, const_cast<float*>(image.grey.data()));
-  cv::Mat bytes, picture;
-  cv::normalize(grey, bytes, 40, 255, cv::NORM_MINMAX, CV_8U);
-  const double scale = std::clamp(900.0 / image.width, 0.1, 2.0);
-  cv::resize(bytes, bytes, {}, scale, scale, scale < 1.0 ? cv::INTER_AREA : cv::INTER_LINEAR);
-  cv::cvtColor(bytes, picture, cv::COLOR_GRAY2BGR);
-  const auto at = [&](const Eigen::Vector2d& pixel) {  // the centre of the first pixel is (0, 0) in the image
-    return cv::Point(static_cast<int>(std::lround(16.0 * ((pixel[0] + 0.5) * scale - 0.5))), static_cast<int>(std::lround(16.0 * ((pixel[1] + 0.5) * scale - 0.5))));
-  };
   const auto& pixels = run.sightings[c].pixels[f];
   const auto& residuals = run.result.residuals[c][f];
+  Eigen::Vector2d lower(0.0, 0.0), upper(image.width - 1.0, image.height - 1.0);
+  if (!pixels.empty()) {
+    Eigen::Vector2d first = pixels[0], last = pixels[0];
+    for (const auto& pixel : pixels) first = first.cwiseMin(pixel), last = last.cwiseMax(pixel);
+    const Eigen::Vector2d air = Eigen::Vector2d::Constant(0.15 * (last - first).maxCoeff());
+    lower = (first - air).cwiseMax(lower), upper = (last + air).cwiseMin(upper);
+  }
+  const cv::Rect part(static_cast<int>(lower[0]), static_cast<int>(lower[1]), static_cast<int>(upper[0] - lower[0]) + 1, static_cast<int>(upper[1] - lower[1]) + 1);
+  const cv::Mat grey(image.height, image.width, CV_32F, const_cast<float*>(image.grey.data()));
+  cv::Mat bytes, picture;
+  cv::normalize(grey(part), bytes, 60, 255, cv::NORM_MINMAX, CV_8U);
+  const double scale = 640.0 / std::max(part.width, part.height);
+  cv::resize(bytes, bytes, {}, scale, scale, scale < 1.0 ? cv::INTER_AREA : cv::INTER_LINEAR);
+  cv::cvtColor(bytes, picture, cv::COLOR_GRAY2BGR);
+  const auto at = [&](const Eigen::Vector2d& pixel) {  // the centre of the first pixel is (0, 0); in sixteenths for OpenCV
+    return cv::Point(static_cast<int>(std::lround(16.0 * ((pixel[0] - part.x + 0.5) * scale - 0.5))), static_cast<int>(std::lround(16.0 * ((pixel[1] - part.y + 0.5) * scale - 0.5))));
+  };
   const auto columns = static_cast<std::size_t>(run.request.target.columns);
   for (std::size_t k = 0; k < pixels.size(); ++k) {
     const double way = static_cast<double>(k / columns) / std::max(1, run.request.target.rows - 1);
@@ -96,7 +116,7 @@ cv::Mat picture_of(const CalibrationRun& run, std::size_t c, std::size_t f, doub
     cv::circle(picture, at(pixels[k]), 16 * 4, colour, k == 0 ? 3 : 1, cv::LINE_AA, 4);
   }
   for (std::size_t k = 0; k < pixels.size(); ++k)
-    cv::arrowedLine(picture, at(pixels[k]), at(pixels[k] + times / scale * residuals[k]), {0, 200, 255}, 2, cv::LINE_AA, 4, 0.25);
+    cv::arrowedLine(picture, at(pixels[k]), at(pixels[k] + times * residuals[k]), {0, 200, 255}, 2, cv::LINE_AA, 4, 0.25);
   return picture;
 }
 
@@ -107,12 +127,12 @@ std::string sensor_map(const CalibrationRun& run, std::size_t c, double times) {
   std::string lines;
   for (std::size_t f = 0; f < seen.pixels.size(); ++f)
     for (std::size_t k = 0; k < seen.pixels[f].size(); ++k) {
-      const Eigen::Vector2d at = scale * seen.pixels[f][k] + Eigen::Vector2d(margin, top), to = at + times * run.result.residuals[c][f][k];
+      const Eigen::Vector2d at = scale * seen.pixels[f][k] + Eigen::Vector2d(margin, top), to = at + scale * times * run.result.residuals[c][f][k];
       lines += fmt::format("<path d=\"M{:.1f} {:.1f}L{:.1f} {:.1f}\"/><circle cx=\"{:.1f}\" cy=\"{:.1f}\" r=\"1\"/>", at[0], at[1], to[0], to[1], at[0], at[1]);
     }
   return fmt::format("<svg width=\"{:.0f}\" height=\"{:.0f}\"><text class=\"plot-title\" x=\"{}\" y=\"14\">{}: all residuals, {:g} times</text>"
                      "<rect class=\"frame\" x=\"{}\" y=\"{}\" width=\"500\" height=\"{:.1f}\"/><g stroke=\"#b2182b\" stroke-width=\"0.8\">{}</g></svg>\n",
-                     500 + 2 * margin, seen.height * scale + top + margin, margin, escaped(seen.name), times / scale, margin, top, seen.height * scale, lines);
+                     500 + 2 * margin, seen.height * scale + top + margin, margin, escaped(seen.name), times, margin, top, seen.height * scale, lines);
 }
 
 /// The error of every image of every camera as bars.
@@ -128,7 +148,7 @@ std::string bars(const CalibrationRun& run) {
   const auto y = [&](double value) { return top + height * (1.0 - value / (1.1 * highest)); };
   std::string out = fmt::format("<svg width=\"{:.0f}\" height=\"{:.0f}\"><text class=\"plot-title\" x=\"{}\" y=\"14\">Reprojection error of every image (rms)</text>\n", left + width + 10, top + height + 46, left);
   for (const double tick : round_ticks(0.0, 1.1 * highest))
-    out += fmt::format("<path class=\"grid\" d=\"M{} {:.1f}h{:.1f}\"/><text class=\"tick\" x=\"{}\" y=\"{:.1f}\" text-anchor=\"end\">{:g}</text>\n", left, y(tick), width, left - 6, y(tick) + 4, tick);
+    out += fmt::format("<path class=\"grid\" d=\"M{} {:.1f}h{:.1f}\"/><text class=\"tick\" x=\"{}\" y=\"{:.1f}\" text-anchor=\"end\">{:g}</text>\n", left, y(tick), width, left - 6, y(tick) + 4, std::abs(tick));
   const double bar = 0.8 * group / static_cast<double>(cameras.size());
   for (std::size_t c = 0; c < cameras.size(); ++c) {
     const char* colour = colours[c % std::size(colours)];
@@ -201,7 +221,7 @@ void write_calibration_page(const std::filesystem::path& page, const Calibration
   if (!missing.empty()) out += "<p>The target was not found in these images, which are left out:</p>\n<ul>\n" + missing + "</ul>\n";
 
   out += "<h2>Error of every image</h2>\n<div class=\"plots\">\n" + bars(run) + "</div>\n<h2>Residuals over the sensor</h2>\n<p class=\"note\">Noise has no pattern here; a lens that the distortion terms cannot describe has.</p>\n<div class=\"plots\">\n";
-  const double on_sensor = magnification(run.result.rms, 8.0);
+  const double on_sensor = magnification(run.result.rms, 0.02 * run.sightings[0].width);
   for (std::size_t c = 0; c < run.sightings.size(); ++c) out += sensor_map(run, c, on_sensor);
   out += "</div>\n<h2>Cameras</h2>\n";
   for (std::size_t c = 0; c < run.sightings.size(); ++c) {
@@ -214,8 +234,8 @@ void write_calibration_page(const std::filesystem::path& page, const Calibration
     out += fmt::format("<p>{} {} from {} (standard deviation {}), its axis turned by {:.3f} degrees.</p>\n", shown_with(rig.baseline, rig.baseline_deviation), request.unit,
                        escaped(run.sightings[0].name), shown(rig.baseline_deviation, 2), rig.angle);
   }
-  const double in_picture = magnification(run.result.rms, 15.0);
-  out += fmt::format("<h2>Images</h2>\n<p class=\"note\">Points as found, the first of them thick; yellow: seen minus predicted, 1 px drawn as {:g} px of the picture.</p>\n<div class=\"pictures\">\n", in_picture);
+  const double in_picture = magnification(run.result.rms, 0.6 * mean_spacing(run));
+  out += fmt::format("<h2>Images</h2>\n<p class=\"note\">Points as found, the first of them thick; yellow: seen minus predicted, drawn {:g} times as long.</p>\n<div class=\"pictures\">\n", in_picture);
   for (std::size_t f = 0; f < run.sightings[0].pixels.size(); ++f)
     for (std::size_t c = 0; c < run.sightings.size(); ++c) {
       const double rms = run.result.rms_of(c, f);
