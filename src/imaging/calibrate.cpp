@@ -164,7 +164,8 @@ class Fit {
       if (passes > 1) set_offsets();
       result.iterations += minimise(unknowns);
     }
-    finish(unknowns, result);
+    finish(unknowns, result);  // says what is undetermined, which is why a fit may not end
+    if (!converged_) throw ConvergenceError(fmt::format("calibration: {} iterations", result.iterations));
     return result;
   }
 
@@ -294,7 +295,7 @@ class Fit {
     });
   }
 
-  /// Levenberg-Marquardt, damped along the diagonal. Returns the iterations.
+  /// Levenberg-Marquardt, damped along the diagonal. Returns the iterations; converged_ says whether it came to an end.
   int minimise(const Unknowns& unknowns) {
     constexpr int most = 200;
     Eigen::MatrixXd H;
@@ -308,7 +309,8 @@ class Fit {
         damped.diagonal() *= 1.0 + damping;
         const Eigen::VectorXd step = damped.ldlt().solve(g);
         const double predicted = step.dot(g);  // about twice the fall of the squares
-        if (predicted < 1e-13 * now + 1e-20) return iteration;
+        converged_ = predicted < 1e-13 * now + 1e-20;
+        if (converged_) return iteration;
         const State trial = unknowns.moved_by(state_, step, used_);
         const double then = squares(trial);
         if (then <= now) {
@@ -317,10 +319,11 @@ class Fit {
           break;
         }
         damping *= 10.0;
-        if (damping > 1e12) return iteration;  // rounding: no step is downhill
+        converged_ = damping > 1e12;  // rounding: no step is downhill
+        if (converged_) return iteration;
       }
     }
-    throw ConvergenceError(fmt::format("calibration: {} iterations", most));
+    return most;
   }
 
   void finish(const Unknowns& unknowns, RigCalibration& result) const {
@@ -344,7 +347,7 @@ class Fit {
     const Eigen::VectorXd scale = H.diagonal().cwiseSqrt().cwiseInverse();
     const Eigen::LDLT<Eigen::MatrixXd> factor(scale.asDiagonal() * H * scale.asDiagonal());
     if (!(factor.rcond() > 1e-15))
-      throw InputError("images", "they leave a number of the cameras undetermined", "the target in different directions and places, or fewer distortion terms");
+      throw InputError("images", "they leave a number of the cameras undetermined", "the target turned in different directions, or fewer distortion terms");
     const Eigen::MatrixXd unscaled = factor.solve(Eigen::MatrixXd::Identity(unknowns.count(), unknowns.of_cameras())).topRows(unknowns.of_cameras());
     const Eigen::VectorXd head = scale.head(unknowns.of_cameras());
     const Eigen::MatrixXd covariance = head.asDiagonal() * unscaled * head.asDiagonal() * (result.deviation * result.deviation);
@@ -378,6 +381,7 @@ class Fit {
   std::vector<std::vector<std::size_t>> order_;                        // [cameras][frames] which order the finder took
   std::vector<std::vector<std::vector<Eigen::Vector2d>>> offsets_;  // [cameras][frames][points] centroid - centre [px]
   State state_;
+  bool converged_ = false;
 };
 
 double root_mean(double sum, std::size_t count) { return count > 0 ? std::sqrt(sum / static_cast<double>(count)) : std::nan(""); }
