@@ -110,8 +110,14 @@ Eigen::Vector2d centroid(const Image& image, Eigen::Vector2d centre, double reac
 ///   level(x) = m + g . (x - c) + h erf(d1(x)/w) erf(d2(x)/w), d1 and d2 the distances from two lines through the corner c.
 /// The model and a corner are the same upside down, so that blur, noise and the camera's response do not move c. along,
 /// down: ways to the next corners [px]; the window ends before their edges.
-Eigen::Vector2d crossing(const Image& image, const Eigen::Vector2d& start, const Eigen::Vector2d& along, const Eigen::Vector2d& down) {
-  constexpr double window = 0.42;  // of the way to the next corner
+struct Crossing {
+  Eigen::Vector2d corner;
+  double contrast;  ///< h / m; 0: no crossing could be fitted
+};
+
+Crossing crossing(const Image& image, const Eigen::Vector2d& start, const Eigen::Vector2d& along, const Eigen::Vector2d& down) {
+  constexpr double window = 0.42;   // of the way to the next corner
+  constexpr double sharpest = 0.4;  // [px], about what the pixel's own width makes of a sharp edge: sqrt(2/12)
   using Vector9 = Eigen::Vector<double, 9>;
   const Eigen::Matrix2d to_grid = (Eigen::Matrix2d() << along, down).finished().inverse();
   std::vector<Eigen::Vector2d> pixels;
@@ -125,7 +131,7 @@ Eigen::Vector2d crossing(const Image& image, const Eigen::Vector2d& start, const
       pixels.push_back(pixel), levels.push_back(image(x, y));
       mean += image(x, y);
     }
-  if (pixels.size() < 16) return start;
+  if (pixels.size() < 16) return {start, 0.0};
   mean /= static_cast<double>(pixels.size());
   for (std::size_t i = 0; i < pixels.size(); ++i) {
     const Eigen::Vector2d at = to_grid * (pixels[i] - start);
@@ -134,7 +140,7 @@ Eigen::Vector2d crossing(const Image& image, const Eigen::Vector2d& start, const
   // cx cy, directions of the two edges, m, gx gy, h, w
   Vector9 p;
   p << start, std::atan2(along[1], along[0]), std::atan2(down[1], down[0]), mean, 0.0, 0.0, -sign, 1.0;
-  for (int iteration = 0; iteration < 30; ++iteration) {
+  for (int iteration = 0; iteration < 50; ++iteration) {
     Eigen::Matrix<double, 9, 9> H = Eigen::Matrix<double, 9, 9>::Zero();
     Vector9 g = Vector9::Zero();
     for (std::size_t i = 0; i < pixels.size(); ++i) {
@@ -151,25 +157,34 @@ Eigen::Vector2d crossing(const Image& image, const Eigen::Vector2d& start, const
     }
     H.diagonal() *= 1.0 + 1e-6;
     const Vector9 step = H.ldlt().solve(g);
-    if (!step.allFinite()) return start;
+    if (!step.allFinite()) return {start, 0.0};
     p += step.cwiseMax(-1.0 * Vector9(1, 1, 0.2, 0.2, 1e9, 1e9, 1e9, 1e9, 0.5)).cwiseMin(Vector9(1, 1, 0.2, 0.2, 1e9, 1e9, 1e9, 1e9, 0.5));
-    p[8] = std::clamp(p[8], 0.2, reach);
-    if ((p.head<2>() - start).norm() > 0.5 * window * std::min(along.norm(), down.norm())) return start;  // lost: the finder's corner stays
-    if (step.head<2>().norm() < 1e-5) return p.head<2>();
+    p[8] = std::clamp(p[8], sharpest, reach);
+    if ((p.head<2>() - start).norm() > 0.5 * window * std::min(along.norm(), down.norm())) return {start, 0.0};
+    if (step.head<2>().norm() < 1e-4) return {p.head<2>(), p[7] / p[4]};
   }
-  return start;
+  return {start, 0.0};
 }
 
-/// All corners of a chessboard refined; the ways to the neighbours from the corners as found.
+/// All corners of a chessboard refined (the ways to the neighbours from the corners as found). Empty if that is no
+/// chessboard: from corner to corner the contrast must change its sign, and nowhere be below 0.6 of the median; at the
+/// rim, where a board of another size may be taken for this one, it is less.
 std::vector<Eigen::Vector2d> refined(const Target& target, const Image& image, const std::vector<Eigen::Vector2d>& corners) {
   std::vector<Eigen::Vector2d> all;
+  std::vector<double> contrasts;
   const auto at = [&](int row, int column) { return corners[static_cast<std::size_t>(row * target.columns + column)]; };
   for (int i = 0; i < target.rows; ++i)
     for (int j = 0; j < target.columns; ++j) {
       const int before = std::max(j - 1, 0), after = std::min(j + 1, target.columns - 1), above = std::max(i - 1, 0), below = std::min(i + 1, target.rows - 1);
-      all.push_back(crossing(image, at(i, j), (at(i, after) - at(i, before)) / (after - before), (at(below, j) - at(above, j)) / (below - above)));
+      const auto found = crossing(image, at(i, j), (at(i, after) - at(i, before)) / (after - before), (at(below, j) - at(above, j)) / (below - above));
+      all.push_back(found.corner);
+      contrasts.push_back((i + j) % 2 == 0 ? found.contrast : -found.contrast);
     }
-  return all;
+  std::vector<double> sorted = contrasts;
+  std::sort(sorted.begin(), sorted.end());
+  const double median = sorted[sorted.size() / 2];
+  const bool alike = std::all_of(contrasts.begin(), contrasts.end(), [&](double contrast) { return contrast / median > 0.6; });
+  return alike ? all : std::vector<Eigen::Vector2d>{};
 }
 
 }  // namespace
