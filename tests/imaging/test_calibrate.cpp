@@ -131,8 +131,8 @@ Errors errors_of(const RigCalibration& result, const std::vector<CalibratedCamer
 }
 
 const Target board{.type = TargetType::chessboard, .rows = 7, .columns = 9, .spacing = 10.0};
-const Target grid{.type = TargetType::circles, .rows = 7, .columns = 9, .spacing = 10.0, .diameter = 5.0};
-const Target staggered{.type = TargetType::asymmetric_circles, .rows = 11, .columns = 4, .spacing = 7.0, .diameter = 5.0};
+const Target grid{.type = TargetType::circles, .rows = 7, .columns = 9, .spacing = 10.0, .diameter = 6.0};
+const Target staggered{.type = TargetType::asymmetric_circles, .rows = 11, .columns = 4, .spacing = 7.0, .diameter = 6.5};
 
 TEST(Target, orders_are_the_rotations_of_the_grid) {
   EXPECT_EQ(board.orders().size(), 2u);
@@ -263,12 +263,15 @@ double grey(const Target& target, double x, double y) {
 
 constexpr int parts = 5;  // of a pixel, each way
 
-/// Directions through 5 x 5 places of every pixel, in the camera's frame.
+/// Directions through 5 x 5 places of every pixel, in the camera's frame: each at random in its part of the pixel, as a
+/// regular grid would see an edge along the pixels in steps.
 std::vector<Eigen::Vector3d> rays_of(const CalibratedCamera& camera) {
   const PinholeCamera lens(camera.intrinsics, {});
   std::vector<Eigen::Vector3d> rays;
+  std::mt19937 random(9);
+  std::uniform_real_distribution<double> within(0.0, 1.0);
   for (int row = 0; row < camera.height * parts; ++row)
-    for (int column = 0; column < camera.width * parts; ++column) rays.push_back(lens.ray({(column + 0.5) / parts - 0.5, (row + 0.5) / parts - 0.5}));
+    for (int column = 0; column < camera.width * parts; ++column) rays.push_back(lens.ray({(column + within(random)) / parts - 0.5, (row + within(random)) / parts - 0.5}));
   return rays;
 }
 
