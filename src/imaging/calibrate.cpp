@@ -98,7 +98,8 @@ Pose pose_of(const cv::Mat& rotation_vector, const cv::Mat& translation) {
 
 std::vector<cv::Point3f> as_points3(const std::vector<Eigen::Vector3d>& points) {
   std::vector<cv::Point3f> all;
-  for (const auto& point : points) all.emplace_back(static_cast<float>(point[0]), static_cast<float>(point[1]), static_cast<float>(point[2]));
+  for (const auto& point : points)
+    all.emplace_back(static_cast<float>(point[0]), static_cast<float>(point[1]), static_cast<float>(point[2]));
   return all;
 }
 
@@ -135,7 +136,8 @@ Intrinsics lens_alone(const std::vector<Eigen::Vector3d>& points, const CameraSi
 
 Pose pose_alone(const std::vector<Eigen::Vector3d>& points, const std::vector<Eigen::Vector2d>& pixels, const Intrinsics& lens) {
   cv::Mat rotation, translation;
-  cv::solvePnP(as_points3(points), as_points2(pixels), matrix(lens), std::vector<double>(lens.distortion.begin(), lens.distortion.end()), rotation, translation);
+  cv::solvePnP(as_points3(points), as_points2(pixels), matrix(lens), std::vector<double>(lens.distortion.begin(), lens.distortion.end()),
+               rotation, translation);
   return pose_of(rotation, translation);
 }
 
@@ -148,12 +150,18 @@ std::vector<Eigen::Vector3d> ordered(const std::vector<Eigen::Vector3d>& points,
 class Fit {
  public:
   Fit(const Target& target, const std::vector<CameraSightings>& sightings, const std::vector<int>& terms)
-      : target_(target), points_(target.points()), sightings_(sightings), orders_(target.orders()), frames_(sightings[0].pixels.size()), used_(frames_, 0) {
+      : target_(target),
+        points_(target.points()),
+        sightings_(sightings),
+        orders_(target.orders()),
+        frames_(sightings[0].pixels.size()),
+        used_(frames_, 0) {
     for (const auto& camera : sightings_)
       for (std::size_t f = 0; f < frames_; ++f)
         if (!camera.pixels[f].empty()) used_[f] = 1;
     start(terms);
-    offsets_.assign(sightings_.size(), std::vector<std::vector<Eigen::Vector2d>>(frames_, std::vector<Eigen::Vector2d>(points_.size(), {0.0, 0.0})));
+    offsets_.assign(sightings_.size(),
+                    std::vector<std::vector<Eigen::Vector2d>>(frames_, std::vector<Eigen::Vector2d>(points_.size(), {0.0, 0.0})));
   }
 
   RigCalibration run(const std::vector<int>& terms) {
@@ -183,7 +191,8 @@ class Fit {
     for (std::size_t f = 0; f < frames_; ++f)
       for (std::size_t c = sightings_.size(); c-- > 0;)
         if (!sightings_[c].pixels[f].empty())
-          state_.targets[f] = inverse(state_.cameras[c]) * pose_alone(ordered(points_, orders_[order_[c][f]]), sightings_[c].pixels[f], state_.lenses[c]);
+          state_.targets[f] =
+              inverse(state_.cameras[c]) * pose_alone(ordered(points_, orders_[order_[c][f]]), sightings_[c].pixels[f], state_.lenses[c]);
   }
 
   /// Camera c after the first: the pose that most frames agree on, each with the order of the points that suits best.
@@ -196,9 +205,11 @@ class Fit {
     for (std::size_t f = 0; f < frames_; ++f)
       for (std::size_t o = 0; o < orders_.size(); ++o)
         if (!sightings_[0].pixels[f].empty() && !sightings_[c].pixels[f].empty())
-          candidates.push_back({f, o, pose_alone(ordered(points_, orders_[o]), sightings_[c].pixels[f], state_.lenses[c]) * inverse(in_first[f])});
+          candidates.push_back(
+              {f, o, pose_alone(ordered(points_, orders_[o]), sightings_[c].pixels[f], state_.lenses[c]) * inverse(in_first[f])});
     const auto difference = [](const Pose& a, const Pose& b) {
-      return Eigen::AngleAxisd(a.rotation * b.rotation.transpose()).angle() + (a.translation - b.translation).norm() / (1e-300 + a.translation.norm() + b.translation.norm());
+      return Eigen::AngleAxisd(a.rotation * b.rotation.transpose()).angle() +
+             (a.translation - b.translation).norm() / (1e-300 + a.translation.norm() + b.translation.norm());
     };
     double best = std::numeric_limits<double>::infinity();
     Pose found;
@@ -264,7 +275,9 @@ class Fit {
 
   [[nodiscard]] double squares(const State& state) const {
     double sum = 0.0;
-    for_points(state, [&](std::size_t, std::size_t, std::size_t, const Eigen::Vector2d& r, const Eigen::Vector3d&, const Eigen::Vector3d&) { sum += r.squaredNorm(); });
+    for_points(state, [&](std::size_t, std::size_t, std::size_t, const Eigen::Vector2d& r, const Eigen::Vector3d&, const Eigen::Vector3d&) {
+      sum += r.squaredNorm();
+    });
     return sum;
   }
 
@@ -274,7 +287,8 @@ class Fit {
     g.setZero(unknowns.count());
     std::vector<PinholeCamera> cameras;
     for (std::size_t c = 0; c < sightings_.size(); ++c) cameras.push_back(state_.camera(c));
-    for_points(state_, [&](std::size_t c, std::size_t f, std::size_t, const Eigen::Vector2d& r, const Eigen::Vector3d& at, const Eigen::Vector3d& turned) {
+    for_points(state_, [&](std::size_t c, std::size_t f, std::size_t, const Eigen::Vector2d& r, const Eigen::Vector3d& at,
+                           const Eigen::Vector3d& turned) {
       const auto& numbers = unknowns.numbers(c);
       const auto count = static_cast<Index>(numbers.size());
       const auto of_numbers = cameras[c].jacobian_of_numbers(at);
@@ -336,10 +350,11 @@ class Fit {
     double sum = 0.0;
     Index points = 0;
     std::vector<std::vector<std::size_t>> next(sightings_.size(), std::vector<std::size_t>(frames_, 0));
-    for_points(state_, [&](std::size_t c, std::size_t f, std::size_t, const Eigen::Vector2d& r, const Eigen::Vector3d&, const Eigen::Vector3d&) {
-      result.residuals[c][f][next[c][f]++] = r;  // in the finder's order, as the pixels
-      sum += r.squaredNorm(), ++points;
-    });
+    for_points(state_,
+               [&](std::size_t c, std::size_t f, std::size_t, const Eigen::Vector2d& r, const Eigen::Vector3d&, const Eigen::Vector3d&) {
+                 result.residuals[c][f][next[c][f]++] = r;  // in the finder's order, as the pixels
+                 sum += r.squaredNorm(), ++points;
+               });
     result.rms = std::sqrt(sum / static_cast<double>(points));
     const Index freedom = 2 * points - unknowns.count();
     if (freedom <= 0) throw InputError("images", fmt::format("{} points for {} unknowns", points, unknowns.count()), "more images");
@@ -347,25 +362,35 @@ class Fit {
     const Eigen::VectorXd scale = H.diagonal().cwiseSqrt().cwiseInverse();
     const Eigen::LDLT<Eigen::MatrixXd> factor(scale.asDiagonal() * H * scale.asDiagonal());
     if (!(factor.rcond() > 1e-15))
-      throw InputError("images", "they leave a number of the cameras undetermined", "the target turned in different directions, or fewer distortion terms");
-    const Eigen::MatrixXd unscaled = factor.solve(Eigen::MatrixXd::Identity(unknowns.count(), unknowns.of_cameras())).topRows(unknowns.of_cameras());
+      throw InputError("images", "they leave a number of the cameras undetermined",
+                       "the target turned in different directions, or fewer distortion terms");
+    const Eigen::MatrixXd unscaled =
+        factor.solve(Eigen::MatrixXd::Identity(unknowns.count(), unknowns.of_cameras())).topRows(unknowns.of_cameras());
     const Eigen::VectorXd head = scale.head(unknowns.of_cameras());
     const Eigen::MatrixXd covariance = head.asDiagonal() * unscaled * head.asDiagonal() * (result.deviation * result.deviation);
     const auto cameras = static_cast<Index>(sightings_.size());
     for (Index c = 0; c < cameras; ++c) {
       const auto& seen = sightings_[static_cast<std::size_t>(c)];
-      CalibratedCamera camera{.name = seen.name, .width = seen.width, .height = seen.height, .intrinsics = state_.lenses[static_cast<std::size_t>(c)],
-                              .pose = state_.cameras[static_cast<std::size_t>(c)], .covariance = Eigen::MatrixXd::Zero(camera_numbers, camera_numbers * cameras)};
+      CalibratedCamera camera{.name = seen.name,
+                              .width = seen.width,
+                              .height = seen.height,
+                              .intrinsics = state_.lenses[static_cast<std::size_t>(c)],
+                              .pose = state_.cameras[static_cast<std::size_t>(c)],
+                              .covariance = Eigen::MatrixXd::Zero(camera_numbers, camera_numbers * cameras)};
       for (Index d = 0; d < cameras; ++d) {
         const auto &rows = unknowns.numbers(static_cast<std::size_t>(c)), &columns = unknowns.numbers(static_cast<std::size_t>(d));
         for (std::size_t i = 0; i < rows.size(); ++i)
           for (std::size_t j = 0; j < columns.size(); ++j)
             camera.covariance(rows[i], d * camera_numbers + columns[j]) =
-                covariance(unknowns.camera(static_cast<std::size_t>(c)) + static_cast<Index>(i), unknowns.camera(static_cast<std::size_t>(d)) + static_cast<Index>(j));
+                covariance(unknowns.camera(static_cast<std::size_t>(c)) + static_cast<Index>(i),
+                           unknowns.camera(static_cast<std::size_t>(d)) + static_cast<Index>(j));
       }
       for (const auto& [number, value] : {std::pair(0, camera.intrinsics.fx), std::pair(1, camera.intrinsics.fy)})
         if (const double deviation = std::sqrt(camera.covariance(number, c * camera_numbers + number)); !(deviation < most_unsure * value))
-          throw InputError("camera " + seen.name, fmt::format("the images leave its focal length undetermined: {:.4g} px with a standard deviation of {:.2g}", value, deviation), "the target turned in different directions");
+          throw InputError("camera " + seen.name,
+                           fmt::format("the images leave its focal length undetermined: {:.4g} px with a standard deviation of {:.2g}",
+                                       value, deviation),
+                           "the target turned in different directions");
       result.cameras.push_back(camera);
     }
     result.targets = state_.targets;
@@ -378,7 +403,7 @@ class Fit {
   const std::vector<std::vector<int>> orders_;
   std::size_t frames_;
   std::vector<char> used_;
-  std::vector<std::vector<std::size_t>> order_;                        // [cameras][frames] which order the finder took
+  std::vector<std::vector<std::size_t>> order_;                     // [cameras][frames] which order the finder took
   std::vector<std::vector<std::vector<Eigen::Vector2d>>> offsets_;  // [cameras][frames][points] centroid - centre [px]
   State state_;
   bool converged_ = false;
@@ -411,7 +436,8 @@ RigCalibration calibrate_rig(const Target& target, const std::vector<CameraSight
       shared += !camera.pixels[f].empty() && !sightings[0].pixels[f].empty();
     }
     if (found < fewest_images)
-      mistakes.push_back({"camera " + camera.name, fmt::format("the target was found in {} of {} images", found, camera.pixels.size()), fmt::format("at least {}", fewest_images)});
+      mistakes.push_back({"camera " + camera.name, fmt::format("the target was found in {} of {} images", found, camera.pixels.size()),
+                          fmt::format("at least {}", fewest_images)});
     else if (shared < 1)
       mistakes.push_back({"camera " + camera.name, "no image of the target at the same time as " + sightings[0].name, "at least 1"});
   }

@@ -30,7 +30,8 @@ std::vector<std::vector<int>> Target::orders() const {
     for (const auto& point : all) {
       const Eigen::Vector3d at = point - centre;
       const Eigen::Vector3d turned(cosine[quarter] * at[0] - sine[quarter] * at[1], sine[quarter] * at[0] + cosine[quarter] * at[1], 0.0);
-      const auto same = std::find_if(all.begin(), all.end(), [&](const auto& other) { return (other - centre - turned).norm() < 1e-6 * spacing; });
+      const auto same =
+          std::find_if(all.begin(), all.end(), [&](const auto& other) { return (other - centre - turned).norm() < 1e-6 * spacing; });
       if (same == all.end()) break;
       order.push_back(static_cast<int>(same - all.begin()));
     }
@@ -45,8 +46,10 @@ namespace {
 cv::Mat as_bytes(const Image& image) {
   const cv::Mat grey(image.height, image.width, CV_32F, const_cast<float*>(image.grey.data()));
   cv::Mat bytes;
-  if (image.depth == 8) grey.convertTo(bytes, CV_8U);
-  else cv::normalize(grey, bytes, 0, 255, cv::NORM_MINMAX, CV_8U);
+  if (image.depth == 8)
+    grey.convertTo(bytes, CV_8U);
+  else
+    cv::normalize(grey, bytes, 0, 255, cv::NORM_MINMAX, CV_8U);
   return bytes;
 }
 
@@ -68,7 +71,8 @@ std::vector<cv::Point2f> circles(const Target& target, const cv::Mat& bytes) {
   for (const bool bright : {false, true}) {
     blobs.blobColor = bright ? 255 : 0;
     for (const int how : {0, static_cast<int>(cv::CALIB_CB_CLUSTERING)})
-      if (cv::findCirclesGrid(bytes, {target.columns, target.rows}, centres, kind | how, cv::SimpleBlobDetector::create(blobs))) return centres;
+      if (cv::findCirclesGrid(bytes, {target.columns, target.rows}, centres, kind | how, cv::SimpleBlobDetector::create(blobs)))
+        return centres;
   }
   return {};
 }
@@ -80,8 +84,10 @@ Eigen::Vector2d centroid(const Image& image, Eigen::Vector2d centre, double reac
   for (int pass = 0; pass < 3; ++pass) {
     std::vector<float> inside, around;
     const auto for_all = [&](auto action) {
-      for (int y = std::max(0, static_cast<int>(std::floor(centre[1] - reach))); y <= std::min(image.height - 1, static_cast<int>(std::ceil(centre[1] + reach))); ++y)
-        for (int x = std::max(0, static_cast<int>(std::floor(centre[0] - reach))); x <= std::min(image.width - 1, static_cast<int>(std::ceil(centre[0] + reach))); ++x)
+      for (int y = std::max(0, static_cast<int>(std::floor(centre[1] - reach)));
+           y <= std::min(image.height - 1, static_cast<int>(std::ceil(centre[1] + reach))); ++y)
+        for (int x = std::max(0, static_cast<int>(std::floor(centre[0] - reach)));
+             x <= std::min(image.width - 1, static_cast<int>(std::ceil(centre[0] + reach))); ++x)
           if (const double r = std::hypot(x - centre[0], y - centre[1]); r <= reach) action(x, y, r);
     };
     for_all([&](int x, int y, double r) {
@@ -124,8 +130,10 @@ Crossing crossing(const Image& image, const Eigen::Vector2d& start, const Eigen:
   std::vector<double> levels;
   const double reach = window * (along.cwiseAbs() + down.cwiseAbs()).maxCoeff();
   double mean = 0.0, sign = 0.0;
-  for (int y = std::max(0, static_cast<int>(start[1] - reach)); y <= std::min(image.height - 1, static_cast<int>(start[1] + reach) + 1); ++y)
-    for (int x = std::max(0, static_cast<int>(start[0] - reach)); x <= std::min(image.width - 1, static_cast<int>(start[0] + reach) + 1); ++x) {
+  for (int y = std::max(0, static_cast<int>(start[1] - reach)); y <= std::min(image.height - 1, static_cast<int>(start[1] + reach) + 1);
+       ++y)
+    for (int x = std::max(0, static_cast<int>(start[0] - reach)); x <= std::min(image.width - 1, static_cast<int>(start[0] + reach) + 1);
+         ++x) {
       const Eigen::Vector2d pixel(x, y), at = to_grid * (pixel - start);
       if (at.cwiseAbs().maxCoeff() > window) continue;
       pixels.push_back(pixel), levels.push_back(image(x, y));
@@ -151,7 +159,8 @@ Crossing crossing(const Image& image, const Eigen::Vector2d& start, const Eigen:
       const double slope = 2.0 / std::sqrt(std::numbers::pi);
       const double f1 = p[7] * e2 * slope * std::exp(-d1 * d1 / (w * w)) / w, f2 = p[7] * e1 * slope * std::exp(-d2 * d2 / (w * w)) / w;
       Vector9 J;
-      J << f1 * s1 + f2 * s2 - p[5], -f1 * c1 - f2 * c2 - p[6], f1 * (-s1 * way[1] - c1 * way[0]), f2 * (-s2 * way[1] - c2 * way[0]), 1.0, way, e1 * e2, -(f1 * d1 + f2 * d2) / w;
+      J << f1 * s1 + f2 * s2 - p[5], -f1 * c1 - f2 * c2 - p[6], f1 * (-s1 * way[1] - c1 * way[0]), f2 * (-s2 * way[1] - c2 * way[0]), 1.0,
+          way, e1 * e2, -(f1 * d1 + f2 * d2) / w;
       const double r = levels[i] - (p[4] + p[5] * way[0] + p[6] * way[1] + p[7] * e1 * e2);
       H += J * J.transpose(), g += J * r;
     }
@@ -175,8 +184,10 @@ std::vector<Eigen::Vector2d> refined(const Target& target, const Image& image, c
   const auto at = [&](int row, int column) { return corners[static_cast<std::size_t>(row * target.columns + column)]; };
   for (int i = 0; i < target.rows; ++i)
     for (int j = 0; j < target.columns; ++j) {
-      const int before = std::max(j - 1, 0), after = std::min(j + 1, target.columns - 1), above = std::max(i - 1, 0), below = std::min(i + 1, target.rows - 1);
-      const auto found = crossing(image, at(i, j), (at(i, after) - at(i, before)) / (after - before), (at(below, j) - at(above, j)) / (below - above));
+      const int before = std::max(j - 1, 0), after = std::min(j + 1, target.columns - 1), above = std::max(i - 1, 0),
+                below = std::min(i + 1, target.rows - 1);
+      const auto found =
+          crossing(image, at(i, j), (at(i, after) - at(i, before)) / (after - before), (at(below, j) - at(above, j)) / (below - above));
       all.push_back(found.corner);
       contrasts.push_back((i + j) % 2 == 0 ? found.contrast : -found.contrast);
     }

@@ -25,7 +25,9 @@ using Pixels = std::vector<Eigen::Vector2d>;
 const std::vector<int> five_terms = {0, 1, 2, 3, 4};
 
 Eigen::Matrix3d turn(double x, double y, double z) {
-  return (Eigen::AngleAxisd(z, Eigen::Vector3d::UnitZ()) * Eigen::AngleAxisd(y, Eigen::Vector3d::UnitY()) * Eigen::AngleAxisd(x, Eigen::Vector3d::UnitX())).toRotationMatrix();
+  return (Eigen::AngleAxisd(z, Eigen::Vector3d::UnitZ()) * Eigen::AngleAxisd(y, Eigen::Vector3d::UnitY()) *
+          Eigen::AngleAxisd(x, Eigen::Vector3d::UnitX()))
+      .toRotationMatrix();
 }
 
 /// Cameras about 300 away from the target, turned towards it.
@@ -36,7 +38,12 @@ std::vector<CalibratedCamera> true_cameras(std::size_t count) {
     camera.name = std::string("camera ") + static_cast<char>('a' + c);
     camera.width = 420, camera.height = 340;
     const double d = static_cast<double>(c);
-    camera.intrinsics = {.fx = 950.0 + 20.0 * d, .fy = 955.0 - 10.0 * d, .cx = 204.0 + 7.0 * d, .cy = 171.0 - 5.0 * d, .skew = 0.0, .distortion = {-0.2 + 0.05 * d, 0.4, 0.001, -0.002, 0.5}};
+    camera.intrinsics = {.fx = 950.0 + 20.0 * d,
+                         .fy = 955.0 - 10.0 * d,
+                         .cx = 204.0 + 7.0 * d,
+                         .cy = 171.0 - 5.0 * d,
+                         .skew = 0.0,
+                         .distortion = {-0.2 + 0.05 * d, 0.4, 0.001, -0.002, 0.5}};
     const double angle = c == 0 ? 0.0 : c == 1 ? -0.35 : 0.3;
     camera.pose.rotation = turn(0.02 * d, angle, -0.03 * d);
     // The point 300 before the first camera stays near the middle of each.
@@ -54,7 +61,8 @@ std::vector<Pose> true_targets(const Target& target, std::size_t count, unsigned
   std::vector<Pose> poses(count);
   for (auto& pose : poses) {
     pose.rotation = turn(0.45 * uniform(random), 0.35 * uniform(random), 0.3 * uniform(random));
-    pose.translation = Eigen::Vector3d(9.0 * uniform(random), 7.0 * uniform(random), 300.0 + 25.0 * uniform(random)) - pose.rotation * 0.5 * last;
+    pose.translation =
+        Eigen::Vector3d(9.0 * uniform(random), 7.0 * uniform(random), 300.0 + 25.0 * uniform(random)) - pose.rotation * 0.5 * last;
   }
   return poses;
 }
@@ -70,12 +78,14 @@ std::vector<cv::Point2d> by_opencv(const CalibratedCamera& camera, const Pose& t
   for (const auto& point : points) objects.emplace_back(point[0], point[1], point[2]);
   const auto& lens = camera.intrinsics;
   std::vector<cv::Point2d> pixels;
-  cv::projectPoints(objects, rotation, cv::Vec3d(seen.translation[0], seen.translation[1], seen.translation[2]), cv::Mat(cv::Matx33d(lens.fx, 0, lens.cx, 0, lens.fy, lens.cy, 0, 0, 1)),
+  cv::projectPoints(objects, rotation, cv::Vec3d(seen.translation[0], seen.translation[1], seen.translation[2]),
+                    cv::Mat(cv::Matx33d(lens.fx, 0, lens.cx, 0, lens.fy, lens.cy, 0, 0, 1)),
                     std::vector<double>(lens.distortion.begin(), lens.distortion.end()), pixels);
   return pixels;
 }
 
-std::vector<CameraSightings> sightings(const std::vector<CalibratedCamera>& cameras, const std::vector<Pose>& targets, const Target& target, double noise, unsigned seed) {
+std::vector<CameraSightings> sightings(const std::vector<CalibratedCamera>& cameras, const std::vector<Pose>& targets, const Target& target,
+                                       double noise, unsigned seed) {
   std::mt19937 random(seed);
   std::normal_distribution<double> normal(0.0, noise);
   std::vector<CameraSightings> all;
@@ -83,7 +93,8 @@ std::vector<CameraSightings> sightings(const std::vector<CalibratedCamera>& came
     all.push_back({camera.name, camera.width, camera.height, {}});
     for (const auto& pose : targets) {
       Pixels pixels;
-      for (const auto& pixel : by_opencv(camera, pose, target.points())) pixels.emplace_back(pixel.x + normal(random), pixel.y + normal(random));
+      for (const auto& pixel : by_opencv(camera, pose, target.points()))
+        pixels.emplace_back(pixel.x + normal(random), pixel.y + normal(random));
       all.back().pixels.push_back(pixels);
     }
   }
@@ -118,14 +129,18 @@ Errors errors_of(const RigCalibration& result, const std::vector<CalibratedCamer
   std::vector<Eigen::Index> free;
   Errors errors;
   for (Eigen::Index n = 0; n < all.size(); ++n) {
-    if (joint(n, n) > 0.0) free.push_back(n), errors.names.push_back(camera_number_names[static_cast<std::size_t>(n % camera_numbers)] + std::string(n < camera_numbers ? " a" : " b"));
-    else EXPECT_NEAR(all[n], 0.0, 1e-12);  // what is fixed has not moved
+    if (joint(n, n) > 0.0)
+      free.push_back(n), errors.names.push_back(camera_number_names[static_cast<std::size_t>(n % camera_numbers)] +
+                                                std::string(n < camera_numbers ? " a" : " b"));
+    else
+      EXPECT_NEAR(all[n], 0.0, 1e-12);  // what is fixed has not moved
   }
   errors.error.resize(static_cast<Eigen::Index>(free.size()));
   errors.covariance.resize(errors.error.size(), errors.error.size());
   for (Eigen::Index i = 0; i < errors.error.size(); ++i) {
     errors.error[i] = all[free[static_cast<std::size_t>(i)]];
-    for (Eigen::Index j = 0; j < errors.error.size(); ++j) errors.covariance(i, j) = joint(free[static_cast<std::size_t>(i)], free[static_cast<std::size_t>(j)]);
+    for (Eigen::Index j = 0; j < errors.error.size(); ++j)
+      errors.covariance(i, j) = joint(free[static_cast<std::size_t>(i)], free[static_cast<std::size_t>(j)]);
   }
   return errors;
 }
@@ -209,8 +224,8 @@ TEST(Calibrate, agrees_with_OpenCVs_stereo_calibration) {
   cv::Mat K[2], D[2], R, T, E, F;
   std::vector<cv::Mat> rotations, translations;
   for (int c = 0; c < 2; ++c) cv::calibrateCamera(objects, images[c], {420, 340}, K[c], D[c], rotations, translations);
-  const double rms = cv::stereoCalibrate(objects, images[0], images[1], K[0], D[0], K[1], D[1], {420, 340}, R, T, E, F, cv::CALIB_USE_INTRINSIC_GUESS,
-                                         {cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 500, 1e-12});
+  const double rms = cv::stereoCalibrate(objects, images[0], images[1], K[0], D[0], K[1], D[1], {420, 340}, R, T, E, F,
+                                         cv::CALIB_USE_INTRINSIC_GUESS, {cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 500, 1e-12});
   EXPECT_NEAR(result.rms, rms, 1e-4 * rms);
   EXPECT_NEAR(result.cameras[0].intrinsics.fx, K[0].at<double>(0, 0), 0.02);
   EXPECT_NEAR(result.cameras[1].pose.translation[2], T.at<double>(2), 0.02);
@@ -236,8 +251,9 @@ TEST(Calibrate, too_little_is_said) {
               testing::ThrowsMessage<InputError>("camera camera b: the target was found in 2 of 6 images; allowed: at least 3"));
   auto apart = seen;
   for (std::size_t f = 0; f < 3; ++f) apart[0].pixels[f].clear(), apart[1].pixels[f + 3].clear();
-  EXPECT_THAT([&] { (void)calibrate_rig(board, apart, five_terms); },
-              testing::ThrowsMessage<InputError>("camera camera b: no image of the target at the same time as camera a; allowed: at least 1"));
+  EXPECT_THAT(
+      [&] { (void)calibrate_rig(board, apart, five_terms); },
+      testing::ThrowsMessage<InputError>("camera camera b: no image of the target at the same time as camera a; allowed: at least 1"));
   auto parallel = true_targets(board, 6, 4);
   for (auto& pose : parallel) pose.rotation.setIdentity();
   EXPECT_THAT([&] { (void)calibrate_rig(board, sightings(true_cameras(1), parallel, board, 0.05, 1), {0}); },
@@ -256,7 +272,8 @@ double grey(const Target& target, double x, double y) {
     const bool staggered_rows = target.type == TargetType::asymmetric_circles;
     const double start = staggered_rows ? target.spacing * (row % 2) : 0.0, pitch = staggered_rows ? 2.0 * target.spacing : target.spacing;
     const int column = static_cast<int>(std::lround((x - start) / pitch));  // the nearest of the row: circles do not reach the next row
-    dark = row >= 0 && row < target.rows && column >= 0 && column < target.columns && std::hypot(x - start - pitch * column, y - target.spacing * row) < 0.5 * target.diameter;
+    dark = row >= 0 && row < target.rows && column >= 0 && column < target.columns &&
+           std::hypot(x - start - pitch * column, y - target.spacing * row) < 0.5 * target.diameter;
   }
   return dark ? 45.0 : 200.0;
 }
@@ -271,7 +288,8 @@ std::vector<Eigen::Vector3d> rays_of(const CalibratedCamera& camera) {
   std::mt19937 random(9);
   std::uniform_real_distribution<double> within(0.0, 1.0);
   for (int row = 0; row < camera.height * parts; ++row)
-    for (int column = 0; column < camera.width * parts; ++column) rays.push_back(lens.ray({(column + within(random)) / parts - 0.5, (row + within(random)) / parts - 0.5}));
+    for (int column = 0; column < camera.width * parts; ++column)
+      rays.push_back(lens.ray({(column + within(random)) / parts - 0.5, (row + within(random)) / parts - 0.5}));
   return rays;
 }
 
@@ -318,7 +336,8 @@ TEST_P(Drawn, cameras_are_recovered_within_their_deviations) {
     for (std::size_t c = 0; c < 2; ++c) {
       seen.push_back({truth[c].name, truth[c].width, truth[c].height, {}});
       for (std::size_t f = 0; f < targets.size(); ++f) {
-        seen[c].pixels.push_back(find_target(target, with_noise(clean[c][f], 2.0, 1000 * draw + 10 * static_cast<unsigned>(f) + static_cast<unsigned>(c))));
+        seen[c].pixels.push_back(
+            find_target(target, with_noise(clean[c][f], 2.0, 1000 * draw + 10 * static_cast<unsigned>(f) + static_cast<unsigned>(c))));
         ASSERT_EQ(seen[c].pixels[f].size(), target.points().size()) << "camera " << c << " frame " << f;
         // As they are numbered or from the other end: the points are where OpenCV projects them.
         const auto exact = by_opencv(truth[c], targets[f], target.points());
@@ -326,7 +345,8 @@ TEST_P(Drawn, cameras_are_recovered_within_their_deviations) {
         for (const auto& order : target.orders()) {
           double worst = 0.0;
           for (std::size_t k = 0; k < exact.size(); ++k)
-            worst = std::max(worst, std::hypot(seen[c].pixels[f][k][0] - exact[static_cast<std::size_t>(order[k])].x, seen[c].pixels[f][k][1] - exact[static_cast<std::size_t>(order[k])].y));
+            worst = std::max(worst, std::hypot(seen[c].pixels[f][k][0] - exact[static_cast<std::size_t>(order[k])].x,
+                                               seen[c].pixels[f][k][1] - exact[static_cast<std::size_t>(order[k])].y));
           distance = std::min(distance, worst);
         }
         off = std::max(off, distance);
@@ -341,8 +361,9 @@ TEST_P(Drawn, cameras_are_recovered_within_their_deviations) {
     without.diameter = 0.0;
     as_points += errors_of(calibrate_rig(without, seen, five_terms), truth).chi_squared() / draws;
   }
-  std::cout << "[          ] deviation of a coordinate " << deviation << " px, worst point " << off << " px from its true place; errors: chi^2 per number "
-            << chi_squared << ", largest " << largest << " standard deviations; chi^2 without the diameter " << as_points << "\n";
+  std::cout << "[          ] deviation of a coordinate " << deviation << " px, worst point " << off
+            << " px from its true place; errors: chi^2 per number " << chi_squared << ", largest " << largest
+            << " standard deviations; chi^2 without the diameter " << as_points << "\n";
   if (target.type != TargetType::chessboard) {
     EXPECT_GT(as_points, 2.0 * chi_squared);
   }
@@ -377,7 +398,8 @@ TEST(FindTarget, sixteen_bits_and_bright_circles) {
 // 20 pairs of another laboratory's chessboard.
 TEST(Measured, stereo_chessboard) {
   const char* set = std::getenv("IMIC3D_DATA");
-  const fs::path folder = (set != nullptr ? fs::path(set) : fs::path(IMIC3D_SOURCE_DIRECTORY) / ".." / "shared" / "data") / "stereo_chessboard";
+  const fs::path folder =
+      (set != nullptr ? fs::path(set) : fs::path(IMIC3D_SOURCE_DIRECTORY) / ".." / "shared" / "data") / "stereo_chessboard";
   if (!fs::exists(folder)) GTEST_SKIP() << "stereo_chessboard: no folder " << folder << " (set IMIC3D_DATA)";
   const Target target{.type = TargetType::chessboard, .rows = 7, .columns = 11, .spacing = 8.0};
   std::vector<CameraSightings> seen;
@@ -391,8 +413,8 @@ TEST(Measured, stereo_chessboard) {
     }
   }
   const auto result = calibrate_rig(target, seen, five_terms);
-  std::cout << "[          ] 20 pairs: reprojection error " << result.rms << " px rms (" << result.rms_of(0) << " left, " << result.rms_of(1) << " right), "
-            << result.cameras[1].pose.translation.norm() << " mm apart\n";
+  std::cout << "[          ] 20 pairs: reprojection error " << result.rms << " px rms (" << result.rms_of(0) << " left, "
+            << result.rms_of(1) << " right), " << result.cameras[1].pose.translation.norm() << " mm apart\n";
   EXPECT_LT(result.rms, 0.12);
 }
 

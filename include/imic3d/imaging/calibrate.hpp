@@ -40,6 +40,7 @@ struct RigCalibration {
 /// the residuals: independent equal noise of all points, a target that is exactly as stated.
 /// Throws InputError if a camera sees the target in fewer than 3 images, or fewer than 1 together with the first camera, or
 /// if the images leave a number undetermined; ConvergenceError.
-[[nodiscard]] RigCalibration calibrate_rig(const Target& target, const std::vector<CameraSightings>& sightings, const std::vector<int>& terms);
+[[nodiscard]] RigCalibration calibrate_rig(const Target& target, const std::vector<CameraSightings>& sightings,
+                                           const std::vector<int>& terms);
 
 }  // namespace imic3d::imaging

@@ -16,7 +16,7 @@ struct Target {
   int rows = 0, columns = 0;  ///< inner corners, or circles
   /// From corner to corner, or from centre to centre; asymmetric circles: from row to row, half the way along a row.
   double spacing = 1.0;
-  double diameter = 0.0;      ///< of a circle; 0: not known [as spacing]
+  double diameter = 0.0;  ///< of a circle; 0: not known [as spacing]
 
   /// Point j of row i is number i columns + j.
   [[nodiscard]] std::vector<Eigen::Vector3d> points() const;
