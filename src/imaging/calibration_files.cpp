@@ -20,7 +20,8 @@ Eigen::Matrix3d rotation_of_angles(double alpha, double beta, double gamma) {
   const double degree = std::numbers::pi / 180.0;
   using Eigen::AngleAxisd, Eigen::Vector3d;
   return (AngleAxisd(gamma * degree, Vector3d::UnitZ()) * AngleAxisd(beta * degree, Vector3d::UnitY()) *
-          AngleAxisd(alpha * degree, Vector3d::UnitX())).toRotationMatrix();
+          AngleAxisd(alpha * degree, Vector3d::UnitX()))
+      .toRotationMatrix();
 }
 
 void check_camera(const std::string& place, const CalibratedCamera& camera) {
@@ -78,7 +79,8 @@ std::vector<Tag> tags(const std::string& file, const std::string& text) {
   std::size_t at = 0;
   int line = 1;
   const auto advance = [&](std::size_t to) {
-    line += static_cast<int>(std::count(text.begin() + static_cast<std::ptrdiff_t>(at), text.begin() + static_cast<std::ptrdiff_t>(to), '\n'));
+    line +=
+        static_cast<int>(std::count(text.begin() + static_cast<std::ptrdiff_t>(at), text.begin() + static_cast<std::ptrdiff_t>(to), '\n'));
     at = to;
   };
   while (true) {
@@ -136,11 +138,13 @@ std::vector<CalibratedCamera> read_vic(const std::string& file, const std::vecto
     line = tag.line;
     const auto here = fmt::format("{}:{} {}", file, tag.line, tag.name);
     if (tag.name == "polygonmask" && tag.attributes.contains("width") && tag.attributes.contains("height"))
-      width = static_cast<int>(number(here, tag.attributes.at("width"))), height = static_cast<int>(number(here, tag.attributes.at("height")));
+      width = static_cast<int>(number(here, tag.attributes.at("width"))),
+      height = static_cast<int>(number(here, tag.attributes.at("height")));
     if (tag.name == "camera") {
       finish();
       inside = true, has_lens = has_pose = false, place = here;
-      cameras.emplace_back().name = tag.attributes.contains("id") ? "camera " + tag.attributes.at("id") : fmt::format("camera {}", cameras.size() - 1);
+      cameras.emplace_back().name =
+          tag.attributes.contains("id") ? "camera " + tag.attributes.at("id") : fmt::format("camera {}", cameras.size() - 1);
       lens(numbers(here, tag.text));
     } else if (inside && tag.name == "intrinsics") {
       lens(numbers(here, tag.text));
@@ -181,13 +185,14 @@ std::vector<CalibratedCamera> read_dice(const std::string& file, const std::vect
       (of_camera ? lists.back() : system)[value("name")] = {value("value"), tag.line};
     }
   }
-  const bool relative = system.contains("extrinsics_relative_camera_to_camera") &&
-                        system["extrinsics_relative_camera_to_camera"].first == "true";
+  const bool relative =
+      system.contains("extrinsics_relative_camera_to_camera") && system["extrinsics_relative_camera_to_camera"].first == "true";
   std::vector<CalibratedCamera> cameras;
   for (std::size_t i = 0; i < lists.size(); ++i) {
     auto& list = lists[i];
     const auto place = [&](const std::string& key) {
-      return list.contains(key) ? fmt::format("{}:{} CAMERA {} {}", file, list[key].second, i, key) : fmt::format("{} CAMERA {} {}", file, i, key);
+      return list.contains(key) ? fmt::format("{}:{} CAMERA {} {}", file, list[key].second, i, key)
+                                : fmt::format("{} CAMERA {} {}", file, i, key);
     };
     const auto get = [&](const std::string& key, std::optional<double> otherwise = 0.0) {
       if (!list.contains(key) && !otherwise) throw InputError(place(key), "not given", "a number");
@@ -196,12 +201,14 @@ std::vector<CalibratedCamera> read_dice(const std::string& file, const std::vect
     CalibratedCamera camera;
     camera.name = list.contains("CAMERA_ID") && !list["CAMERA_ID"].first.empty() ? list["CAMERA_ID"].first : fmt::format("CAMERA {}", i);
     auto& lens = camera.intrinsics;
-    lens.fx = get("FX", std::nullopt), lens.fy = get("FY", std::nullopt), lens.cx = get("CX", std::nullopt), lens.cy = get("CY", std::nullopt);
+    lens.fx = get("FX", std::nullopt), lens.fy = get("FY", std::nullopt), lens.cx = get("CX", std::nullopt),
+    lens.cy = get("CY", std::nullopt);
     lens.skew = get("FS");
     for (std::size_t k = 0; k < terms.size(); ++k) lens.distortion[k] = get(terms[k]);
     const bool any = std::any_of(lens.distortion.begin(), lens.distortion.end(), [](double k) { return k != 0.0; });
     const std::string model = list.contains("LENS_DISTORTION_MODEL") ? list["LENS_DISTORTION_MODEL"].first : "NONE";
-    if (model == "NONE") lens.distortion = {};
+    if (model == "NONE")
+      lens.distortion = {};
     else if (any && model != "OPENCV_DIS" && model != "VIC3D_DIS" && model != "K1R3_K2R5_K3R7")
       throw InputError(place("LENS_DISTORTION_MODEL"), model, "OPENCV_DIS, VIC3D_DIS, K1R3_K2R5_K3R7, NONE (no other can be kept)");
     for (const char* tilt : {"T1", "T2"})
@@ -239,7 +246,8 @@ std::vector<CalibratedCamera> read_matchid(const std::string& file, const std::s
     if (end == std::string::npos) throw InputError(place, "\"" + trimmed(row) + "\"", "a name, a semicolon and a number");
     auto key = trimmed(row.substr(0, row.find_first_of(";[")));
     if (key.starts_with("cam")) key[0] = 'C';
-    if (values.contains(key)) throw InputError(place + " " + key, fmt::format("given twice (first in line {})", values[key].second), "each name once");
+    if (values.contains(key))
+      throw InputError(place + " " + key, fmt::format("given twice (first in line {})", values[key].second), "each name once");
     values[key] = {number(place + " " + key, trimmed(row.substr(end + 1))), line};
   }
   const auto get = [&](const std::string& key) {

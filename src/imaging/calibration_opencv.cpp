@@ -28,7 +28,8 @@ cv::FileStorage opened(const fs::path& file, const std::string& text) {
     said = exception.err;
   }
   cv::redirectError(nullptr);
-  if (!said.empty() || !storage.isOpened()) throw InputError(file.string(), said.empty() ? "cannot be parsed" : said, "a file of cv::FileStorage");
+  if (!said.empty() || !storage.isOpened())
+    throw InputError(file.string(), said.empty() ? "cannot be parsed" : said, "a file of cv::FileStorage");
   return storage;
 }
 
@@ -81,11 +82,14 @@ Intrinsics intrinsics(const Node& in, const std::string& matrix_key, const std::
   Intrinsics lens{.fx = K(0, 0), .fy = K(1, 1), .cx = K(0, 2), .cy = K(1, 2), .skew = K(0, 1)};
   const auto count = D.size();
   if (std::min(D.rows(), D.cols()) != 1 || (count != 4 && count != 5 && count != 8 && count != 12 && count != 14))
-    throw InputError(distortion.place(), fmt::format("{} x {} numbers", D.rows(), D.cols()), "4, 5, 8, 12 or 14 numbers: k1 k2 p1 p2 k3 k4 ...");
+    throw InputError(distortion.place(), fmt::format("{} x {} numbers", D.rows(), D.cols()),
+                     "4, 5, 8, 12 or 14 numbers: k1 k2 p1 p2 k3 k4 ...");
   for (Eigen::Index k = 0; k < count; ++k) {
     const double value = D.reshaped()[k];
-    if (k < 12) lens.distortion[static_cast<std::size_t>(k)] = value;
-    else if (value != 0.0) throw InputError(distortion.place(), "a tilted sensor", "tau_x and tau_y zero: it is not modelled");
+    if (k < 12)
+      lens.distortion[static_cast<std::size_t>(k)] = value;
+    else if (value != 0.0)
+      throw InputError(distortion.place(), "a tilted sensor", "tau_x and tau_y zero: it is not modelled");
   }
   return lens;
 }
@@ -104,7 +108,8 @@ Pose second_camera(const fs::path& file, const Node& root) {
   if (root.has("R") && root.has("T")) return pose(root, "R", "T");
   const fs::path other = file.parent_path() / ("extrinsics" + file.extension().string());
   std::ifstream stream(other, std::ios::binary);
-  if (!stream) throw InputError(file.string() + " R", "not given, and no " + other.filename().string() + " beside it", "R and T of the second camera");
+  if (!stream)
+    throw InputError(file.string() + " R", "not given, and no " + other.filename().string() + " beside it", "R and T of the second camera");
   const auto storage = opened(other, std::string((std::istreambuf_iterator<char>(stream)), {}));
   const Node there(other.string(), storage.root());
   return pose(there, "R", "T");
@@ -121,11 +126,14 @@ std::vector<CalibratedCamera> read_opencv_calibration(const fs::path& file, cons
     if (!list.isSeq()) throw InputError(root["cameras"].place(), "not a list", "a list of cameras");
     for (std::size_t i = 0; i < list.size(); ++i) {
       const Node node(fmt::format("{} cameras[{}]", file.string(), i), list[static_cast<int>(i)]);
-      CalibratedCamera camera{.name = node.text("name", fmt::format("camera {}", i)), .width = node.integer("image_width"),
+      CalibratedCamera camera{.name = node.text("name", fmt::format("camera {}", i)),
+                              .width = node.integer("image_width"),
                               .height = node.integer("image_height"),
                               .intrinsics = intrinsics(node, "camera_matrix", "distortion_coefficients"),
-                              .pose = pose(node, "rotation", "translation"), .covariance = {}};
-      if (node.has("covariance")) camera.covariance = node["covariance"].matrix(camera_numbers, camera_numbers * static_cast<int>(list.size()));
+                              .pose = pose(node, "rotation", "translation"),
+                              .covariance = {}};
+      if (node.has("covariance"))
+        camera.covariance = node["covariance"].matrix(camera_numbers, camera_numbers * static_cast<int>(list.size()));
       check_camera(node.place(), camera);
       cameras.push_back(camera);
     }
@@ -139,8 +147,12 @@ std::vector<CalibratedCamera> read_opencv_calibration(const fs::path& file, cons
     cameras[1].pose = second_camera(file, root);
     for (const auto& camera : cameras) check_camera(file.string() + " " + camera.name, camera);
   } else if (root.has("camera_matrix")) {
-    cameras.push_back({.name = "camera 0", .width = root.integer("image_width"), .height = root.integer("image_height"),
-                       .intrinsics = intrinsics(root, "camera_matrix", "distortion_coefficients"), .pose = {}, .covariance = {}});
+    cameras.push_back({.name = "camera 0",
+                       .width = root.integer("image_width"),
+                       .height = root.integer("image_height"),
+                       .intrinsics = intrinsics(root, "camera_matrix", "distortion_coefficients"),
+                       .pose = {},
+                       .covariance = {}});
     check_camera(file.string(), cameras[0]);
   } else {
     throw InputError(file.string(), "no camera", "cameras (a list), M1 D1 M2 D2 R T, or camera_matrix and distortion_coefficients");
@@ -156,14 +168,15 @@ void write_calibration(const fs::path& file, const std::vector<CalibratedCamera>
     return m;
   };
   cv::FileStorage storage(".yaml", cv::FileStorage::WRITE | cv::FileStorage::MEMORY | cv::FileStorage::FORMAT_YAML);
-  storage << "length_unit" << length_unit << "cameras" << "[";
+  storage << "length_unit" << length_unit << "cameras"
+          << "[";
   for (const auto& camera : cameras) {
     const auto& lens = camera.intrinsics;
     const Eigen::Matrix3d K{{lens.fx, lens.skew, lens.cx}, {0.0, lens.fy, lens.cy}, {0.0, 0.0, 1.0}};
-    storage << "{" << "name" << camera.name << "image_width" << camera.width << "image_height" << camera.height
-            << "camera_matrix" << mat(K) << "distortion_coefficients"
-            << mat(Eigen::Map<const Eigen::RowVectorXd>(lens.distortion.data(), 12)) << "rotation" << mat(camera.pose.rotation)
-            << "translation" << mat(camera.pose.translation);
+    storage << "{"
+            << "name" << camera.name << "image_width" << camera.width << "image_height" << camera.height << "camera_matrix" << mat(K)
+            << "distortion_coefficients" << mat(Eigen::Map<const Eigen::RowVectorXd>(lens.distortion.data(), 12)) << "rotation"
+            << mat(camera.pose.rotation) << "translation" << mat(camera.pose.translation);
     if (camera.covariance.size() > 0) storage << "covariance" << mat(camera.covariance);
     storage << "}";
   }

@@ -14,14 +14,15 @@ namespace imic3d::imaging {
 /// The numbers of one camera in the order of every covariance: fx fy cx cy skew, the 12 distortion terms, then the pose as
 /// rx ry rz tx ty tz. The rotation is counted from its value R on the left: exp([r]x) R [rad].
 inline constexpr int camera_numbers = 23;
-inline constexpr std::array<const char*, camera_numbers> camera_number_names = {
-    "fx", "fy", "cx", "cy", "skew", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4", "rx", "ry", "rz", "tx", "ty", "tz"};
+inline constexpr std::array<const char*, camera_numbers> camera_number_names = {"fx", "fy", "cx", "cy", "skew", "k1", "k2", "p1",
+                                                                                "p2", "k3", "k4", "k5", "k6",   "s1", "s2", "s3",
+                                                                                "s4", "rx", "ry", "rz", "tx",   "ty", "tz"};
 
 struct CalibratedCamera {
   std::string name;
   int width = 0, height = 0;  ///< [px]; 0: the file does not say
   Intrinsics intrinsics;
-  Pose pose;                  ///< from the rig's frame (the first camera's, or the file's own) to the camera's [the file's length unit]
+  Pose pose;  ///< from the rig's frame (the first camera's, or the file's own) to the camera's [the file's length unit]
   /// [23 x 23 n], n cameras: covariance of this camera's numbers with those of all cameras, in the file's order; fixed
   /// numbers have zeros. Empty: the file does not say.
   Eigen::MatrixXd covariance;
