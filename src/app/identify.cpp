@@ -63,12 +63,18 @@ void identify(const Communicator& world, const CommandOptions& options) {
 
   id::GaussNewtonOptions solver;
   solver.functional = id::functional_from(test.identify.functional);
+  solver.alpha = test.identify.alpha;
   solver.eta = test.identify.eta;
   solver.max_iterations = test.identify.max_iterations;
   solver.force_noise = force_noise(seen, test);
   spdlog::info("noise: {:.3f} grey levels ({}), {:.4g} {} of the force", seen.noise,
                seen.noise_is_measured ? "static frames or given" : "from the DIC's residual", solver.force_noise, test.units.force);
 
+  solver.noise_model = {.image = images.noise,
+                        .references = seen.references,
+                        .force = solver.force_noise,
+                        .driving = [&](const Eigen::MatrixXd& noise) { return driving_displacement(seen, noise); },
+                        .draws = test.identify.noise_draws};
   if (solver.functional != id::Functional::force_driven) {
     const double reaction = id::reaction_noise(world, specimen, material.law, driving_noise(seen), material.values);
     spdlog::info("noise of the reaction through the displacement of the ends: {:.4g} {}", reaction, test.units.force);
@@ -98,8 +104,8 @@ void identify(const Communicator& world, const CommandOptions& options) {
     if (!result.converged) spdlog::warn("  not converged: eta is still {:.2e}", result.iterates.back().eta);
     for (std::size_t i = 0; i < stage.free.size(); ++i)
       for (std::size_t j = 0; j < stage.free.size(); ++j)
-        covariance(stage.free[i], stage.free[j]) = result.covariance(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j));
-    stages.push_back({declared.free, static_cast<int>(result.iterates.size()) - 1, result.converged, result.message});
+        covariance(stage.free[i], stage.free[j]) = result.covariance.total(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j));
+    stages.push_back({declared.free, static_cast<int>(result.iterates.size()) - 1, result.converged, result.message, result.covariance});
     output.identified(material.values, covariance);
   }
 
@@ -108,19 +114,24 @@ void identify(const Communicator& world, const CommandOptions& options) {
   const auto frames = static_cast<int>(record.frames.size());
   id::ForwardModel final_model(world, specimen, material.law, record, {.increments = test.identify.steps_per_frame}, 1, 1);
   const bool force_driven = solver.functional != id::Functional::displacement_driven;
-  id::Path driven;
-  const auto fields = [&](int t, const mechanics::FrameState& state) { output.simulation_frame(seen.places[static_cast<std::size_t>(t)], state); };
-  std::vector<id::Path> shown;
+  std::vector<id::Path> driven, shown;
+  id::Run run{.parameters = material.values};
+  const auto fields = [&](int, int t, const mechanics::FrameState& state) { output.simulation_frame(seen.places[static_cast<std::size_t>(t)], state); };
   if (force_driven) {
-    const auto distribution = final_model.distribute_force(material.values, frames, driven);
-    shown = final_model.simulate(id::Control::force, {material.values}, driven.frames, &distribution, fields);
-    id::fit_rigid_motion(specimen.surface.mesh, images.M, record.surface_displacement, shown.front());
+    const auto distribution = final_model.distribute_forces({run}, frames, driven);
+    run.forces = &distribution.front();
+    if (solver.alpha > 0.0) {
+      final_model.follow_images(images, solver.alpha, material.values);
+      shown = final_model.simulate(id::Control::images, {run}, driven.front().frames, fields);
+    } else {
+      shown = final_model.simulate(id::Control::force, {run}, driven.front().frames, fields);
+      id::fit_rigid_motion(specimen.surface.mesh, images.M, record.surface_displacement, shown.front());
+    }
   } else {
-    shown = final_model.simulate(id::Control::displacement, {material.values}, frames, nullptr, fields);
-    driven = shown.front();
+    shown = driven = final_model.simulate(id::Control::displacement, {run}, frames, fields);
   }
   if (!shown.front().message.empty()) spdlog::warn("{}", shown.front().message);
-  output.model(world, images, record, shown.front(), driven);
+  output.model(world, images, record, shown.front(), driven.front());
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   output.finish(material, covariance, stages, seconds);
 }

@@ -152,18 +152,31 @@ identification::Record make_record(Observation& observation, const io::Case& tes
     std::vector<double> cut_offs;
     record.driving = correlation::smoothed_within_noise(observation.dic->correlation(), record.surface_displacement,
                                                         nodes_of_ends(specimen), noise_of_pair(observation), longest, &cut_offs);
+    observation.driving_cut_off = cut_offs;
     std::sort(cut_offs.begin(), cut_offs.end());
-    observation.driving_cut_off = cut_offs[cut_offs.size() / 2];
     spdlog::info("the ends' displacement is smoothed over {:.3g} to {:.3g} {}, as far as the noise hides it", cut_offs.front(),
                  cut_offs.back(), test.units.length);
   }
   return record;
 }
 
+Eigen::MatrixXd driving_displacement(const Observation& observation, Eigen::MatrixXd displacement) {
+  std::map<double, std::vector<Eigen::Index>> frames_of;
+  for (std::size_t t = 0; t < observation.driving_cut_off.size() && static_cast<Eigen::Index>(t) < displacement.cols(); ++t)
+    if (observation.driving_cut_off[t] > 0.0) frames_of[observation.driving_cut_off[t]].push_back(static_cast<Eigen::Index>(t));
+  for (const auto& [cut_off, frames] : frames_of)
+    displacement(Eigen::all, frames) = correlation::smooth(observation.dic->correlation(), displacement(Eigen::all, frames), cut_off);
+  return displacement;
+}
+
 Eigen::MatrixXd driving_noise(const Observation& observation, int draws) {
   const auto& correlation = observation.dic->correlation();
   const Eigen::MatrixXd noise = correlation::noise_draws(correlation, noise_of_pair(observation), draws);
-  return observation.driving_cut_off > 0.0 ? correlation::smooth(correlation, noise, observation.driving_cut_off) : noise;
+  auto cut_offs = observation.driving_cut_off;
+  if (cut_offs.empty()) return noise;
+  std::nth_element(cut_offs.begin(), cut_offs.begin() + static_cast<std::ptrdiff_t>(cut_offs.size() / 2), cut_offs.end());
+  const double median = cut_offs[cut_offs.size() / 2];
+  return median > 0.0 ? correlation::smooth(correlation, noise, median) : noise;
 }
 
 identification::ImageData make_image_data(const Observation& observation, const io::Case& test) {
@@ -174,7 +187,7 @@ identification::ImageData make_image_data(const Observation& observation, const 
   data.pixels_per_length = std::sqrt(std::abs(correlation.pixels_per_length().determinant()));
   // The splines of the frames that this rank judges are kept while they take less than 2 GB.
   auto kept = std::make_shared<std::map<int, imaging::BSpline>>();
-  data.evaluate = [&observation, &test, kept](int t, const Eigen::VectorXd& displacement) {
+  data.evaluate = [&observation, &test, kept](int t, const Eigen::VectorXd& displacement, const Communicator& group) {
     constexpr std::size_t budget = 2'000'000'000;
     const auto& files = test.cameras.front().images;
     const int place = observation.places[static_cast<std::size_t>(t)];
@@ -187,7 +200,7 @@ identification::ImageData make_image_data(const Observation& observation, const 
       const std::size_t size = 4UL * static_cast<std::size_t>(fresh.width()) * static_cast<std::size_t>(fresh.height());
       spline = (kept->size() + 1) * size < budget ? &kept->emplace(t, std::move(fresh)).first->second : &fresh;
     }
-    const auto seen = observation.dic->correlation().evaluate(*spline, displacement, Communicator{MPI_COMM_SELF});
+    const auto seen = observation.dic->correlation().evaluate(*spline, displacement, group);
     return identification::ImageEvaluation{
         .b = seen.b, .squares = seen.squares, .pixels = seen.pixels, .element_rms = seen.element_rms};
   };

@@ -126,7 +126,7 @@ void RunOutput::model(const Communicator& world, const identification::ImageData
     Eigen::VectorXd all = Eigen::VectorXd::Zero(elements + 1);
     collectively(world, [&] {
       if (t % world.size() != world.rank()) return;
-      const auto answer = images.evaluate(t, shown.surface.col(t));
+      const auto answer = images.evaluate(t, shown.surface.col(t), Communicator{MPI_COMM_SELF});
       all.head(elements) = answer.element_rms;
       all[elements] = std::sqrt(answer.squares / std::max(1.0, answer.pixels));
     });
@@ -172,8 +172,17 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
                        const std::vector<StageSummary>& stages, double seconds) {
   if (!file_) return;
   auto json = io::summary(*file_);
-  for (const auto& stage : stages)
+  for (const auto& stage : stages) {
     json["stages"].push_back({{"free", stage.free}, {"iterations", stage.iterations}, {"converged", stage.converged}, {"message", stage.message}});
+    for (std::size_t j = 0; j < stage.free.size(); ++j) {
+      const auto deviation = [&](const Eigen::MatrixXd& of) { return std::sqrt(of(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(j))); };
+      auto& of_parameter = json["stages"].back()["standard_deviation"][stage.free[j]];
+      of_parameter = {{"images", deviation(stage.covariance.image)}, {"total", deviation(stage.covariance.total)}};
+      if (test_.identify.noise_draws == 0) continue;
+      of_parameter["force"] = deviation(stage.covariance.force);
+      of_parameter["boundary"] = deviation(stage.covariance.boundary);
+    }
+  }
   json["noise"] = {{"image", io::quantity(seen_.noise, "grey level")},
                    {"smoothed_image", io::quantity(seen_.noise * seen_.dic->noise_response().level, "grey level")},
                    {"image_is_measured", seen_.noise_is_measured}};
@@ -187,8 +196,15 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
     const auto k = static_cast<Eigen::Index>(j);
     const double deviation = std::sqrt(covariance(k, k));
     fmt::print("  {:8} {:14.6g} {:10} {}\n", material.information[j].name, material.values[j], material.information[j].unit,
-               std::isfinite(deviation) ? fmt::format("+- {:.2g} (noise alone, Eq. 14)", deviation) : "(fixed)");
+               std::isfinite(deviation) ? fmt::format("+- {:.2g} (noise alone)", deviation) : "(fixed)");
   }
+  if (test_.identify.noise_draws > 0)
+    for (const auto& stage : stages)
+      for (std::size_t j = 0; j < stage.free.size(); ++j) {
+        const auto k = static_cast<Eigen::Index>(j);
+        fmt::print("    noise of {}: images {:.2g}, load record {:.2g}, driven ends {:.2g}\n", stage.free[j], std::sqrt(stage.covariance.image(k, k)),
+                   std::sqrt(stage.covariance.force(k, k)), std::sqrt(stage.covariance.boundary(k, k)));
+      }
   fmt::print("  {:.0f} s; report: {}\n", seconds, (folder_ / "report.html").string());
 }
 

@@ -12,8 +12,9 @@ struct ForwardModel::Implementation {
   mesh::Partition partition;
   std::shared_ptr<const material::FiniteStrainLaw> law;
   mechanics::EquilibriumOptions options;
-  std::array<std::unique_ptr<mechanics::Equilibrium>, 2> solver;  // by Control
-  std::vector<Eigen::VectorXd> guess;  // the last DIC-driven displacement of set 0, per frame, the same on every rank
+  std::array<std::unique_ptr<mechanics::Equilibrium>, 3> solver;  // by Control
+  mechanics::OpticalTerm optical;
+  std::vector<Eigen::VectorXd> guess;  // the last DIC-driven displacement of run 0, per frame, the same on every rank
 
   Implementation(Communicator world, const Specimen& specimen, std::shared_ptr<const material::FiniteStrainLaw> law_,
                  mechanics::EquilibriumOptions options_, int tasks, int groups)
@@ -39,57 +40,85 @@ ForwardModel::ForwardModel(Communicator world, const Specimen& specimen,
 
 ForwardModel::~ForwardModel() = default;
 
+void ForwardModel::follow_images(const ImageData& images, double alpha, const std::vector<double>& parameters) {
+  Eigen::VectorXd v = Eigen::VectorXd::Zero(3 * specimen_.volume.nodes.rows());
+  for (Eigen::Index i = 0; i < specimen_.volume.nodes.rows(); ++i)
+    v[3 * i + specimen_.axis] = specimen_.volume.nodes(i, specimen_.axis);
+  const Eigen::SparseMatrix<double> M = specimen_.projection.transpose() * images.M * specimen_.projection;
+  constexpr double strain = 1e-6;  // elastic
+  double work = 0.0;
+  collectively(impl_->layout.world(), [&] {
+    work = impl_->equilibrium(specimen_, Control::images).internal_work(strain * v, parameters);
+  });
+  const double m0 = v.dot(M * v), k0 = work / (strain * strain);
+  const double c = k0 / m0 * alpha / (1.0 - alpha);
+  impl_->optical.stiffness = c * M;
+  impl_->optical.force = [this, &images, c](int t, double fraction, const Eigen::VectorXd& U) -> Eigen::VectorXd {
+    const Eigen::VectorXd seen = specimen_.project(U);
+    Eigen::VectorXd dic = record_.surface_displacement.col(t);
+    if (fraction < 1.0)  // no image between two frames: the way from one DIC displacement to the next
+      dic = fraction * dic + (1.0 - fraction) * (t > 0 ? Eigen::VectorXd(record_.surface_displacement.col(t - 1)) : Eigen::VectorXd::Zero(dic.size()));
+    const Eigen::VectorXd gap = dic - seen, Mgap = images.M * gap;
+    const bool far = std::sqrt(images.distance(gap, Mgap)) > images.reach;
+    const Eigen::VectorXd b = far || fraction < 1.0 ? Mgap : images.evaluate(t, seen, impl_->layout.group()).b;
+    return c * (specimen_.projection.transpose() * b);
+  };
+}
+
 int ForwardModel::groups() const { return impl_->layout.groups(); }
 
-std::vector<Path> ForwardModel::simulate(Control control, const std::vector<std::vector<double>>& parameter_sets,
-                                         int frames, const ForceDistribution* distribution, const FrameSink& sink) {
+std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>& runs, int frames, const FrameSink& sink) {
   const Eigen::Index unknowns = record_.surface_displacement.rows();
-  const Eigen::SparseMatrix<double>& from_surface = specimen_.from_surface(control);
+  const auto steps_of = [&](const Run& run) {
+    const Eigen::MatrixXd& driving = run.driving != nullptr ? *run.driving : record_.driving;
+    const Eigen::VectorXd& resultant = run.resultant != nullptr ? *run.resultant : record_.force;
+    std::vector<mechanics::LoadStep> steps(static_cast<std::size_t>(frames));
+    for (int t = 0; t < frames; ++t) {
+      auto& step = steps[static_cast<std::size_t>(t)];
+      step.time = record_.time[t];
+      step.prescribed = specimen_.from_surface(control) * driving.col(t);
+      if (control == Control::displacement) continue;
+      step.force.setZero(3 * specimen_.volume.nodes.rows());
+      for (std::size_t i = 0; i < run.forces->dofs.size(); ++i)
+        step.force[run.forces->dofs[i]] = resultant[t] * run.forces->pattern(static_cast<Eigen::Index>(i), t);
+    }
+    return steps;
+  };
 
-  std::vector<mechanics::LoadStep> steps(static_cast<std::size_t>(frames));
-  for (int t = 0; t < frames; ++t) {
-    auto& step = steps[static_cast<std::size_t>(t)];
-    step.time = record_.time[t];
-    step.prescribed = from_surface * record_.driving.col(t);
-    if (control != Control::force) continue;
-    step.force.setZero(3 * specimen_.volume.nodes.rows());
-    for (std::size_t i = 0; i < distribution->dofs.size(); ++i)
-      step.force[distribution->dofs[i]] = distribution->force(static_cast<Eigen::Index>(i), t);
-  }
-
-  const auto tasks = static_cast<int>(parameter_sets.size());
-  std::vector<Path> paths(parameter_sets.size());
+  const auto tasks = static_cast<int>(runs.size());
+  std::vector<Path> paths(runs.size());
   for (auto& path : paths) {
     path.surface.setZero(unknowns, frames);
     path.reaction.setZero(frames);
   }
   const Communicator world = impl_->layout.world();
   const auto runs_here = [&](int task) { return task % impl_->layout.groups() == impl_->layout.index(); };
-  std::vector<Eigen::VectorXd> solution(static_cast<std::size_t>(frames));  // of set 0
+  std::vector<Eigen::VectorXd> solution(static_cast<std::size_t>(frames));  // of run 0
   std::vector<int> increments(static_cast<std::size_t>(frames), impl_->options.increments);
-  std::vector<char> current(parameter_sets.size(), 0);  // simulated with these increments
+  std::vector<char> current(runs.size(), 0);  // simulated with these increments
   for (int round = 0; round < 8 && std::count(current.begin(), current.end(), 0) > 0; ++round) {
     collectively(world, [&] {
       auto& equilibrium = impl_->equilibrium(specimen_, control);
       for (int task = 0; task < tasks; ++task) {
         if (!runs_here(task) || current[static_cast<std::size_t>(task)] != 0) continue;
+        const Run& run = runs[static_cast<std::size_t>(task)];
         Path& path = paths[static_cast<std::size_t>(task)];
         path.surface.setZero();
         path.reaction.setZero();
         const auto status = equilibrium.run(
-            steps, parameter_sets[static_cast<std::size_t>(task)], record_.start_time,
+            steps_of(run), run.parameters, record_.start_time,
             [&](int t, const mechanics::FrameState& state) {
               if (task == 0) solution[static_cast<std::size_t>(t)] = state.displacement;
               path.surface.col(t) = specimen_.project(state.displacement);
               double resultant = 0.0;
               for (int node : specimen_.loaded) resultant += state.internal[3 * node + specimen_.axis];
               path.reaction[t] = specimen_.section_factor * resultant;
-              if (sink && task == 0) sink(t, state);
+              if (sink) sink(task, t, state);
             },
             [&](int t) {
               return static_cast<std::size_t>(t) < impl_->guess.size() ? &impl_->guess[static_cast<std::size_t>(t)] : nullptr;
             },
-            increments);
+            increments, control == Control::images ? &impl_->optical : nullptr);
         path.frames = status.frames;
         path.limit_point = status.limit_point;
         path.message = status.message;
@@ -98,8 +127,8 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<std:
         path.increments.resize(static_cast<std::size_t>(frames), 1);
       }
     });
-    // The increments that suit every set, on the frames that every set reached.
-    std::vector<double> taken(static_cast<std::size_t>(frames) * parameter_sets.size(), 0.0), reached(parameter_sets.size(), 0.0);
+    // The increments that suit every run, on the frames that every run reached.
+    std::vector<double> taken(static_cast<std::size_t>(frames) * runs.size(), 0.0), reached(runs.size(), 0.0);
     for (int task = 0; task < tasks; ++task) {
       if (!impl_->layout.group().is_root() || !runs_here(task)) continue;
       reached[static_cast<std::size_t>(task)] = paths[static_cast<std::size_t>(task)].frames;
@@ -150,36 +179,39 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<std:
   return paths;
 }
 
-ForceDistribution ForwardModel::distribute_force(const std::vector<double>& parameters, int frames, Path& driven) {
-  ForceDistribution distribution;
+std::vector<ForceDistribution> ForwardModel::distribute_forces(const std::vector<Run>& runs, int frames, std::vector<Path>& driven) {
   std::set<int> ends;
   for (const auto* end : {&specimen_.held, &specimen_.loaded})
     for (int node : *end) ends.insert({3 * node, 3 * node + 1});
-  distribution.dofs.assign(ends.begin(), ends.end());
-  distribution.force.setZero(static_cast<Eigen::Index>(distribution.dofs.size()), frames);
-  const FrameSink keep = [&](int t, const mechanics::FrameState& state) {
+  std::vector<ForceDistribution> distributions(runs.size());
+  for (auto& distribution : distributions) {
+    distribution.dofs.assign(ends.begin(), ends.end());
+    distribution.pattern.setZero(static_cast<Eigen::Index>(ends.size()), frames);
+  }
+  driven = simulate(Control::displacement, runs, frames, [&](int run, int t, const mechanics::FrameState& state) {
+    auto& distribution = distributions[static_cast<std::size_t>(run)];
     for (std::size_t i = 0; i < distribution.dofs.size(); ++i)
-      distribution.force(static_cast<Eigen::Index>(i), t) = state.internal[distribution.dofs[i]];
-  };
-  driven = simulate(Control::displacement, {parameters}, frames, nullptr, keep).front();
+      distribution.pattern(static_cast<Eigen::Index>(i), t) = state.internal[distribution.dofs[i]];
+  });
 
   const Communicator world = impl_->layout.world();
-  if (!(impl_->layout.group().is_root() && impl_->layout.index() == 0)) distribution.force.setZero();
-  world.sum(std::span(distribution.force.data(), static_cast<std::size_t>(distribution.force.size())));
-
-  // Where the load is so small that noise makes the ratio meaningless, the pattern of the next loaded frame serves.
-  distribution.scale.setOnes(frames);
-  const double small = 0.02 * driven.reaction.head(driven.frames).cwiseAbs().maxCoeff();
-  int loaded = -1;
-  for (int t = driven.frames - 1; t >= 0; --t) {
-    if (std::abs(driven.reaction[t]) > small)
-      loaded = t;
-    else if (loaded >= 0)
-      distribution.force.col(t) = distribution.force.col(loaded);
-    if (loaded >= 0) distribution.scale[t] = record_.force[t] / driven.reaction[loaded];
+  for (std::size_t run = 0; run < runs.size(); ++run) {
+    auto& pattern = distributions[run].pattern;
+    const Path& path = driven[run];
+    if (!impl_->layout.group().is_root()) pattern.setZero();  // the group that ran it has it, the others have nothing
+    world.sum(std::span(pattern.data(), static_cast<std::size_t>(pattern.size())));
+    const double small = 0.02 * path.reaction.head(path.frames).cwiseAbs().maxCoeff();
+    int loaded = path.frames - 1;
+    while (loaded > 0 && std::abs(path.reaction[loaded]) <= small) --loaded;
+    for (int t = loaded + 1; t < path.frames; ++t) pattern.col(t) = pattern.col(loaded) / path.reaction[loaded];
+    for (int t = loaded; t >= 0; --t) {
+      if (std::abs(path.reaction[t]) > small)
+        pattern.col(loaded = t) /= path.reaction[t];
+      else
+        pattern.col(t) = pattern.col(loaded);
+    }
   }
-  for (int t = 0; t < frames; ++t) distribution.force.col(t) *= distribution.scale[t];
-  return distribution;
+  return distributions;
 }
 
 }  // namespace imic3d::identification

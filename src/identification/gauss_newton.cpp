@@ -3,8 +3,10 @@
 #include <fmt/format.h>
 
 #include <Eigen/Dense>
+#include <Eigen/SparseCholesky>
 #include <algorithm>
 #include <cmath>
+#include <random>
 
 #include "imic3d/core/error.hpp"
 
@@ -36,12 +38,23 @@ double step_of(const std::vector<double>& parameters, int j, const GaussNewtonOp
   return options.perturbation * (value > 0.0 ? value : 1.0);
 }
 
+/// How the simulation is driven that the images judge.
+Control control_of_images(const GaussNewtonOptions& options) {
+  if (options.functional == Functional::displacement_driven) return Control::displacement;
+  return options.alpha > 0.0 ? Control::images : Control::force;
+}
+
+/// A simulation under forces alone does not fix its rigid motion: the images are asked afterwards.
+void settle(Path& path, const ForwardModel& model, const ImageData& images, const Eigen::MatrixXd& dic, const GaussNewtonOptions& options) {
+  if (control_of_images(options) == Control::force) fit_rigid_motion(model.specimen().surface.mesh, images.M, dic, path);
+}
+
 Linearisation linearise(ForwardModel& model, const ImageData& images, const std::vector<double>& parameters,
                         const Stage& stage, const GaussNewtonOptions& options) {
   const int frames = stage.frames.back() + 1;
-  std::vector<std::vector<double>> sets(1 + stage.free.size(), parameters);
+  std::vector<Run> sets(1 + stage.free.size(), Run{.parameters = parameters});
   for (std::size_t j = 0; j < stage.free.size(); ++j)
-    sets[1 + j][static_cast<std::size_t>(stage.free[j])] += step_of(parameters, stage.free[j], options);
+    sets[1 + j].parameters[static_cast<std::size_t>(stage.free[j])] += step_of(parameters, stage.free[j], options);
 
   Linearisation result;
   std::vector<Path> driven, paths;
@@ -49,14 +62,11 @@ Linearisation linearise(ForwardModel& model, const ImageData& images, const std:
     paths = model.simulate(Control::displacement, sets, frames);
     driven = paths;
   } else {
-    Path nominal;
-    const auto distribution = model.distribute_force(parameters, frames, nominal);  // Sec. 3.4
-    paths = model.simulate(Control::force, sets, nominal.frames, &distribution);
-    for (auto& path : paths)
-      fit_rigid_motion(model.specimen().surface.mesh, images.M, model.record().surface_displacement, path);
-    driven = {std::move(nominal)};
-    if (options.functional == Functional::combined)
-      driven = model.simulate(Control::displacement, sets, driven.front().frames);
+    const auto distribution = model.distribute_forces({{.parameters = parameters}}, frames, driven);  // Sec. 3.4
+    for (auto& set : sets) set.forces = &distribution.front();
+    paths = model.simulate(control_of_images(options), sets, driven.front().frames);
+    for (auto& path : paths) settle(path, model, images, model.record().surface_displacement, options);
+    if (options.functional == Functional::combined) driven = model.simulate(Control::displacement, sets, driven.front().frames);
   }
   int common = frames;
   for (const auto& path : paths) common = std::min(common, path.frames);
@@ -89,8 +99,6 @@ NormalEquations assemble(Communicator world, ForwardModel& model, const ImageDat
   Eigen::Map<Eigen::VectorXd> right(local.data() + unknowns * unknowns, unknowns);
   auto scalars = local.tail<6>();
   const double weight = 1.0 / (2.0 * images.noise * images.noise);
-  const double per_length = images.pixels_per_length;
-  const double total = images.M.diagonal().sum();  // for the M-weighted rms distance
 
   for (std::size_t i = 0; i < stage.frames.size(); ++i) {
     const int t = stage.frames[i];
@@ -98,10 +106,10 @@ NormalEquations assemble(Communicator world, ForwardModel& model, const ImageDat
     const Eigen::VectorXd u = at.nominal.surface.col(t);
     const Eigen::VectorXd gap = model.record().surface_displacement.col(t) - u;
     const Eigen::VectorXd Mgap = images.M * gap;
-    const double distance = 2.0 * gap.dot(Mgap) / total * per_length * per_length;  // mean square of |gap| [px^2]
-    const ImageEvaluation seen = images.evaluate(t, u);
+    const double distance = images.distance(gap, Mgap);
+    const ImageEvaluation seen = images.evaluate(t, u, Communicator{MPI_COMM_SELF});
     // Grey levels say where the model is wrong only within about a speckle; from afar the DIC displacement does.
-    const Eigen::VectorXd b = std::sqrt(distance) < options.image_reach ? seen.b : Mgap;
+    const Eigen::VectorXd b = std::sqrt(distance) < images.reach ? seen.b : Mgap;
     Eigen::MatrixXd S(u.size(), unknowns);
     for (Eigen::Index j = 0; j < unknowns; ++j) S.col(j) = at.sensitivity[static_cast<std::size_t>(j)].col(t);
     matrix += weight * (S.transpose() * (images.M * S));  // Eq. (11)
@@ -194,6 +202,128 @@ Iterate describe(const NormalEquations& normal, const std::vector<double>& param
           .message = {}};
 }
 
+/// Noise of b_DIC: columns of standard deviation one, b b^T = M on average [2n x columns].
+class OpticalNoise {
+ public:
+  OpticalNoise(const Eigen::SparseMatrix<double>& M, unsigned seed) : factor_(M), random_(seed) {}  // P M P^T = L D L^T
+  Eigen::MatrixXd b(Eigen::Index columns) {
+    Eigen::MatrixXd white(factor_.rows(), columns);
+    for (double& value : white.reshaped()) value = normal_(random_);
+    white = factor_.vectorD().cwiseMax(0.0).cwiseSqrt().asDiagonal() * white;
+    return factor_.permutationPinv() * Eigen::MatrixXd(factor_.matrixL() * white);
+  }
+  [[nodiscard]] Eigen::MatrixXd displacement(const Eigen::MatrixXd& b) const { return factor_.solve(b); }
+  double scalar() { return normal_(random_); }
+
+ private:
+  Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor_;
+  std::mt19937_64 random_;
+  std::normal_distribution<double> normal_;
+};
+
+/// Noise of the measurement, taken through the last linearisation: dLambda = A^-1 sum_t [w S^T (b_t - M dU_t) + v s (dF_t - dR_t)],
+/// A the matrix of Eq. 10 with the weights w and v of images and force. b_t, the noise of frame and reference, is known:
+/// its part is Eq. 14, with the reference's noise as what it is, common to all frames. dU and dR, what the simulation
+/// makes of a noisy force and of ends driven by a noisy displacement, are simulated.
+Covariance covariance(ForwardModel& model, const ImageData& images, const Linearisation& at, const NormalEquations& normal,
+                      const Stage& stage, const GaussNewtonOptions& options, const std::vector<double>& parameters) {
+  const auto unknowns = normal.right.size();
+  const NoiseModel& noise = options.noise_model;
+  const Eigen::MatrixXd inverse = normal.matrix.ldlt().solve(Eigen::MatrixXd::Identity(unknowns, unknowns));
+  const double w = 1.0 / (2.0 * images.noise * images.noise), v = has_force(options.functional) ? 1.0 / (options.force_noise * options.force_noise) : 0.0;
+  std::vector<int> frames;
+  for (int t : stage.frames)
+    if (t < at.nominal.frames) frames.push_back(t);
+  const auto S = [&](int t) {
+    Eigen::MatrixXd columns(at.nominal.surface.rows(), unknowns);
+    for (Eigen::Index j = 0; j < unknowns; ++j) columns.col(j) = at.sensitivity[static_cast<std::size_t>(j)].col(t);
+    return columns;
+  };
+  const auto s = [&](int t) {
+    Eigen::VectorXd column = Eigen::VectorXd::Zero(unknowns);
+    if (v > 0.0)
+      for (Eigen::Index j = 0; j < unknowns; ++j) column[j] = at.force_sensitivity[static_cast<std::size_t>(j)][t];
+    return column;
+  };
+  const Eigen::MatrixXd none = Eigen::MatrixXd::Zero(unknowns, unknowns);
+  Covariance result{.image = none, .force = none, .boundary = none, .total = none};
+
+  Eigen::MatrixXd of_frames = none, common = Eigen::MatrixXd::Zero(at.nominal.surface.rows(), unknowns);
+  for (int t : frames) {
+    of_frames += S(t).transpose() * (images.M * S(t));
+    common += S(t);
+  }
+  result.image = w * w * noise.image * noise.image * inverse *
+                 (of_frames + common.transpose() * (images.M * common) / noise.references) * inverse;
+  result.total = result.image;
+  Eigen::MatrixXd of_force = none;  // where F itself is in the functional
+  for (int t : frames) of_force += v * v * noise.force * noise.force * s(t) * s(t).transpose();
+  result.force = inverse * of_force * inverse;
+  if (noise.draws == 0) {
+    result.total += result.force;
+    return result;
+  }
+
+  // Draws: noise of b, of the DIC displacement on the ends that follows from it, and of the force.
+  OpticalNoise draw(images.M, noise.seed);
+  const auto draws = static_cast<std::size_t>(noise.draws);
+  const int last = at.nominal.frames;
+  std::vector<Eigen::MatrixXd> b(draws), dic(draws), driving(draws);
+  std::vector<Eigen::VectorXd> force(draws);
+  for (std::size_t d = 0; d < draws; ++d) {
+    const Eigen::MatrixXd of_reference = draw.b(1) / std::sqrt(noise.references);
+    b[d] = noise.image * (draw.b(last).colwise() + of_reference.col(0));
+    const Eigen::MatrixXd moved = draw.displacement(b[d]);
+    dic[d] = model.record().surface_displacement.leftCols(last) + moved;
+    driving[d] = model.record().driving.leftCols(last) + (noise.driving ? noise.driving(moved) : moved);
+    force[d] = model.record().force.head(last);
+    for (double& value : force[d]) value += noise.force * draw.scalar();
+  }
+
+  // Run 0 is the undisturbed one of each series, so that all take the same increments.
+  const Control control = control_of_images(options);
+  std::vector<Run> ends(1 + draws, Run{.parameters = parameters}), loads = ends;
+  for (std::size_t d = 0; d < draws; ++d) ends[1 + d].driving = &driving[d];
+  std::vector<Path> driven, moved_by_ends, moved_by_force;
+  if (control == Control::displacement) {
+    driven = moved_by_ends = model.simulate(control, ends, last);
+  } else {
+    const auto distributions = model.distribute_forces(ends, last, driven);
+    for (std::size_t d = 0; d <= draws; ++d) ends[d].forces = &distributions[d], loads[d].forces = &distributions.front();
+    for (std::size_t d = 0; d < draws; ++d) loads[1 + d].resultant = &force[d];
+    moved_by_ends = model.simulate(control, ends, last);
+    moved_by_force = model.simulate(control, loads, last);
+    for (std::size_t d = 0; d <= draws; ++d) {
+      settle(moved_by_ends[d], model, images, d > 0 ? dic[d - 1] : model.record().surface_displacement, options);
+      settle(moved_by_force[d], model, images, model.record().surface_displacement, options);
+    }
+  }
+  for (const auto* series : {&driven, &moved_by_ends, &moved_by_force})
+    for (const Path& path : *series)
+      if (path.frames < last) throw ConvergenceError("the noise of the parameters: " + path.message);
+
+  Eigen::MatrixXd by_image(unknowns, noise.draws), by_ends = by_image, by_force = by_image;
+  for (Eigen::Index d = 0; d < noise.draws; ++d) {
+    const auto k = static_cast<std::size_t>(d);
+    Eigen::VectorXd image = Eigen::VectorXd::Zero(unknowns), boundary = image, load = image;
+    for (int t : frames) {
+      const Eigen::MatrixXd MS = images.M * S(t);
+      image += w * S(t).transpose() * b[k].col(t);
+      boundary -= w * MS.transpose() * (moved_by_ends[1 + k].surface.col(t) - moved_by_ends.front().surface.col(t));
+      boundary -= v * s(t) * (driven[1 + k].reaction[t] - driven.front().reaction[t]);
+      if (!moved_by_force.empty())
+        load -= w * MS.transpose() * (moved_by_force[1 + k].surface.col(t) - moved_by_force.front().surface.col(t));
+      load += v * s(t) * (force[k][t] - model.record().force[t]);
+    }
+    by_image.col(d) = inverse * image, by_ends.col(d) = inverse * boundary, by_force.col(d) = inverse * load;
+  }
+  const auto mean_square = [&](const Eigen::MatrixXd& x, const Eigen::MatrixXd& y) -> Eigen::MatrixXd { return x * y.transpose() / noise.draws; };
+  result.force = mean_square(by_force, by_force);
+  result.boundary = mean_square(by_ends, by_ends);
+  result.total = result.image + result.force + result.boundary + mean_square(by_image, by_ends) + mean_square(by_ends, by_image);
+  return result;
+}
+
 }  // namespace
 
 Functional functional_from(const std::string& name) {
@@ -233,7 +363,7 @@ double reaction_noise(Communicator world, const Specimen& specimen, std::shared_
   noise.force.setZero(draws);
   noise.surface_displacement = noise.driving = driving;
   ForwardModel model(world, specimen, std::move(law), std::move(noise), {.with_fields = false}, 1, 1);
-  const Path path = model.simulate(Control::displacement, {parameters}, draws).front();
+  const Path path = model.simulate(Control::displacement, {{.parameters = parameters}}, draws).front();
   if (path.frames < draws) throw ConvergenceError("the noise of the reaction: " + path.message);
   return std::sqrt(path.reaction.squaredNorm() / draws);
 }
@@ -243,6 +373,7 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
                          const GaussNewtonOptions& options, std::vector<double>& parameters,
                          const std::function<void(const Iterate&)>& report) {
   StageResult result;
+  if (options.alpha > 0.0) model.follow_images(images, options.alpha, parameters);
   const auto move = [&](const std::vector<double>& from, const Eigen::VectorXd& step) {
     auto to = from;
     for (std::size_t j = 0; j < stage.free.size(); ++j)
@@ -287,8 +418,7 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
     result.converged = eta < options.eta;
   }
 
-  result.covariance = normal.matrix.ldlt().solve(
-      Eigen::MatrixXd::Identity(normal.matrix.rows(), normal.matrix.cols()));  // Eq. (14)
+  result.covariance = covariance(model, images, linear, normal, stage, options, parameters);
   result.message = linear.message;
   if (normal.frames < static_cast<int>(stage.frames.size()))
     result.message = fmt::format("{} of {} frames took part: {}", normal.frames, stage.frames.size(), linear.message);

@@ -148,8 +148,10 @@ Specimen make_specimen(mesh::Mesh volume, const std::string& held, const std::st
   }
   specimen.displacement_dofs.assign(displacement_dofs.begin(), displacement_dofs.end());
   specimen.force_dofs.assign(force_dofs.begin(), force_dofs.end());
+  for (int dof : force_dofs)  // one camera sees every motion in its plane
+    if (dof % 3 == 2) specimen.images_dofs.push_back(dof);
 
-  for (Control control : {Control::displacement, Control::force}) {
+  for (Control control : {Control::displacement, Control::force, Control::images}) {
     const auto& dofs = specimen.dofs(control);
     Eigen::Matrix<double, Eigen::Dynamic, 2> points(static_cast<Eigen::Index>(dofs.size()), 2);
     for (std::size_t i = 0; i < dofs.size(); ++i) points.row(static_cast<Eigen::Index>(i)) = nodes.row(dofs[i] / 3).head<2>();
@@ -160,7 +162,9 @@ Specimen make_specimen(mesh::Mesh volume, const std::string& held, const std::st
         const int component = dofs[static_cast<std::size_t>(entry.row())] % 3;
         if (component < 2) entries.emplace_back(static_cast<int>(entry.row()), 2 * column + component, entry.value());
       }
-    auto& matrix = control == Control::displacement ? specimen.displacement_from_surface : specimen.force_from_surface;
+    auto& matrix = control == Control::displacement ? specimen.displacement_from_surface
+                   : control == Control::force      ? specimen.force_from_surface
+                                                    : specimen.images_from_surface;
     matrix.resize(static_cast<Eigen::Index>(dofs.size()), 2 * specimen.surface.mesh.nodes.rows());
     matrix.setFromTriplets(entries.begin(), entries.end());
   }

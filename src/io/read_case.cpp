@@ -579,8 +579,12 @@ class CaseReader {
     const auto section = root_.group("identify");
     auto& identify = case_.identify;
     section.get("functional", identify.functional);
+    section.get("alpha", identify.alpha);
+    if (identify.alpha > 0.0 && identify.functional != "force_driven")
+      mistake(section.path("alpha"), fmt::format("{} with functional: {}", identify.alpha, identify.functional), "functional: force_driven, or alpha: 0");
     section.get("eta", identify.eta);
     section.get("max_iterations", identify.max_iterations);
+    section.get("noise_draws", identify.noise_draws);
     section.get("boundary_smoothing", identify.boundary_smoothing);
     section.get("groups", identify.groups);
     section.get("steps_per_frame", identify.steps_per_frame);

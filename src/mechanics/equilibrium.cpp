@@ -30,11 +30,14 @@ struct Equilibrium::Implementation {
   std::vector<int> dofs;  // constrained, natural
   EquilibriumOptions options;
   Assembler assembler;
-  Vec u = nullptr, trial = nullptr, force = nullptr, external = nullptr, residual = nullptr, increment = nullptr,
+  Vec u = nullptr, optical_force = nullptr, force = nullptr, external = nullptr, residual = nullptr, increment = nullptr,
       lifting = nullptr, correction = nullptr;
   KSP solver = nullptr;
   bool direct = true;
   std::vector<double> last_residuals;
+  const OpticalTerm* optical = nullptr;  // of the run at hand
+  int frame = 0;
+  double fraction = 1.0;
 
   Implementation(const mesh::Partition& partition_, const mesh::Mesh& mesh_,
                  std::shared_ptr<const material::FiniteStrainLaw> law_, std::vector<int> dofs_, EquilibriumOptions options_)
@@ -45,13 +48,13 @@ struct Equilibrium::Implementation {
         options(std::move(options_)),
         assembler(partition, mesh, law, flags(static_cast<std::size_t>(3 * mesh.nodes.rows()), dofs)) {
     IMIC3D_PETSC(MatCreateVecs(assembler.tangent(), &u, nullptr));
-    for (Vec* vector : {&trial, &force, &external, &residual, &increment, &lifting, &correction}) IMIC3D_PETSC(VecDuplicate(u, vector));
+    for (Vec* vector : {&optical_force, &force, &external, &residual, &increment, &lifting, &correction}) IMIC3D_PETSC(VecDuplicate(u, vector));
     make_solver();
   }
 
   ~Implementation() {
     KSPDestroy(&solver);
-    for (Vec* vector : {&u, &trial, &force, &external, &residual, &increment, &lifting, &correction}) VecDestroy(vector);
+    for (Vec* vector : {&u, &optical_force, &force, &external, &residual, &increment, &lifting, &correction}) VecDestroy(vector);
   }
   Implementation(const Implementation&) = delete;
   Implementation& operator=(const Implementation&) = delete;
@@ -141,9 +144,13 @@ struct Equilibrium::Implementation {
     IMIC3D_PETSC(VecRestoreArray(increment, &values));
   }
 
-  /// Norm of the unbalanced forces at free degrees; `residual` is left as external - internal there, 0 elsewhere.
+  /// Norm of the unbalanced forces at free degrees; `residual` is left as external - internal (+ optical) there, 0 elsewhere.
   [[nodiscard]] double unbalanced() {
     IMIC3D_PETSC(VecWAXPY(residual, -1.0, force, external));
+    if (optical != nullptr) {
+      to_global(optical->force(frame, fraction, to_natural(u)), optical_force);
+      IMIC3D_PETSC(VecAXPY(residual, 1.0, optical_force));
+    }
     PetscScalar* values = nullptr;
     IMIC3D_PETSC(VecGetArray(residual, &values));
     const auto& constrained = assembler.constrained_owned();
@@ -153,6 +160,25 @@ struct Equilibrium::Implementation {
     double norm = 0.0;
     IMIC3D_PETSC(VecNorm(residual, NORM_2, &norm));
     return norm;
+  }
+
+  /// Adds the optical stiffness to the tangent, each rank its own rows; what is held keeps its identity.
+  void add_optical_stiffness() const {
+    const auto& constrained = assembler.constrained_owned();
+    const auto held = flags(static_cast<std::size_t>(3 * mesh.nodes.rows()), dofs);
+    for (int i = 0; i < static_cast<int>(constrained.size()); ++i) {
+      if (constrained[static_cast<std::size_t>(i)] != 0) continue;
+      const PetscInt row = 3 * partition.first_owned() + i;
+      const int natural = 3 * natural_of_owned(i / 3) + i % 3;
+      // Symmetric: the column of the natural degree is its row.
+      for (Eigen::SparseMatrix<double>::InnerIterator entry(optical->stiffness, natural); entry; ++entry) {
+        if (held[static_cast<std::size_t>(entry.row())] != 0) continue;
+        const PetscInt column = 3 * partition.global_of_natural[static_cast<std::size_t>(entry.row() / 3)] + entry.row() % 3;
+        IMIC3D_PETSC(MatSetValue(assembler.tangent(), row, column, entry.value(), ADD_VALUES));
+      }
+    }
+    IMIC3D_PETSC(MatAssemblyBegin(assembler.tangent(), MAT_FINAL_ASSEMBLY));
+    IMIC3D_PETSC(MatAssemblyEnd(assembler.tangent(), MAT_FINAL_ASSEMBLY));
   }
 
   /// Number of negative pivots of the last factorisation, -1 if the solver does not tell.
@@ -181,7 +207,8 @@ struct Equilibrium::Implementation {
     bool indefinite = false;
     Outcome failed = Outcome::diverged;
     IMIC3D_PETSC(VecZeroEntries(correction));
-    for (int iteration = 0; iteration <= options.max_iterations; ++iteration) {
+    const int most = optical != nullptr ? 3 * options.max_iterations : options.max_iterations;
+    for (int iteration = 0; iteration <= most; ++iteration) {
       missing_displacement(prescribed);
       double missing = 0.0, size = 0.0, load = 0.0, norm = 0.0;
       for (int halvings = 0;; ++halvings) {
@@ -196,16 +223,25 @@ struct Equilibrium::Implementation {
       IMIC3D_PETSC(VecNorm(increment, NORM_INFINITY, &missing));
       IMIC3D_PETSC(VecNorm(force, NORM_2, &size));
       IMIC3D_PETSC(VecNorm(external, NORM_2, &load));
-      const double scale = std::max({size, load, 1e-30});
+      double scale = std::max({size, load, 1e-30});
+      if (optical != nullptr) scale = std::max(scale, (optical->stiffness * to_natural(u)).norm());
       last_residuals.push_back(norm / scale);
       if (missing == 0.0 && iteration > 0) {
-        // Below the tolerance, or at the level of round-off where it no longer falls.
-        const bool stalled = iteration > 2 && norm > 0.5 * previous && norm < 1e-8 * scale;
-        if (norm <= options.tolerance * scale || stalled)
+        // Below the tolerance, or at the level of round-off where it no longer falls; grey levels are single precision.
+        const double tolerance = optical != nullptr ? options.optical_tolerance : options.tolerance;
+        const double round_off = optical != nullptr ? 1e-5 : 1e-8;
+        const bool stalled = iteration > (optical != nullptr ? 5 : 2) && norm > 0.5 * previous && norm < round_off * scale;
+        // A rigid motion costs hardly any force where the images pull weakly: it is the displacement that must have settled.
+        double moved = 0.0, whole = 0.0;
+        IMIC3D_PETSC(VecNorm(correction, NORM_2, &moved));
+        IMIC3D_PETSC(VecNorm(u, NORM_2, &whole));
+        const bool settled = optical == nullptr || moved <= 1e-5 * whole;
+        if ((norm <= tolerance * scale && settled) || stalled)
           return indefinite && load > 0.0 ? Outcome::limit_point : Outcome::converged;
       }
-      if (iteration == options.max_iterations) break;
+      if (iteration == most) break;
 
+      if (optical != nullptr) add_optical_stiffness();
       IMIC3D_PETSC(VecAXPY(residual, -1.0, lifting));
       PetscScalar* right = nullptr;
       const PetscScalar* wanted = nullptr;
@@ -263,8 +299,9 @@ const std::vector<int>& Equilibrium::constrained_dofs() const { return impl_->do
 PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const double> parameters, double start_time,
                             const std::function<void(int, const FrameState&)>& frame_done,
                             const std::function<const Eigen::VectorXd*(int)>& guess,
-                            const std::vector<int>& increments) {
+                            const std::vector<int>& increments, const OpticalTerm* optical) {
   auto& s = *impl_;
+  s.optical = optical;
   const Eigen::Index dofs = 3 * s.mesh.nodes.rows();
   PathStatus status;
   s.assembler.history().initialise(*s.law);
@@ -304,6 +341,8 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
         s.to_global(*near, s.u);
       else
         IMIC3D_PETSC(VecCopy(converged, s.u));
+      s.frame = frame;
+      s.fraction = target;
       const auto outcome = s.newton(prescribed, (step.time - begin) / count, parameters, iterations);
       if (outcome == Implementation::Outcome::converged) {
         s.assembler.history().commit();
@@ -342,6 +381,16 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
   status.residuals = s.last_residuals;
   for (Vec* vector : {&converged, &before, &prescribed}) IMIC3D_PETSC(VecDestroy(vector));
   return status;
+}
+
+double Equilibrium::internal_work(const Eigen::VectorXd& U, std::span<const double> parameters) {
+  auto& s = *impl_;
+  s.assembler.history().initialise(*s.law);
+  s.to_global(U, s.u);
+  double work = 0.0;
+  if (!s.assembler.assemble(s.u, 1.0, parameters, s.force)) throw ConvergenceError("the law cannot follow a uniform strain");
+  IMIC3D_PETSC(VecDot(s.u, s.force, &work));
+  return work;
 }
 
 }  // namespace imic3d::mechanics

@@ -20,7 +20,7 @@ struct Observation {
   int references = 1;           ///< images averaged to the reference
   double noise = 0.0;           ///< grey-level noise of one image [grey level]
   bool noise_is_measured = false;  ///< from static frames or given; else estimated from the residual of the DIC
-  double driving_cut_off = 0.0;    ///< waves that the displacement on the ends has lost, median of the frames [length]
+  std::vector<double> driving_cut_off;  ///< waves that the displacement on the ends has lost in each frame [length]
   std::vector<correlation::DicFrame> frames;  ///< one per place, after `correlate`
 };
 
@@ -42,7 +42,11 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
                                                  const identification::Specimen& specimen);
 [[nodiscard]] identification::ImageData make_image_data(const Observation& observation, const io::Case& test);
 
-/// Noise of the displacement that drives the simulation [2 * surface nodes x draws, length].
+/// What becomes of a displacement of the surface in the first frames of the record [2 * surface nodes x frames, length]
+/// before it drives the ends: smoothed, each frame as far as the measured one was.
+[[nodiscard]] Eigen::MatrixXd driving_displacement(const Observation& observation, Eigen::MatrixXd displacement);
+
+/// Noise of the displacement that drives the simulation in the frame of median smoothing [2 * surface nodes x draws, length].
 [[nodiscard]] Eigen::MatrixXd driving_noise(const Observation& observation, int draws = 64);
 
 /// Standard deviation of the load cell [force]: given, else that of the static frames, else 0.1 % of the largest force.

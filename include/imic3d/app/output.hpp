@@ -17,6 +17,7 @@ struct StageSummary {
   int iterations = 0;
   bool converged = false;
   std::string message;
+  identification::Covariance covariance;
 };
 
 /// Writes on rank 0 only; every function may be called on every rank.

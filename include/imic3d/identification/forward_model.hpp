@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "imic3d/core/parallel.hpp"
+#include "imic3d/identification/image_data.hpp"
 #include "imic3d/identification/specimen.hpp"
 #include "imic3d/material/finite_strain_law.hpp"
 #include "imic3d/mechanics/equilibrium.hpp"
@@ -35,16 +36,24 @@ struct Path {
   std::vector<int> increments;   ///< load increments that each frame took
 };
 
-/// Nodal forces of the whole series [3 * nodes x frames]: the distribution of Sec. 3.4.
+/// The distribution of the external force over the ends (Sec. 3.4), for a measured force of one.
 struct ForceDistribution {
-  Eigen::MatrixXd force;          ///< sparse in fact: only the ends carry forces [dofs of the ends x frames]
-  std::vector<int> dofs;          ///< natural degrees of freedom of its rows
-  Eigen::VectorXd scale;          ///< measured / simulated resultant per frame
+  std::vector<int> dofs;    ///< natural degrees of freedom of the ends
+  Eigen::MatrixXd pattern;  ///< nodal forces [dofs x frames] on the simulated part for a resultant of 1 on the whole section
+};
+
+/// One of several simulations that run side by side.
+struct Run {
+  std::vector<double> parameters;
+  const ForceDistribution* forces = nullptr;   ///< Control::force and Control::images
+  const Eigen::VectorXd* resultant = nullptr;  ///< of the forces [frames, force]; the record's if not given
+  const Eigen::MatrixXd* driving = nullptr;    ///< displacement of the ends, like Record::driving; the record's if not given
 };
 
 class ForwardModel {
  public:
-  using FrameSink = std::function<void(int frame, const mechanics::FrameState&)>;
+  /// Run and frame, with the fields there; on all ranks of the group that runs it.
+  using FrameSink = std::function<void(int run, int frame, const mechanics::FrameState&)>;
 
   /// `groups`: number of concurrent groups of ranks (0: as many as ranks and tasks allow; decided for `tasks` tasks).
   ForwardModel(Communicator world, const Specimen& specimen, std::shared_ptr<const material::FiniteStrainLaw> law,
@@ -53,16 +62,21 @@ class ForwardModel {
   ForwardModel(const ForwardModel&) = delete;
   ForwardModel& operator=(const ForwardModel&) = delete;
 
-  /// Simulates the first `frames` frames for every parameter set, the sets as concurrent groups. Under Control::force
-  /// the nodal forces are `distribution`. `sink` (optional) gets the fields of set 0 on all ranks of the group that
-  /// runs it. All sets take the same load increments, so that their differences are derivatives: a set that needed
-  /// other ones than the rest is simulated again. Each starts its frames from the last DIC-driven solution of set 0,
-  /// on every group alike. Collective over the world.
-  std::vector<Path> simulate(Control control, const std::vector<std::vector<double>>& parameter_sets, int frames,
-                             const ForceDistribution* distribution = nullptr, const FrameSink& sink = {});
+  /// Under Control::images the pull of `images` is weighed against the forces by alpha (Eq. 16, multiplied by
+  /// k_0/(1/alpha - 1)). The normalisations are those of one displacement, a uniform stretch v along the axis:
+  /// m_0 = v^T P^T M_DIC P v and k_0 = v^T K v with the elastic K of `parameters`, so that at alpha = 1/2 both terms have the same
+  /// curvature for a uniform strain. Must be called before simulate(Control::images, …). Collective over the world.
+  void follow_images(const ImageData& images, double alpha, const std::vector<double>& parameters);
 
-  /// Sec. 3.4: the DIC-driven simulation's reactions, scaled so that their resultant is the measured force.
-  ForceDistribution distribute_force(const std::vector<double>& parameters, int frames, Path& driven);
+  /// Simulates the first `frames` frames of every run, the runs as concurrent groups. All runs take the same load
+  /// increments, so that their differences are derivatives: one that needed other increments than the rest is simulated
+  /// again. Each starts its frames from the last DIC-driven solution of run 0, on every group alike. Collective over
+  /// the world.
+  std::vector<Path> simulate(Control control, const std::vector<Run>& runs, int frames, const FrameSink& sink = {});
+
+  /// Sec. 3.4: the reactions of the DIC-driven simulations `runs`, scaled to a resultant of one. Where the load is so small
+  /// that noise makes the ratio meaningless, the pattern of the next loaded frame serves (after the last one, its). `driven` gets the paths.
+  std::vector<ForceDistribution> distribute_forces(const std::vector<Run>& runs, int frames, std::vector<Path>& driven);
 
   [[nodiscard]] const Record& record() const { return record_; }
   [[nodiscard]] const Specimen& specimen() const { return specimen_; }

@@ -8,44 +8,28 @@
 #include <vector>
 
 #include "imic3d/core/parameter.hpp"
+#include "imic3d/identification/covariance.hpp"
 #include "imic3d/identification/forward_model.hpp"
 
 namespace imic3d::identification {
 
 /// What the parameters are judged by.
 enum class Functional {
-  force_driven,         ///< images of the force-driven simulation: Eq. 16 for alpha -> 0
+  force_driven,         ///< images of the force-driven simulation: Eq. 16, alpha -> 0 or (`alpha` > 0) finite
   displacement_driven,  ///< images and reaction force of the DIC-driven simulation, each weighted by its noise
   combined              ///< images of the force-driven, reaction force of the DIC-driven simulation
 };
 [[nodiscard]] Functional functional_from(const std::string& name);  ///< throws InputError
 
-/// The images' answer to a surface displacement at one frame.
-struct ImageEvaluation {
-  Eigen::VectorXd b;     ///< b_DIC of Eq. 9 [2 * surface nodes, grey level^2/length]
-  double squares = 0.0;  ///< sum of squared residuals f - g(x + u) [grey level^2]
-  double pixels = 0.0;   ///< pixels in that sum
-  Eigen::VectorXd element_rms;  ///< per element of the surface [grey level]
-};
-
-/// The images of a series as the identification sees them.
-struct ImageData {
-  Eigen::SparseMatrix<double> M;  ///< M_DIC of Eq. 8 on the surface [2n x 2n, grey level^2/length^2]
-  /// Evaluates frame t (index in the record) at a surface displacement [2n, length]; any rank may call it alone.
-  std::function<ImageEvaluation(int t, const Eigen::VectorXd& displacement)> evaluate;
-  double noise = 1.0;             ///< sigma of Eq. 14: of the white noise that moves M^-1 b as much [grey level]
-  double pixels_per_length = 1.0; ///< scale of the camera [px/length]
-};
-
 struct GaussNewtonOptions {
   Functional functional = Functional::force_driven;
+  double alpha = 0.0;              ///< penalty parameter of Eq. 16; 0: the limit, images only judge
   double eta = 1e-3;               ///< eta_c of Eq. 13
   int max_iterations = 20;
   double force_noise = 1.0;        ///< sigma of F - R [force]: the load cell's and that of `reaction_noise`
   double perturbation = 1e-3;      ///< relative step of the perturbed simulations
-  double image_reach = 1.0;        ///< frames whose model is nearer than this to the DIC (rms, px) are judged by grey
-                                   ///< levels; the others by their distance to the DIC displacement in the norm of M_DIC
   double largest_step = 0.5;       ///< largest relative change of a parameter in one iteration
+  NoiseModel noise_model;          ///< what the covariance is made of
 };
 
 /// One stage: which parameters move and which frames judge them.
@@ -68,7 +52,7 @@ struct Iterate {
 
 struct StageResult {
   std::vector<Iterate> iterates;  ///< the first is the start
-  Eigen::MatrixXd covariance;     ///< of the free parameters: Eq. 14, with the force's noise where it is in the functional
+  Covariance covariance;          ///< of the free parameters
   bool converged = false;
   std::string message;            ///< what the user should know: frames that could not be simulated, bounds reached
 };

@@ -13,7 +13,8 @@ namespace imic3d::identification {
 /// How a simulation is driven (Secs 3.4 and 4.3).
 enum class Control {
   displacement,  ///< the DIC displacement is prescribed on both ends
-  force          ///< nodal forces with the measured resultant on both ends; only rigid-body modes are held
+  force,         ///< nodal forces with the measured resultant on both ends; only rigid-body modes are held
+  images         ///< the same forces and the images' pull (Eq. 7, finite alpha): held is only what no camera sees
 };
 
 /// Volume, camera surface and ends of a specimen. Degrees of freedom: 3 * node + component, natural numbering.
@@ -26,13 +27,16 @@ struct Specimen {
   std::vector<int> held, loaded;    ///< volume nodes of the two ends
   std::vector<int> displacement_dofs;  ///< constrained under Control::displacement, ascending
   std::vector<int> force_dofs;         ///< constrained under Control::force: a statically determinate support
+  std::vector<int> images_dofs;        ///< constrained under Control::images: those of force_dofs that P does not see
   /// Displacement of the constrained degrees from a surface displacement [2 * surface nodes]: [dofs x 2 surface nodes].
-  Eigen::SparseMatrix<double> displacement_from_surface, force_from_surface;
+  Eigen::SparseMatrix<double> displacement_from_surface, force_from_surface, images_from_surface;
   [[nodiscard]] const std::vector<int>& dofs(Control control) const {
-    return control == Control::displacement ? displacement_dofs : force_dofs;
+    return control == Control::displacement ? displacement_dofs : control == Control::force ? force_dofs : images_dofs;
   }
   [[nodiscard]] const Eigen::SparseMatrix<double>& from_surface(Control control) const {
-    return control == Control::displacement ? displacement_from_surface : force_from_surface;
+    return control == Control::displacement ? displacement_from_surface
+           : control == Control::force      ? force_from_surface
+                                            : images_from_surface;
   }
   /// In-plane displacement of the surface nodes [2 * surface nodes] out of a volume displacement [3 * nodes]: Eq. 15.
   [[nodiscard]] Eigen::VectorXd project(const Eigen::VectorXd& displacement) const;

@@ -35,8 +35,18 @@ struct EquilibriumOptions {
   int max_iterations = 20;        ///< Newton iterations per increment
   int max_cuts = 6;               ///< doublings of a frame's increments before giving up
   double tolerance = 1e-10;       ///< residual relative to the norm of the internal forces
+  double optical_tolerance = 1e-6;  ///< the same where the images take part
   bool with_fields = true;        ///< gather stress and plastic strain per frame
   std::string prefix = "mechanics_";  ///< PETSc options: -mechanics_ksp_type, -mechanics_pc_type …
+};
+
+/// The optical part of Eq. 7 beside the forces, multiplied by k_0/(1/alpha - 1): (K + stiffness) dU = F_ext - F_int + force.
+struct OpticalTerm {
+  /// c P^T M_DIC P [3 * nodes x 3 * nodes, natural], symmetric; couples only nodes of the same cell.
+  Eigen::SparseMatrix<double> stiffness;
+  /// c P^T b_DIC [3 * nodes] at the displacement U [3 * nodes] and the given fraction of the way from the frame before to
+  /// `frame`; 1 at the frame itself. Collective over the group that solves.
+  std::function<Eigen::VectorXd(int frame, double fraction, const Eigen::VectorXd& U)> force;
 };
 
 /// How a series ended.
@@ -67,9 +77,15 @@ class Equilibrium {
   /// each frame. `guess(i)` may offer a displacement [3 * nodes] near frame i's solution (empty: none).
   /// A frame that fails is begun anew with twice as many, equal increments; if that fails too often the frames so far
   /// stand and the status says why. `increments`: the number to begin each frame with (empty: options.increments).
+  /// With an `optical` term Newton's method is a modified one (grad F for grad G): it converges linearly, and
+  /// `options.optical_tolerance` is relative to the optical forces of the whole displacement.
   PathStatus run(const std::vector<LoadStep>& steps, std::span<const double> parameters, double start_time,
                  const std::function<void(int, const FrameState&)>& frame_done,
-                 const std::function<const Eigen::VectorXd*(int)>& guess = {}, const std::vector<int>& increments = {});
+                 const std::function<const Eigen::VectorXd*(int)>& guess = {}, const std::vector<int>& increments = {},
+                 const OpticalTerm* optical = nullptr);
+
+  /// U . F_int(U) of the virgin specimen under the displacement U [3 * nodes]: twice the elastic energy where U is small.
+  [[nodiscard]] double internal_work(const Eigen::VectorXd& U, std::span<const double> parameters);
 
  private:
   struct Implementation;

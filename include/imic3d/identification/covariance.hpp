@@ -1,0 +1,29 @@
+#pragma once
+// How sure the parameters are: Eq. 14, and the noise that it leaves out.
+
+#include <Eigen/Core>
+#include <functional>
+
+namespace imic3d::identification {
+
+/// Noise of the measurement. All of it is white in time.
+struct NoiseModel {
+  double image = 0.0;   ///< sigma of one frame [grey level], as ImageData::noise
+  int references = 1;   ///< images that were averaged to the reference, whose noise is common to all frames
+  double force = 0.0;   ///< of the load record [force]
+  /// What becomes of a noisy DIC displacement on its way to the ends that it drives: the smoothing, linear
+  /// [2 * surface nodes x any number]; the identity if not given.
+  std::function<Eigen::MatrixXd(const Eigen::MatrixXd&)> driving;
+  int draws = 0;        ///< simulated draws of the force's and the driving displacement's noise; 0: these are left out
+  unsigned seed = 1;
+};
+
+/// Covariance of the free parameters [free x free] and what it is made of.
+struct Covariance {
+  Eigen::MatrixXd image;     ///< images alone: of each frame and of the common reference
+  Eigen::MatrixXd force;     ///< load record alone; zero without draws
+  Eigen::MatrixXd boundary;  ///< displacement that drives the ends alone; zero without draws
+  Eigen::MatrixXd total;     ///< all of them; the driving displacement's noise is that of the images, so they are correlated
+};
+
+}  // namespace imic3d::identification

@@ -1,0 +1,86 @@
+// The covariance of the parameters against the scatter of identifications from noisy data, each source of noise alone and
+// all together (Eq. 14 and its extension).
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <random>
+
+#include "plate.hpp"
+
+namespace imic3d::identification {
+namespace {
+
+using testing::Plate;
+
+const std::vector<double> stretch = {0.003, 0.005, 0.008, 0.02, 0.06, 0.12};
+const Stage stage{.free = {0, 2}, .frames = {0, 1, 2, 3, 4, 5}};
+constexpr double sigma = 1.0, force_sigma = 1.5;  // grey levels, N (forces reach 1.5 kN)
+constexpr int references = 2;
+
+struct Sources {
+  bool image = false, boundary = false, force = false;
+};
+
+/// Standard deviations of E and S_y over identifications with that noise.
+Eigen::Vector2d scatter(Functional functional, const Sources& sources, int draws) {
+  const Communicator world;
+  const Plate clean(stretch);
+  std::mt19937_64 random(3);
+  std::normal_distribution<double> normal;
+  const Eigen::VectorXd root = clean.images.M.diagonal().cwiseSqrt();
+  Eigen::MatrixXd found(2, draws);
+  for (int d = 0; d < draws; ++d) {
+    Plate noisy(stretch);
+    Eigen::VectorXd of_reference(root.size());
+    for (double& value : of_reference) value = sigma / std::sqrt(references) * normal(random);
+    for (Eigen::Index t = 0; t < noisy.record.force.size(); ++t) {
+      Eigen::VectorXd moved = of_reference;
+      for (double& value : moved) value += sigma * normal(random);
+      moved = moved.cwiseQuotient(root);  // M^-1 b, b b^T = sigma^2 M
+      if (sources.image) noisy.record.surface_displacement.col(t) += moved;
+      if (sources.boundary) noisy.record.driving.col(t) += moved;
+      const double load = force_sigma * normal(random);
+      if (sources.force) noisy.record.force[t] += load;
+    }
+    ForwardModel model(world, noisy.specimen, noisy.law, noisy.record, {.with_fields = false}, 3, 0);
+    auto parameters = noisy.truth;
+    const auto result = gauss_newton(world, model, noisy.images, testing::information(noisy), stage,
+                                     {.functional = functional, .eta = 1e-3, .force_noise = 20.0}, parameters);
+    EXPECT_TRUE(result.converged);
+    found.col(d) << parameters[0], parameters[2];
+  }
+  const Eigen::Vector2d truth(clean.truth[0], clean.truth[2]);
+  return (found.colwise() - truth).rowwise().squaredNorm().cwiseSqrt() / std::sqrt(draws);
+}
+
+void compare(Functional functional, int draws, bool each_alone) {
+  const Communicator world;
+  Plate plate(stretch);
+  ForwardModel model(world, plate.specimen, plate.law, plate.record, {.with_fields = false}, 3, 0);
+  auto parameters = plate.truth;
+  GaussNewtonOptions options{.functional = functional, .force_noise = 20.0};
+  options.noise_model = {.image = sigma, .references = references, .force = force_sigma, .driving = {}, .draws = 400, .seed = 5};
+  const auto predicted = gauss_newton(world, model, plate.images, testing::information(plate), stage, options, parameters).covariance;
+  const auto check = [&](const char* name, const Eigen::MatrixXd& covariance, const Sources& sources) {
+    const Eigen::Vector2d measured = scatter(functional, sources, draws), expected = covariance.diagonal().cwiseSqrt();
+    for (int j = 0; j < 2; ++j) {
+      EXPECT_GT(expected[j], 0.0) << name;
+      EXPECT_NEAR(measured[j] / expected[j], 1.0, 0.15) << name << ", parameter " << j;
+      std::printf("%-9s parameter %d: measured %.4g, predicted %.4g, ratio %.3f\n", name, j, measured[j], expected[j], measured[j] / expected[j]);
+    }
+  };
+  if (each_alone) {
+    check("images", predicted.image, {.image = true});
+    check("boundary", predicted.boundary, {.boundary = true});
+    check("force", predicted.force, {.force = true});
+  }
+  check("all", predicted.total, {.image = true, .boundary = true, .force = true});
+}
+
+TEST(Covariance, OfTheForceDrivenFunctional) { compare(Functional::force_driven, 100, false); }
+TEST(CovarianceNightly, OfTheForceDrivenFunctional) { compare(Functional::force_driven, 400, true); }
+TEST(CovarianceNightly, OfTheDisplacementDrivenFunctional) { compare(Functional::displacement_driven, 400, true); }
+
+}  // namespace
+}  // namespace imic3d::identification
