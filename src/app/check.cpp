@@ -22,7 +22,7 @@ void check(const Communicator& world, const CommandOptions& options) {
   if (several_cameras(test)) {
     const Rig rig = make_rig(test);
     if (!world.is_root()) return;
-    fmt::print("{}\n  correlation  {} elements, {} unknowns\n", test.title, rig.surface.cells.rows(), (rig.views.size() > 1 ? 3 : 2) * rig.surface.nodes.rows());
+    fmt::print("{}\n  correlation  {} elements, {} unknowns\n", test.title, rig.surface.cells.rows(), unknowns_per_node(test) * rig.surface.nodes.rows());
     for (std::size_t c = 0; c < rig.views.size(); ++c)
       fmt::print("  camera       {}: {} frames of {} x {} px, {:.4g} px per {} in the middle\n", test.cameras[c].name, test.cameras[c].images.size(),
                  rig.views[c].reference.width, rig.views[c].reference.height,

@@ -166,6 +166,11 @@ void require_one_telecentric(const io::Case& test, const std::string& command) {
                      "one telecentric camera for imic3d " + command + " (imic3d dic takes any number, and pinhole cameras)");
 }
 
+int unknowns_per_node(const io::Case& test) {
+  const bool perspective = std::any_of(test.cameras.begin(), test.cameras.end(), [](const auto& camera) { return camera.model == "pinhole"; });
+  return test.cameras.size() > 1 && perspective ? 3 : 2;
+}
+
 Rig make_rig(const io::Case& test) {
   Rig rig;
   rig.surface = surface_of(test);
@@ -205,7 +210,7 @@ void dic_with_several(const Communicator& world, const CommandOptions& options, 
   const auto start = std::chrono::steady_clock::now();
   const Rig rig = make_rig(test);
   const auto count = rig.views.size();
-  const int dofs = count > 1 ? 3 : 2;
+  const int dofs = unknowns_per_node(test);
   const GlobalDic dic(rig.surface, rig.views, dofs,
                       {.pyramid_levels = test.dic.pyramid_levels,
                        .max_iterations = test.dic.max_iterations,

@@ -17,6 +17,9 @@ namespace imic3d::app {
 /// Throws InputError if it has: for the commands that take one telecentric camera.
 void require_one_telecentric(const io::Case& test, const std::string& command);
 
+/// 3 if several cameras see the displacement through the plane, else 2: telecentric ones face the specimen.
+[[nodiscard]] int unknowns_per_node(const io::Case& test);
+
 /// What the cameras see of the specimen's surface.
 struct Rig {
   mesh::Mesh surface;  ///< with its measured shape
