@@ -14,3 +14,4 @@ mesh plate_with_hole inputs/plate_independent/plate.msh length 24 size_hole 1.0 
 mesh dumbbell inputs/pcabs_tension/dumbbell.msh region 28 size 1.0
 mesh plate_with_hole inputs/virtual_study/generate.msh length 40 size_hole 0.6 size_far 1.6
 mesh plate_with_hole inputs/virtual_study/identify.msh length 24 size_hole 1.0 size_far 2.5
+mesh gt4 inputs/gt4_stereo/gt4.msh size 2.0

@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# Runs a case on measured data: tools/run_measured.sh pcabs_tension | plate_independent
-# The data folder is IMIC3D_DATA (default ../shared/data); it is linked, never copied.
+# Runs a case on measured data: tools/run_measured.sh pcabs_tension | plate_independent | gt4_stereo | stereo_chessboard
+# The data folder is IMIC3D_DATA (default ../shared/data); it is linked, never copied. A case without a section identify is
+# correlated only.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 case=${1:?name of a folder in inputs}
@@ -8,6 +9,10 @@ data=${IMIC3D_DATA:-../shared/data}
 [ -d "$data/$case" ] || { echo "no $case in $data: set IMIC3D_DATA"; exit 2; }
 mkdir -p runs
 ln -sfn "$(cd "$data" && pwd)" runs/data
-tools/make_meshes.sh
 export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 HWLOC_HIDE_ERRORS=2
-mpirun --oversubscribe -n "${RANKS:-2}" build/release/imic3d identify "inputs/$case/${2:-case}.yaml"
+if [ "$case" = stereo_chessboard ]; then exec build/release/imic3d calibrate "inputs/$case/${2:-calibration}.yaml"; fi
+tools/make_meshes.sh
+file="inputs/$case/${2:-case}.yaml"
+command=dic
+if grep -q "^identify:" "$file"; then command=identify; fi
+mpirun --oversubscribe -n "${RANKS:-2}" build/release/imic3d "$command" "$file"

@@ -12,12 +12,26 @@
 #include "imic3d/app/setup.hpp"
 #include "imic3d/core/log.hpp"
 #include "placement.hpp"
+#include "several_cameras.hpp"
 
 namespace imic3d::app {
 
 void check(const Communicator& world, const CommandOptions& options) {
   spdlog::set_level(spdlog::level::warn);  // the plan on stdout says it all
   const io::Case test = read_case(options, {}, true);
+  if (several_cameras(test)) {
+    const Rig rig = make_rig(test);
+    if (!world.is_root()) return;
+    fmt::print("{}\n  correlation  {} elements, {} unknowns\n", test.title, rig.surface.cells.rows(), unknowns_per_node(test) * rig.surface.nodes.rows());
+    for (std::size_t c = 0; c < rig.views.size(); ++c)
+      fmt::print("  camera       {}: {} frames of {} x {} px, {:.4g} px per {} in the middle\n", test.cameras[c].name, test.cameras[c].images.size(),
+                 rig.views[c].reference.width, rig.views[c].reference.height,
+                 std::sqrt(std::abs(rig.views[c].camera->jacobian(rig.surface.nodes.colwise().mean().transpose()).leftCols<2>().determinant())), test.units.length);
+    if (test.specimen.place)
+      fmt::print("  placement    points {:.2f} px; {} of {} patches on a plane, rms {:.3g} {}; references differ by {:.3f}\n", rig.pose.points_rms, rig.pose.matched,
+                 rig.pose.patches, rig.pose.plane_rms, test.units.length, test.specimen.place->shape > 0.0 ? rig.pose.rms_shape : rig.pose.rms_pose);
+    return;
+  }
   const identification::Specimen specimen = make_specimen(test);
   std::size_t most_free = 0;
   for (const auto& stage : test.identify.stages) most_free = std::max(most_free, stage.free.size());

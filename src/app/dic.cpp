@@ -8,12 +8,17 @@
 #include "imic3d/app/output.hpp"
 #include "imic3d/app/program.hpp"
 #include "imic3d/core/log.hpp"
+#include "several_cameras.hpp"
 
 namespace imic3d::app {
 
 void dic(const Communicator& world, const CommandOptions& options) {
   const auto start = std::chrono::steady_clock::now();
   const io::Case test = read_case(options, {"cameras"}, true);
+  if (several_cameras(test)) {
+    dic_with_several(world, options, test);
+    return;
+  }
   const identification::Specimen specimen = make_specimen(test);
   Observation seen = observe(test, specimen);
   RunOutput output(world, output_folder(test, options, world), test, specimen, Material{}, seen);

@@ -15,6 +15,7 @@
 #include "imic3d/core/log.hpp"
 #include "imic3d/identification/gauss_newton.hpp"
 #include "imic3d/io/run_results.hpp"
+#include "several_cameras.hpp"
 
 namespace imic3d::app {
 
@@ -45,6 +46,7 @@ void say(const Material& material, const std::vector<int>& free, const id::Itera
 void identify(const Communicator& world, const CommandOptions& options) {
   const auto start = std::chrono::steady_clock::now();
   const io::Case test = read_case(options, {"cameras", "loads", "material", "identify"}, true);
+  require_one_telecentric(test, "identify");
   Material material = make_material(test);
   const id::Specimen specimen = make_specimen(test);
   Observation seen = observe(test, specimen);

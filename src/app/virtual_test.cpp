@@ -12,6 +12,7 @@
 #include "imic3d/core/log.hpp"
 #include "imic3d/imaging/placement.hpp"
 #include "imic3d/imaging/synthesis.hpp"
+#include "several_cameras.hpp"
 
 namespace imic3d::app {
 
@@ -44,6 +45,7 @@ imaging::PixelPoints in_pixels(const imaging::TelecentricCamera& camera, const m
 
 void virtual_test(const Communicator& world, const CommandOptions& options) {
   const io::Case test = read_case(options, {"material", "simulate", "virtual", "cameras"}, false);
+  require_one_telecentric(test, "virtual");
   const io::VirtualCase& declared = *test.virtual_test;
   const Material material = make_material(test);
   const identification::Specimen specimen = make_specimen(test);

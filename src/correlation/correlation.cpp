@@ -39,6 +39,7 @@ Correlation::Correlation(const mesh::Mesh& surface, std::shared_ptr<const imagin
   for (int node = 0; node < nodes(); ++node)
     positions_.row(node) = camera_->project(surface_.nodes.row(node).transpose()).transpose();
   quadrature_ = correlation::quadrature(surface_.cells, positions_, reference, options.quadrature);
+  if (!camera_->affine()) correct_local_coordinates();
   const auto& f = quadrature_.f;
   if (!f.empty())
     mean_grey_ = static_cast<float>(std::accumulate(f.begin(), f.end(), 0.0) / static_cast<double>(f.size()));
@@ -75,6 +76,57 @@ std::pair<int, int> Correlation::share(const Communicator& group) const {
                             quadrature_.first.begin());
   };
   return {bound(group.rank()), bound(group.rank() + 1)};
+}
+
+Eigen::Matrix<double, 5, 2> Correlation::inner_points(int element, const Eigen::VectorXd* U) const {
+  Eigen::Matrix<double, 4, 3> corners;
+  for (int i = 0; i < 4; ++i) {
+    const int node = surface_.cells(element, i);
+    corners.row(i) = U != nullptr ? Eigen::RowVector3d(displaced(node, *U).transpose()) : Eigen::RowVector3d(surface_.nodes.row(node));
+  }
+  Eigen::Matrix<double, 5, 2> points;
+  for (int k = 0; k < 5; ++k) {
+    const Eigen::Vector4d N = 0.25 * (1.0 + corner_xi.array() * Bulge::xi[k]) * (1.0 + corner_eta.array() * Bulge::eta[k]);
+    points.row(k) = camera_->project(corners.transpose() * N).transpose();
+  }
+  return points;
+}
+
+namespace {
+/// The bilinear interpolation of nodal values at the five places of a Bulge.
+Eigen::Matrix<double, 5, 2> bilinear_inside(const Corners& nodal) {
+  Eigen::Matrix<double, 5, 2> inside;
+  for (int k = 0; k < 4; ++k) inside.row(k) = 0.5 * (nodal.row(k) + nodal.row((k + 1) % 4));
+  inside.row(4) = nodal.colwise().mean();
+  return inside;
+}
+}  // namespace
+
+// The quadrature inverts the bilinear map of the projected nodes; two steps of fixed point lead to the local coordinates
+// on the specimen, since the bulge is a small part of the element.
+void Correlation::correct_local_coordinates() {
+  inner_.resize(static_cast<std::size_t>(elements()));
+  PixelQuadrature& q = quadrature_;
+#pragma omp parallel for schedule(static)
+  for (int e = 0; e < elements(); ++e) {
+    const auto k = static_cast<std::size_t>(e);
+    inner_[k] = inner_points(e, nullptr);
+    const Corners corners = of_element(positions_, e);
+    const Bulge bulge(inner_[k] - bilinear_inside(corners));
+    const Eigen::Vector4f x = bilinear(corners.col(0)).cast<float>(), y = bilinear(corners.col(1)).cast<float>();
+    for (std::size_t p = q.first[k]; p < q.first[k + 1]; ++p) {
+      const float xi0 = q.xi[p], eta0 = q.eta[p];
+      const float a = x[1] + x[3] * eta0, b = x[2] + x[3] * xi0, c = y[1] + y[3] * eta0, d = y[2] + y[3] * xi0;
+      const float det = a * d - b * c;
+      float xi = xi0, eta = eta0;
+      for (int step = 0; step < 2; ++step) {
+        const Eigen::Vector2f beyond = bulge.at(xi, eta);
+        xi = xi0 - (d * beyond.x() - b * beyond.y()) / det;
+        eta = eta0 - (a * beyond.y() - c * beyond.x()) / det;
+      }
+      q.xi[p] = xi, q.eta[p] = eta;
+    }
+  }
 }
 
 void Correlation::sum_gram() {
@@ -148,13 +200,14 @@ Eigen::SparseMatrix<double> Correlation::M() const {
 }
 
 // A transported gradient T grad F with one T an element turns each block S into T S T^T.
-Eigen::SparseMatrix<double> Correlation::M(const Eigen::VectorXd& U) const {
+Eigen::SparseMatrix<double> Correlation::M(const Eigen::VectorXd& U, const Eigen::VectorXd& share) const {
   const std::vector<Eigen::Matrix2d> transport = transport_of(deformation_gradient(U));
   return assemble(
-      [&transport](int e, const std::array<double, 4>& sums) {
+      [&transport, &share](int e, const std::array<double, 4>& sums) {
         const Eigen::Matrix2d& T = transport[static_cast<std::size_t>(e)];
         const Eigen::Matrix2d S{{sums[0], sums[1]}, {sums[1], sums[2]}};
-        return Eigen::Matrix2d(T * S * T.transpose());
+        const Eigen::Matrix2d block = T * S * T.transpose();
+        return share.size() > 0 ? Eigen::Matrix2d(share[e] * block) : block;
       },
       &U);
 }
@@ -220,25 +273,33 @@ std::vector<Eigen::Matrix2d> Correlation::deformation_gradient(const Eigen::Vect
 }
 
 // g(x + u) at the pixels of an element; NaN where they have left the image.
-void Correlation::interpolate(const imaging::BSpline& g, int element, const InImage& shift, float* values,
-                              float* slope_x, float* slope_y) const {
+void Correlation::interpolate(const imaging::BSpline& g, int element, const InImage& shift, const Eigen::VectorXd& U,
+                              float* values, float* slope_x, float* slope_y) const {
   const Corners u = of_element(shift, element);
   const Corners deformed = u + of_element(positions_, element);
+  const bool curved = !inner_.empty() && quadrature_.pixels_of(element) > 0;
+  Bulge bulge;
+  if (curved) bulge = Bulge(inner_points(element, &U) - inner_[static_cast<std::size_t>(element)] - bilinear_inside(u));
   // The whole pixels of the displacement are taken out, so that single precision is enough for the rest.
   const int whole_x = static_cast<int>(std::floor(u.col(0).mean())),
             whole_y = static_cast<int>(std::floor(u.col(1).mean()));
   const Eigen::Vector4f ux = bilinear(u.col(0).array() - whole_x).cast<float>(),
                         uy = bilinear(u.col(1).array() - whole_y).cast<float>();
   // A pixel beyond an element's outline by rounding must not touch what lies outside: one pixel of margin.
-  const bool inside = deformed.minCoeff() >= 1.0 && deformed.col(0).maxCoeff() <= g.width() - 2 &&
-                      deformed.col(1).maxCoeff() <= g.height() - 2;
+  const double margin = 1.0 + (curved ? bulge.coefficients.cwiseAbs().sum() : 0.0F);
+  const bool inside = deformed.minCoeff() >= margin && deformed.col(0).maxCoeff() <= g.width() - 1 - margin &&
+                      deformed.col(1).maxCoeff() <= g.height() - 1 - margin;
   std::size_t p = quadrature_.first[static_cast<std::size_t>(element)];
   for (const PixelRow& run : quadrature_.rows_of(element)) {
     const int column0 = run.column + whole_x, row0 = run.row + whole_y;
     for (int i = 0; i < run.count; ++i, ++p) {
       const float xi = quadrature_.xi[p], eta = quadrature_.eta[p];
-      const float dx = ux[0] + ux[1] * xi + eta * (ux[2] + ux[3] * xi);
-      const float dy = uy[0] + uy[1] * xi + eta * (uy[2] + uy[3] * xi);
+      float dx = ux[0] + ux[1] * xi + eta * (ux[2] + ux[3] * xi);
+      float dy = uy[0] + uy[1] * xi + eta * (uy[2] + uy[3] * xi);
+      if (curved) {
+        const Eigen::Vector2f beyond = bulge.at(xi, eta);
+        dx += beyond.x(), dy += beyond.y();
+      }
       const float floor_x = std::floor(dx), floor_y = std::floor(dy);
       const int column = column0 + i + static_cast<int>(floor_x), row = row0 + static_cast<int>(floor_y);
       const float tx = dx - floor_x, ty = dy - floor_y;
@@ -276,7 +337,7 @@ Evaluation Correlation::evaluate(const imaging::BSpline& g, const Eigen::VectorX
       values.resize(count);
       const float *gx = q.fx.data() + at, *gy = q.fy.data() + at;
       if (own_slopes) dx.resize(count), dy.resize(count), gx = dx.data(), gy = dy.data();
-      interpolate(g, e, shift, values.data(), own_slopes ? dx.data() : nullptr, own_slopes ? dy.data() : nullptr);
+      interpolate(g, e, shift, U, values.data(), own_slopes ? dx.data() : nullptr, own_slopes ? dy.data() : nullptr);
       auto& sum = sums[static_cast<std::size_t>(e - begin)];
       sum.fill(0.0);
       std::size_t i = 0;
@@ -403,7 +464,7 @@ std::vector<float> Correlation::residual(const imaging::BSpline& g, const Eigen:
     const auto at = static_cast<std::size_t>(e);
     const float gain = brightness_ ? static_cast<float>(seen.element_gain[e]) : 1.0F;
     const float offset = brightness_ ? static_cast<float>(seen.element_offset[e]) : 0.0F;
-    interpolate(g, e, shift, residual.data() + quadrature_.first[at], nullptr, nullptr);
+    interpolate(g, e, shift, U, residual.data() + quadrature_.first[at], nullptr, nullptr);
     for (std::size_t p = quadrature_.first[at]; p < quadrature_.first[at + 1]; ++p)
       residual[p] = quadrature_.f[p] - (gain * residual[p] + offset);
   }

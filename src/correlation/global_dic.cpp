@@ -30,6 +30,7 @@ class ReducedCamera final : public imaging::Camera {
   [[nodiscard]] Eigen::Matrix<double, 2, 3> jacobian(const Eigen::Vector3d& point) const override {
     return camera_->jacobian(point) / factor_;
   }
+  [[nodiscard]] bool affine() const override { return camera_->affine(); }
 
  private:
   std::shared_ptr<const imaging::Camera> camera_;
@@ -57,6 +58,12 @@ imaging::Image every_second(const imaging::Image& mask) {
   return half;
 }
 
+std::vector<imaging::Image> half_sizes(const std::vector<imaging::Image>& images) {
+  std::vector<imaging::Image> half;
+  for (const imaging::Image& image : images) half.push_back(imaging::half_size(image));
+  return half;
+}
+
 imaging::Image reduced(imaging::Image image, int times) {
   for (int k = 0; k < times; ++k) image = imaging::half_size(image);
   return image;
@@ -70,53 +77,90 @@ GlobalDic::GlobalDic(const mesh::Mesh& surface, const imaging::TelecentricCamera
 
 GlobalDic::GlobalDic(const mesh::Mesh& surface, std::shared_ptr<const imaging::Camera> camera,
                      const imaging::Image& reference, DicOptions options, const std::string& place)
-    : options_(options), noise_(imaging::noise_response(options.low_pass)) {
-  imaging::Image image = reference;
+    : options_(std::move(options)), noise_(imaging::noise_response(options_.low_pass)) {
+  build(surface, {{.camera = std::move(camera), .reference = reference, .place = place}}, in_plane);
+}
+
+GlobalDic::GlobalDic(const mesh::Mesh& surface, std::vector<View> views, int dofs_per_node, DicOptions options)
+    : options_(std::move(options)), noise_(imaging::noise_response(options_.low_pass)) {
+  if (views.empty()) throw InputError("cameras", "none", "at least one");
+  if (options_.mask != nullptr && views.size() > 1) throw InputError("mask", "a mask with several cameras", "one camera");
+  if (views.size() == 1 && dofs_per_node == 3)
+    throw InputError("cameras", "one camera for three components of the displacement",
+                     "two cameras at least: one does not see motion along its line of sight");
+  build(surface, views, dofs_per_node);
+}
+
+void GlobalDic::build(const mesh::Mesh& surface, const std::vector<View>& views, int dofs_per_node) {
+  const bool several = views.size() > 1;
+  std::vector<imaging::Image> images;
+  std::vector<double> noise;
+  for (const View& view : views) images.push_back(view.reference), noise.push_back(view.noise);
+  if (std::any_of(noise.begin(), noise.end(), [](double sigma) { return !(sigma > 0.0); })) noise.clear();
   imaging::Image mask = options_.mask != nullptr ? *options_.mask : imaging::Image{};
   const bool masked = options_.mask != nullptr;
   options_.mask = nullptr;  // not needed any longer, and not owned
   int coarser = options_.pyramid_levels;
-  const Eigen::SparseMatrix<double> energy = curvature_energy(surface, in_plane);
+  const Eigen::SparseMatrix<double> energy = curvature_energy(surface, dofs_per_node);
   for (int level = 0; coarser < 0 || level <= coarser; ++level) {
-    if (level > 0) image = imaging::half_size(image);
     const double factor = std::ldexp(1.0, level);
     Level next;
-    next.reference = level == 0 ? spline(image) : imaging::BSpline(image);
-    CorrelationOptions operators{
-        .brightness = options_.brightness, .local_brightness = options_.local_brightness, .quadrature = {.place = place}};
-    if (level == 0) operators.slope_noise = noise_.slope;
+    std::vector<std::shared_ptr<const Correlation>> correlations;
     if (level > 0 && masked) mask = every_second(mask);
-    if (masked) operators.quadrature.mask = &mask;
-    if (level == 0) operators.quadrature.border = options_.border, operators.quadrature.cut_nodes = options_.cut_nodes;
-    operators.quadrature.clip = level > 0;  // half a pixel of a coarse image may stick out
-    next.correlation = std::make_shared<Correlation>(surface, std::make_shared<ReducedCamera>(camera, factor),
-                                                     next.reference, operators);
-    const Correlation& correlation = *next.correlation;
-    if (coarser < 0) {
-      const Eigen::Vector2d extent =
-          (correlation.positions().colwise().maxCoeff() - correlation.positions().colwise().minCoeff()).transpose();
-      coarser = std::clamp(static_cast<int>(std::floor(std::log2(extent.minCoeff() / 50.0))), 0, 6);
+    double shortest = INFINITY;  // side of the mesh in any image [px]
+    for (std::size_t c = 0; c < views.size(); ++c) {
+      if (level > 0) images[c] = imaging::half_size(images[c]);
+      next.references.push_back(level == 0 ? spline(images[c]) : imaging::BSpline(images[c]));
+      CorrelationOptions operators{.dofs_per_node = dofs_per_node,
+                                   .brightness = options_.brightness,
+                                   .local_brightness = options_.local_brightness,
+                                   .quadrature = {.place = views[c].place}};
+      if (level == 0) operators.slope_noise = noise_.slope;
+      if (masked) operators.quadrature.mask = &mask;
+      if (level == 0) operators.quadrature.border = options_.border, operators.quadrature.cut_nodes = options_.cut_nodes;
+      operators.quadrature.clip = several || level > 0;  // half a pixel of a coarse image may stick out
+      auto correlation = std::make_shared<Correlation>(surface, std::make_shared<ReducedCamera>(views[c].camera, factor),
+                                                       next.references.back(), operators);
+      const InImage& positions = correlation->positions();
+      const Eigen::Vector2d extent = (positions.colwise().maxCoeff() - positions.colwise().minCoeff()).transpose();
+      shortest = std::min({shortest, extent.minCoeff(), several ? static_cast<double>(std::min(images[c].width, images[c].height)) : INFINITY});
+      correlations.push_back(std::move(correlation));
     }
-    const double scale = std::sqrt(std::abs(correlation.pixels_per_length().determinant()));  // [px/length]
+    next.cameras = std::make_shared<Cameras>(std::move(correlations), noise);
+    const Cameras& cameras = *next.cameras;
+    if (coarser < 0) coarser = std::clamp(static_cast<int>(std::floor(std::log2(shortest / 50.0))), 0, 6);
+    const double scale = std::sqrt(std::abs(cameras[0].pixels_per_length().determinant()));  // [px/length]
     double cut_off = options_.regularisation;
     if (level > 0) cut_off = std::max({cut_off, 2.0 * mean_edge(surface), 24.0 / scale});
-    next.smoothing = smoothing_weight(correlation, cut_off) * energy;
-    next.factor = std::make_shared<Factor>(correlation.M() + next.smoothing);
-    require_speckle(next, place);
+    if (level == 0 && several) require_sight(next, views);
+    const Eigen::SparseMatrix<double> M = cameras.M();
+    next.smoothing = cameras.smoothing_weight(cut_off) * energy;
+    next.chosen = next.smoothing;
+    if (const auto nodes = level == 0 && several ? cameras.hardly_seen(M) : std::vector<int>{}; !nodes.empty()) {
+      next.smoothing += continuation(cameras, nodes);
+      continued_ = true;
+      spdlog::warn(
+          "{} of {} nodes are not, or hardly, seen by two cameras: what cannot be seen of their motion continues that of "
+          "their neighbours",
+          nodes.size(), cameras.nodes());
+    }
+    next.factor = std::make_shared<Factor>(M + next.smoothing);
+    require_speckle(next, views.front().place);
     levels_.push_back(std::move(next));
   }
-  if (options_.low_pass > 0.0) {
-    const PixelQuadrature& pixels = correlation().quadrature();
+  motion_noise_.assign(views.size(), 1.0);
+  for (std::size_t c = 0; c < views.size() && options_.low_pass > 0.0; ++c) {
+    const PixelQuadrature& pixels = correlation(static_cast<int>(c)).quadrature();
     double once = 0.0, twice = 0.0;
     for (const auto* slopes : {&pixels.fx, &pixels.fy}) {
-      imaging::Image slope(reference.width, reference.height);
+      imaging::Image slope(views[c].reference.width, views[c].reference.height);
       std::size_t p = 0;
       for (const PixelRow& row : pixels.rows)
         for (int i = 0; i < row.count; ++i) slope(row.column + i, row.row) = (*slopes)[p++];
       for (const float value : slope.grey) once += static_cast<double>(value) * value;
       for (const float value : imaging::low_pass(slope, options_.low_pass).grey) twice += static_cast<double>(value) * value;
     }
-    motion_noise_ = std::sqrt(twice / once);
+    motion_noise_[c] = std::sqrt(twice / once);
   }
 }
 
@@ -124,56 +168,114 @@ imaging::BSpline GlobalDic::spline(const imaging::Image& image) const {
   return imaging::BSpline(imaging::low_pass(image, options_.low_pass));
 }
 
+std::vector<imaging::BSpline> GlobalDic::splines(const std::vector<imaging::Image>& images, int level) const {
+  std::vector<imaging::BSpline> result;
+  for (const imaging::Image& image : images) result.push_back(level == 0 ? spline(image) : imaging::BSpline(image));
+  return result;
+}
+
+void GlobalDic::require_sight(const Level& level, const std::vector<View>& views) const {
+  int unseen = 0, first = -1;
+  for (int e = 0; e < level.cameras->elements(); ++e)
+    if (level.cameras->pixels_of(e) == 0) ++unseen, first = first < 0 ? e : first;
+  if (unseen > 0) {
+    Eigen::RowVector3d centre = Eigen::RowVector3d::Zero();
+    for (int i = 0; i < 4; ++i) centre += 0.25 * level.cameras->surface().nodes.row(level.cameras->surface().cells(first, i));
+    throw InputError("cameras",
+                     fmt::format("{} of {} elements are seen by no camera, the first is number {} about ({:.4g}, {:.4g}, {:.4g})",
+                                 unseen, level.cameras->elements(), first, centre[0], centre[1], centre[2]),
+                     "a mesh of which each element lies in the field of view of a camera");
+  }
+  for (std::size_t c = 0; c < views.size(); ++c)
+    if ((*level.cameras)[static_cast<int>(c)].quadrature().pixels() == 0)
+      throw InputError(views[c].place, "no part of the mesh lies in this camera's image", "cameras that see the mesh");
+}
+
+// Nodes that one camera does not see have no depth of their own: there, and only there, waves shorter than two elements are
+// smoothed, which continues what the neighbours do.
+Eigen::SparseMatrix<double> GlobalDic::continuation(const Cameras& cameras, const std::vector<int>& nodes) {
+  std::vector<char> elements(static_cast<std::size_t>(cameras.elements()), 0);
+  for (int e = 0; e < cameras.elements(); ++e)
+    for (int i = 0; i < 4; ++i)
+      if (std::binary_search(nodes.begin(), nodes.end(), cameras.surface().cells(e, i))) elements[static_cast<std::size_t>(e)] = 1;
+  return 0.1 * cameras.smoothing_weight(2.0 * mean_edge(cameras.surface())) *
+         curvature_energy(cameras.surface(), cameras.dofs_per_node(), elements);
+}
+
 void GlobalDic::require_speckle(const Level& level, const std::string& place) const {
   const Eigen::VectorXd pivots = level.factor->vectorD();
-  if (level.factor->info() == Eigen::Success && pivots.minCoeff() > 1e-10 * pivots.maxCoeff()) return;
+  constexpr double least = 1e-10;
+  if (level.factor->info() == Eigen::Success && pivots.minCoeff() > least * pivots.maxCoeff()) return;
   int empty = 0;
-  for (int e = 0; e < level.correlation->elements(); ++e) empty += level.correlation->quadrature().pixels_of(e) < 8;
+  for (int e = 0; e < level.cameras->elements(); ++e) empty += level.cameras->pixels_of(e) < 8;
   throw InputError(place,
                    fmt::format("too little speckle to correlate every node (M_DIC is singular; {} of {} elements have "
                                "fewer than 8 pixels)",
-                               empty, level.correlation->elements()),
+                               empty, level.cameras->elements()),
                    "elements that cover several speckles each, or dic.regularisation");
 }
 
 // Gauss-Newton on one level: M dU = b (Eq. 7 for alpha = 1).
-void GlobalDic::solve_level(int level, const imaging::BSpline& g, const Communicator& group, DicFrame& frame) const {
+void GlobalDic::solve_level(int level, std::span<const imaging::BSpline> g, const Communicator& group,
+                            DicFrame& frame) const {
   const Level& at = levels_[static_cast<std::size_t>(level)];
-  const Correlation& correlation = *at.correlation;
+  const Cameras& cameras = *at.cameras;
   const bool finest = level == 0;
   const double tolerance = finest ? options_.tolerance : std::max(options_.tolerance, 0.02);
   const int iterations = finest ? options_.max_iterations : 40;
   constexpr double longest_step = 2.0;  // [px]; beyond the reach of the linearisation
   // Coarse levels smooth the change from the start; the finest one the displacement itself, if the user asks.
-  const Eigen::VectorXd start = finest ? Eigen::VectorXd::Zero(correlation.unknowns()) : frame.displacement;
-  std::vector<Eigen::Matrix2d> F_of_M(static_cast<std::size_t>(correlation.elements()), Eigen::Matrix2d::Identity());
+  const Eigen::VectorXd start = finest ? Eigen::VectorXd::Zero(cameras.unknowns()) : frame.displacement;
+  std::vector<Eigen::Matrix2d> F_of_M(static_cast<std::size_t>(cameras.size() * cameras.elements()), Eigen::Matrix2d::Identity());
   std::shared_ptr<Factor> factor = at.factor;
-  double previous = INFINITY;
+  Eigen::SparseMatrix<double> smoothing = at.smoothing;
+  std::vector<Eigen::VectorXd> shares(static_cast<std::size_t>(cameras.size()), Eigen::VectorXd::Ones(cameras.elements()));
+  double previous = INFINITY, least = 0.0;
   frame.converged = false;
   frame.iterations = 0;
   while (true) {
-    const Evaluation seen = correlation.evaluate(g, frame.displacement, group, Gradient::transported);
-    frame.rms = seen.rms(), frame.coefficient = seen.coefficient;
+    const JointEvaluation seen = cameras.evaluate(g, frame.displacement, group, Gradient::transported);
+    least = seen.least;
+    frame.rms = seen.rms, frame.coefficient = seen.coefficient;
     frame.pixels = seen.pixels, frame.dropped = seen.dropped;
-    frame.gain = seen.gain, frame.offset = seen.offset;
+    frame.gain = seen.cameras.front().gain, frame.offset = seen.cameras.front().offset;
     frame.element_rms = seen.element_rms;
+    frame.cameras.clear();
+    for (const Evaluation& own : seen.cameras)
+      frame.cameras.push_back({.rms = own.rms(), .coefficient = own.coefficient, .pixels = own.pixels, .dropped = own.dropped,
+                               .gain = own.gain, .offset = own.offset, .element_rms = own.element_rms});
     if (frame.converged || frame.iterations == iterations || seen.pixels == 0.0) break;
-    auto F = correlation.deformation_gradient(frame.displacement);
-    if (largest_change(F, F_of_M) > options_.strain_change) {
-      factor = std::make_shared<Factor>(correlation.M(frame.displacement) + at.smoothing);
+    auto F = cameras.deformation_gradient(frame.displacement);
+    // Pixels that have left one of several images tell nothing any more.
+    double left = 0.0;
+    for (std::size_t c = 0; cameras.size() > 1 && c < shares.size(); ++c)
+      for (int e = 0; e < cameras.elements(); ++e)
+        if (const auto pixels = static_cast<double>(cameras[static_cast<int>(c)].quadrature().pixels_of(e)); pixels > 0.0)
+          left = std::max(left, std::abs(seen.cameras[c].element_pixels[e] / pixels - shares[c][e]));
+    if (largest_change(F, F_of_M) > options_.strain_change || left > 0.1) {
+      for (std::size_t c = 0; left > 0.1 && c < shares.size(); ++c)
+        for (int e = 0; e < cameras.elements(); ++e)
+          shares[c][e] = seen.cameras[c].element_pixels[e] / std::max(1.0, static_cast<double>(cameras[static_cast<int>(c)].quadrature().pixels_of(e)));
+      const Eigen::SparseMatrix<double> M = cameras.M(frame.displacement, shares);
+      if (finest && left > 0.1) {
+        smoothing = at.chosen;
+        const std::vector<int> nodes = cameras.hardly_seen(M);
+        frame.hardly_seen = static_cast<int>(nodes.size());
+        if (!nodes.empty()) smoothing += continuation(cameras, nodes);
+      }
+      factor = std::make_shared<Factor>(M + smoothing);
       F_of_M = std::move(F);
       if (factor->info() != Eigen::Success) break;
     }
-    Eigen::VectorXd update = factor->solve(seen.b - at.smoothing * (frame.displacement - start));
-    const InImage step = correlation.pixel_displacement(frame.displacement + update) -
-                         correlation.pixel_displacement(frame.displacement);
-    double largest = step.rowwise().norm().maxCoeff();
+    Eigen::VectorXd update = factor->solve(seen.b - smoothing * (frame.displacement - start));
+    const Eigen::VectorXd steps = cameras.steps(frame.displacement, update);
+    double largest = steps.allFinite() ? steps.maxCoeff() : NAN;
     if (group.size() > 1) group.broadcast(std::span(&largest, 1));  // every rank decides alike
     if (!std::isfinite(largest)) break;
-    const int dofs = correlation.dofs_per_node();
-    for (int node = 0; node < correlation.nodes(); ++node)
-      if (const double length = step.row(node).norm(); length > longest_step)
-        update.segment(static_cast<Eigen::Index>(node) * dofs, dofs) *= longest_step / length;
+    const int dofs = cameras.dofs_per_node();
+    for (int node = 0; node < cameras.nodes(); ++node)
+      if (steps[node] > longest_step)
+        update.segment(static_cast<Eigen::Index>(node) * dofs, dofs) *= longest_step / steps[node];
     frame.displacement += update;
     ++frame.iterations;
     frame.converged = largest < tolerance;
@@ -181,82 +283,106 @@ void GlobalDic::solve_level(int level, const imaging::BSpline& g, const Communic
     if (!finest && frame.iterations > 8 && largest > 0.9 * previous && largest < 0.5) frame.converged = true;
     previous = largest;
   }
-  frame.lost = frame.coefficient < options_.lost || frame.pixels < 0.5 * (frame.pixels + frame.dropped);
+  frame.lost = least < options_.lost || frame.pixels < 0.5 * (frame.pixels + frame.dropped);
 }
 
 DicFrame GlobalDic::correlate(const imaging::Image& image, const Eigen::VectorXd& start, int coarsest, int finest,
                               const Communicator& group) const {
+  return correlate(std::vector<imaging::Image>{image}, start, coarsest, finest, group);
+}
+
+DicFrame GlobalDic::correlate(const std::vector<imaging::Image>& images, const Eigen::VectorXd& start, int coarsest,
+                              int finest, const Communicator& group) const {
   DicFrame frame;
   frame.displacement = start;
-  std::vector<imaging::Image> pyramid = {image};
-  for (int level = 1; level <= coarsest; ++level) pyramid.push_back(imaging::half_size(pyramid.back()));
+  std::vector<std::vector<imaging::Image>> pyramid = {images};
+  for (int level = 1; level <= coarsest; ++level) pyramid.push_back(half_sizes(pyramid.back()));
   for (int level = coarsest; level >= finest; --level)
-    solve_level(level,
-                level == 0 ? spline(pyramid.front()) : imaging::BSpline(pyramid[static_cast<std::size_t>(level)]), group,
-                frame);
+    solve_level(level, splines(pyramid[static_cast<std::size_t>(level)], level), group, frame);
   return frame;
 }
 
-// The next frame of a series on the coarse levels, down to `finest`, of which `coarse` is the image; `before` are the
+// The next frame of a series on the coarse levels, down to `finest`, of which `coarse` are the images; `before` are the
 // displacements of the frames before it.
-DicFrame GlobalDic::follow(const imaging::Image& coarse, const std::vector<Eigen::VectorXd>& before, int finest) const {
+DicFrame GlobalDic::follow(const std::vector<imaging::Image>& coarse, const std::vector<Eigen::VectorXd>& before,
+                           int finest) const {
   const Communicator alone{MPI_COMM_SELF};
   const int top = levels() - 1;
   const Level& coarsest = levels_.back();
-  std::vector<imaging::Image> pyramid = {coarse};
-  for (int level = finest + 1; level <= top; ++level) pyramid.push_back(imaging::half_size(pyramid.back()));
-  std::vector<imaging::BSpline> splines;
-  for (int level = finest; level <= top; ++level) {
-    const imaging::Image& image = pyramid[static_cast<std::size_t>(level - finest)];
-    splines.push_back(level == 0 ? spline(image) : imaging::BSpline(image));
-  }
+  std::vector<std::vector<imaging::Image>> pyramid = {coarse};
+  for (int level = finest + 1; level <= top; ++level) pyramid.push_back(half_sizes(pyramid.back()));
+  std::vector<std::vector<imaging::BSpline>> splined;
+  for (int level = finest; level <= top; ++level)
+    splined.push_back(splines(pyramid[static_cast<std::size_t>(level - finest)], level));
 
   // Start where the motion so far leads, or where the last frame was, whichever matches better.
   std::vector<Eigen::VectorXd> starts;
-  if (before.empty()) starts.push_back(Eigen::VectorXd::Zero(coarsest.correlation->unknowns()));
+  if (before.empty()) starts.push_back(Eigen::VectorXd::Zero(coarsest.cameras->unknowns()));
   if (!before.empty()) starts.push_back(before.back());
   if (before.size() > 1) starts.push_back(2.0 * before.back() - before[before.size() - 2]);
   const auto match = [&](const Eigen::VectorXd& U) {
-    const Evaluation seen = coarsest.correlation->evaluate(splines.back(), U, alone);
+    const JointEvaluation seen = coarsest.cameras->evaluate(splined.back(), U, alone);
     return seen.coefficient * seen.pixels / std::max(1.0, seen.pixels + seen.dropped);
   };
   const Eigen::VectorXd start = *std::max_element(starts.begin(), starts.end(),
                                                   [&](const auto& a, const auto& b) { return match(a) < match(b); });
   DicFrame frame;
   frame.displacement = start;
-  solve_level(top, splines.back(), alone, frame);
-  // Not a clear match: look for patches everywhere, first those deformed like the last frame.
+  solve_level(top, splined.back(), alone, frame);
+  // Not a clear match: look for patches everywhere in each camera's image, first those deformed like the last frame; the
+  // motions of the images together make a displacement. So too if single elements match badly: a corner of the mesh may
+  // have run astray.
   constexpr double clear = 0.8;
-  if (frame.coefficient < clear || frame.lost) {
+  std::vector<double> rms(frame.element_rms.begin(), frame.element_rms.end());
+  std::sort(rms.begin(), rms.end());
+  const bool astray = rms.back() > 4.0 * rms[rms.size() / 2];
+  if (frame.coefficient < clear || frame.lost || astray) {
     for (const Eigen::VectorXd& from : {start, Eigen::VectorXd(Eigen::VectorXd::Zero(start.size()))}) {
-      const double reach = 0.5 * std::max(coarse.width, coarse.height) / std::ldexp(1.0, top - finest);
-      const auto found = search_patches(*coarsest.correlation, coarsest.reference, pyramid.back(), from, reach);
-      if (!found) continue;
+      std::vector<std::optional<InImage>> moved;
+      for (int c = 0; c < cameras().size(); ++c) {
+        const auto k = static_cast<std::size_t>(c);
+        const double reach = 0.5 * std::max(coarse[k].width, coarse[k].height) / std::ldexp(1.0, top - finest);
+        moved.push_back(search_patches((*coarsest.cameras)[c], coarsest.references[k], pyramid.back()[k], from, reach));
+      }
+      if (std::none_of(moved.begin(), moved.end(), [](const auto& one) { return one.has_value(); })) continue;
       DicFrame other;
-      other.displacement = *found;
-      solve_level(top, splines.back(), alone, other);
-      if (other.coefficient > frame.coefficient + 0.02) frame = std::move(other);
+      other.displacement = coarsest.cameras->displacement(moved, from);
+      solve_level(top, splined.back(), alone, other);
+      if (other.coefficient > frame.coefficient + std::min(0.02, 0.5 * (1.0 - frame.coefficient))) frame = std::move(other);
       if (frame.coefficient > clear) break;
     }
   }
   for (int level = top - 1; level >= finest; --level)
-    solve_level(level, splines[static_cast<std::size_t>(level - finest)], alone, frame);
+    solve_level(level, splined[static_cast<std::size_t>(level - finest)], alone, frame);
   return frame;
 }
 
 std::vector<DicFrame> GlobalDic::run(const Communicator& world, const std::vector<std::filesystem::path>& images,
                                      const Done& done) const {
-  const auto read = [&](int frame) { return imaging::read_image(images[static_cast<std::size_t>(frame)]); };
-  return run(world, static_cast<int>(images.size()), read, done);
+  return run(world, std::vector<std::vector<std::filesystem::path>>{images}, done);
 }
 
 std::vector<DicFrame> GlobalDic::run(const Communicator& world, int frames, const Source& source,
                                      const Done& done) const {
+  return run(world, frames, SourceOfAll([&source](int frame, int) { return source(frame); }), done);
+}
+
+std::vector<DicFrame> GlobalDic::run(const Communicator& world,
+                                     const std::vector<std::vector<std::filesystem::path>>& images, const Done& done) const {
+  const auto read = [&](int frame, int camera) {
+    return imaging::read_image(images[static_cast<std::size_t>(camera)][static_cast<std::size_t>(frame)]);
+  };
+  return run(world, static_cast<int>(images.front().size()), SourceOfAll(read), done);
+}
+
+std::vector<DicFrame> GlobalDic::run(const Communicator& world, int frames, const SourceOfAll& source,
+                                     const Done& done) const {
   const int split = std::min(parallel_levels, levels() - 1);  // the finest of the coarse levels
-  const Eigen::Index unknowns = correlation().unknowns(), elements = correlation().elements();
-  const auto read = [&](int frame) {
-    imaging::Image image = source(frame);
-    const imaging::BSpline& reference = levels_.front().reference;
+  const int count = cameras().size();
+  const Eigen::Index unknowns = cameras().unknowns(), elements = cameras().elements();
+  const auto read = [&](int frame, int camera) {
+    imaging::Image image = source(frame, camera);
+    const imaging::BSpline& reference = levels_.front().references[static_cast<std::size_t>(camera)];
     if (image.width != reference.width() || image.height != reference.height())
       throw InputError(image.path.empty() ? fmt::format("frame {}", frame) : image.path.string(),
                        fmt::format("{} x {} pixels", image.width, image.height),
@@ -268,15 +394,19 @@ std::vector<DicFrame> GlobalDic::run(const Communicator& world, int frames, cons
   // Coarse levels in the order of time. Each rank reads and reduces one frame of a batch; all then follow the motion
   // alike, which is cheap and needs no message.
   std::vector<Eigen::VectorXd> starts, trusted;
-  const imaging::BSpline& reduced_reference = levels_[static_cast<std::size_t>(split)].reference;
+  std::vector<imaging::Image> empty;
+  for (const imaging::BSpline& reference : levels_[static_cast<std::size_t>(split)].references)
+    empty.emplace_back(reference.width(), reference.height());
   for (int first = 0; first < frames; first += world.size()) {
-    imaging::Image mine(reduced_reference.width(), reduced_reference.height());
+    std::vector<imaging::Image> mine = empty;
     collectively(world, [&] {
-      if (first + world.rank() < frames) mine = reduced(read(first + world.rank()), split);
+      if (first + world.rank() >= frames) return;
+      for (int c = 0; c < count; ++c) mine[static_cast<std::size_t>(c)] = reduced(read(first + world.rank(), c), split);
     });
     for (int frame = first; frame < std::min(frames, first + world.size()); ++frame) {
-      imaging::Image coarse = frame - first == world.rank() ? mine : imaging::Image(mine.width, mine.height);
-      MPI_Bcast(coarse.grey.data(), static_cast<int>(coarse.grey.size()), MPI_FLOAT, frame - first, world.handle);
+      std::vector<imaging::Image> coarse = frame - first == world.rank() ? mine : empty;
+      for (imaging::Image& image : coarse)
+        MPI_Bcast(image.grey.data(), static_cast<int>(image.grey.size()), MPI_FLOAT, frame - first, world.handle);
       const DicFrame followed = follow(coarse, trusted, split);
       starts.push_back(followed.displacement);
       if (!followed.lost) trusted.push_back(followed.displacement);
@@ -289,50 +419,80 @@ std::vector<DicFrame> GlobalDic::run(const Communicator& world, int frames, cons
   const GroupLayout layout(world, frames, options_.groups);
   collectively(world, [&] {
     for (const int frame : layout.tasks_of_group(frames)) {
-      imaging::Image image;
-      collectively(layout.group(), [&] { image = read(frame); });
+      std::vector<imaging::Image> images;
+      collectively(layout.group(), [&] {
+        for (int c = 0; c < count; ++c) images.push_back(read(frame, c));
+      });
       DicFrame& result = results[static_cast<std::size_t>(frame)];
-      result = correlate(image, starts[static_cast<std::size_t>(frame)], std::max(0, split - 1), 0, layout.group());
+      result = correlate(images, starts[static_cast<std::size_t>(frame)], std::max(0, split - 1), 0, layout.group());
       progress.update(frames + frame + 1,
                       fmt::format("frame {} of {}, residual {:.2f} grey levels", frame + 1, frames, result.rms));
     }
   });
 
+  constexpr Eigen::Index of_frame = 10, of_camera = 6;
   for (int frame = 0; frame < frames; ++frame) {
     DicFrame& result = results[static_cast<std::size_t>(frame)];
-    std::vector<double> message(static_cast<std::size_t>(unknowns + elements + 9), 0.0);
-    Eigen::Map<Eigen::VectorXd> all(message.data(), unknowns + elements + 9);
+    const Eigen::Index head = unknowns + elements + of_frame, part = elements + of_camera;
+    Eigen::VectorXd all = Eigen::VectorXd::Zero(head + count * part);
     if (frame % layout.groups() == layout.index() && layout.group().is_root()) {
       all.head(unknowns) = result.displacement;
       all.segment(unknowns, elements) = result.element_rms;
-      all.tail<9>() << result.converged, result.lost, result.iterations, result.rms, result.coefficient, result.pixels,
-          result.dropped, result.gain, result.offset;
+      all.segment<of_frame>(unknowns + elements) << result.converged, result.lost, result.iterations, result.rms,
+          result.coefficient, result.pixels, result.dropped, result.gain, result.offset, result.hardly_seen;
+      for (int c = 0; c < count; ++c) {
+        const CameraFrame& own = result.cameras[static_cast<std::size_t>(c)];
+        all.segment(head + c * part, elements) = own.element_rms;
+        all.segment<of_camera>(head + c * part + elements) << own.rms, own.coefficient, own.pixels, own.dropped, own.gain, own.offset;
+      }
     }
-    world.sum(message);
+    world.sum(std::span(all.data(), static_cast<std::size_t>(all.size())));
     result.displacement = all.head(unknowns);
     result.element_rms = all.segment(unknowns, elements);
-    const double* const values = message.data() + unknowns + elements;
+    const double* values = all.data() + unknowns + elements;
     result.converged = values[0] > 0.5;
     result.lost = values[1] > 0.5;
     result.iterations = static_cast<int>(values[2]);
     result.rms = values[3], result.coefficient = values[4];
     result.pixels = values[5], result.dropped = values[6];
     result.gain = values[7], result.offset = values[8];
+    result.hardly_seen = static_cast<int>(values[9]);
+    result.cameras.clear();
+    for (int c = 0; c < count; ++c) {
+      values = all.data() + head + c * part + elements;
+      result.cameras.push_back({.rms = values[0], .coefficient = values[1], .pixels = values[2], .dropped = values[3],
+                                .gain = values[4], .offset = values[5], .element_rms = all.segment(head + c * part, elements)});
+    }
     if (done) done(frame, result);
   }
   return results;
 }
 
 Eigen::VectorXd GlobalDic::standard_deviation(double sigma, int references) const {
+  return standard_deviation(std::vector<ImageNoise>(static_cast<std::size_t>(cameras().size()), {sigma, references}));
+}
+
+Eigen::VectorXd GlobalDic::standard_deviation(const std::vector<ImageNoise>& noise) const {
   const Level& finest = levels_.front();
-  const double factor = std::pow(sigma * motion_noise_, 2) * (1.0 + 1.0 / references);
-  if (options_.regularisation <= 0.0) {
-    // diag(T^-1 M T^-1) = diag(T^-1) + diag(T^-1 V T^-1), the latter as the derivative of (T - h V)^-1 in h.
-    const Eigen::SparseMatrix<double> V = sigma * sigma / references * finest.correlation->gradient_noise();
-    const Eigen::SparseMatrix<double> T = finest.correlation->M() - V;
+  // Of M_c in the covariance B of b, and of the gradient's noise in M.
+  std::vector<double> of_b, of_M;
+  double pixels = 0.0, factor = 0.0;  // factor: B is about factor * M
+  for (int c = 0; c < cameras().size(); ++c) {
+    const ImageNoise& own = noise.at(static_cast<std::size_t>(c));
+    const double w = cameras().weight(c), seen = static_cast<double>(correlation(c).quadrature().pixels());
+    of_b.push_back(w * w * std::pow(own.sigma * motion_noise(c), 2) * (1.0 + 1.0 / own.references));
+    of_M.push_back(w * own.sigma * own.sigma / own.references);
+    factor += of_b.back() * seen, pixels += w * seen;
+  }
+  factor /= pixels;
+  const Eigen::SparseMatrix<double> M = cameras().M(), B = cameras().sum_of_M(of_b);
+  if (options_.regularisation <= 0.0 && !continued_) {
+    // B = factor (T + R) with a small R: diag(T^-1 B T^-1)/factor = diag(T^-1) + diag(T^-1 R T^-1), the latter as the
+    // derivative of (T - h R)^-1 in h. One camera: R = V.
+    const Eigen::SparseMatrix<double> T = M - cameras().sum_of_gradient_noise(of_M), R = B / factor - T;
     constexpr double h = 0.01;
-    const Factor tangent(T), less(T - h * V), more(T + h * V);
-    if (less.info() == Eigen::Success && less.vectorD().minCoeff() > 0.0) {
+    const Factor tangent(T), less(T - h * R), more(T + h * R);
+    if (less.info() == Eigen::Success && less.vectorD().minCoeff() > 0.0 && more.vectorD().minCoeff() > 0.0) {
       const Eigen::VectorXd slope = (diagonal_of_inverse(less) - diagonal_of_inverse(more)) / (2.0 * h);
       return (factor * (diagonal_of_inverse(tangent) + slope)).cwiseMax(0.0).cwiseSqrt();
     }
@@ -341,14 +501,13 @@ Eigen::VectorXd GlobalDic::standard_deviation(double sigma, int references) cons
         "underestimated");
     return (factor * diagonal_of_inverse(*finest.factor)).cwiseMax(0.0).cwiseSqrt();
   }
-  const Eigen::SparseMatrix<double> M = finest.correlation->M();
   Eigen::VectorXd variance(M.cols());
 #pragma omp parallel for schedule(static)
   for (Eigen::Index i = 0; i < M.cols(); ++i) {
     const Eigen::VectorXd column = finest.factor->solve(Eigen::VectorXd::Unit(M.cols(), i));
-    variance[i] = column.dot(M * column);
+    variance[i] = column.dot(B * column);
   }
-  return (factor * variance).cwiseMax(0.0).cwiseSqrt();
+  return variance.cwiseMax(0.0).cwiseSqrt();
 }
 
 }  // namespace imic3d::correlation

@@ -31,10 +31,28 @@ Eigen::Vector2d at(const Affine& affine, const Eigen::Vector2d& place) {
   return affine.transpose() * Eigen::Vector3d(1.0, place.x(), place.y());
 }
 
+/// The same with squares, for a field that bends.
+using Quadratic = Eigen::Matrix<double, 6, 2>;
+
+Eigen::Matrix<double, 1, 6> squares(const Eigen::Vector2d& place) {
+  const double x = place.x() / 100.0, y = place.y() / 100.0;
+  return Eigen::Matrix<double, 1, 6>(1.0, x, y, x * x, x * y, y * y);
+}
+Eigen::Vector2d at(const Quadratic& field, const Eigen::Vector2d& place) { return (squares(place) * field).transpose(); }
+
+Quadratic fit_squares(const std::vector<Found>& found, const std::vector<std::size_t>& chosen) {
+  Eigen::MatrixXd places(chosen.size(), 6), misses(chosen.size(), 2);
+  for (std::size_t i = 0; i < chosen.size(); ++i) {
+    places.row(static_cast<Eigen::Index>(i)) = squares(found[chosen[i]].reference);
+    misses.row(static_cast<Eigen::Index>(i)) = found[chosen[i]].miss.transpose();
+  }
+  return places.colPivHouseholderQr().solve(misses);
+}
+
 }  // namespace
 
-std::optional<Eigen::VectorXd> search_patches(const Correlation& correlation, const imaging::BSpline& reference,
-                                              const imaging::Image& image, const Eigen::VectorXd& U, double reach) {
+std::optional<InImage> search_patches(const Correlation& correlation, const imaging::BSpline& reference,
+                                      const imaging::Image& image, const Eigen::VectorXd& U, double reach) {
   constexpr int most_patches = 80;
   constexpr double least_score = 0.5;
   const InImage shift = correlation.pixel_displacement(U);
@@ -78,7 +96,7 @@ std::optional<Eigen::VectorXd> search_patches(const Correlation& correlation, co
   std::mt19937 generator(1);
   std::uniform_int_distribution<std::size_t> any(0, found.size() - 1);
   std::vector<std::size_t> best;
-  const auto agreeing = [&](const Affine& affine) {
+  const auto agreeing = [&](const auto& affine) {
     std::vector<std::size_t> agree;
     for (std::size_t i = 0; i < found.size(); ++i)
       if ((at(affine, found[i].reference) - found[i].miss).norm() < 2.0) agree.push_back(i);
@@ -95,18 +113,19 @@ std::optional<Eigen::VectorXd> search_patches(const Correlation& correlation, co
   best = agreeing(fit(found, best));
   if (best.size() < 3) return {};
   const Affine affine = fit(found, best);
-
-  // Back to physical displacements of least size that give this motion in the image.
-  Eigen::VectorXd guess = U;
-  const int dofs = correlation.dofs_per_node();
-  for (int node = 0; node < correlation.nodes(); ++node) {
-    Eigen::Matrix<double, 2, 3> J = correlation.camera().jacobian(correlation.surface().nodes.row(node).transpose());
-    if (dofs == 2) J.col(2).setZero();
-    const Eigen::Vector2d motion = at(affine, positions.row(node).transpose() - middle);
-    const Eigen::Vector3d displacement = J.transpose() * ((J * J.transpose()).inverse() * motion);
-    for (int a = 0; a < dofs; ++a) guess[static_cast<Eigen::Index>(node) * dofs + a] += displacement[a];
+  // A field that bends: patches further off agree with the squares of those that agree so far.
+  std::vector<std::size_t> more = best;
+  Quadratic field = Quadratic::Zero();
+  for (int round = 0; round < 4 && more.size() >= 12; ++round) {
+    field = fit_squares(found, more);
+    more = agreeing(field);
   }
-  return guess;
+  const bool bends = more.size() > best.size() + 3 && field.allFinite();
+
+  InImage moved = shift;
+  for (int node = 0; node < correlation.nodes(); ++node)
+    moved.row(node) += (bends ? at(field, positions.row(node).transpose() - middle) : at(affine, positions.row(node).transpose() - middle)).transpose();
+  return moved;
 }
 
 }  // namespace imic3d::correlation

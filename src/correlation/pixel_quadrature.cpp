@@ -100,7 +100,8 @@ void check(const mesh::Cells& cells, const InImage& positions, const imaging::BS
                        fmt::format("elements of at most {:.0f} pixels", largest_element));
     const bool l = low.x()<-0.5, r = high.x()> width, a = low.y()<-0.5, b = high.y()> height;
     left += l, right += r, above += a, below += b, outside += l || r || a || b;
-    if (!Outline(corners).convex()) folded.push_back(e);
+    const bool touches = high.x() >= -0.5 && low.x() <= width && high.y() >= -0.5 && low.y() <= height;
+    if (touches && !Outline(corners).convex()) folded.push_back(e);
   }
   if (outside > 0 && !options.clip)
     throw InputError(

@@ -24,7 +24,8 @@ void add_square(const Form& form, double weight, int dofs, std::vector<Eigen::Tr
 
 }  // namespace
 
-Eigen::SparseMatrix<double> curvature_energy(const mesh::Mesh& surface, int dofs_per_node) {
+Eigen::SparseMatrix<double> curvature_energy(const mesh::Mesh& surface, int dofs_per_node, const std::vector<char>& only) {
+  const auto takes_part = [&only](int e) { return only.empty() || only[static_cast<std::size_t>(e)] != 0; };
   struct Element {
     Corners corners, slopes;  // dN/d(x, y) at the centre
   };
@@ -41,11 +42,11 @@ Eigen::SparseMatrix<double> curvature_energy(const mesh::Mesh& surface, int dofs
     const Eigen::Vector4d mode = hourglass - element.slopes * (element.corners.transpose() * hourglass);
     Form form;
     for (int i = 0; i < 4; ++i) form.emplace_back(surface.cells(e, i), 0.25 * mode[i]);
-    add_square(form, 16.0 / (4.0 * std::abs(jacobian.determinant())), dofs_per_node, entries);
+    if (takes_part(e)) add_square(form, 16.0 / (4.0 * std::abs(jacobian.determinant())), dofs_per_node, entries);
     for (int i = 0; i < 4; ++i) {
       const int a = surface.cells(e, i), b = surface.cells(e, (i + 1) % 4);
       const auto [place, is_new] = owner.try_emplace({std::min(a, b), std::max(a, b)}, e);
-      if (is_new) continue;
+      if (is_new || !(takes_part(e) || takes_part(place->second))) continue;
       const Element& other = elements[static_cast<std::size_t>(place->second)];
       const double length = (surface.nodes.row(a) - surface.nodes.row(b)).norm();
       const double distance = (element.corners.colwise().mean() - other.corners.colwise().mean()).norm();

@@ -62,6 +62,29 @@ Eigen::Matrix<double, 2, 3> PinholeCamera::jacobian(const Eigen::Vector3d& point
   return sensor(intrinsics_) * distort(intrinsics_, direction).slope * of_point * pose_.rotation;
 }
 
+Eigen::Matrix<double, 2, 23> PinholeCamera::jacobian_of_numbers(const Eigen::Vector3d& point) const {
+  const Eigen::Vector3d turned = pose_.rotation * point;
+  const Eigen::Vector2d direction = (turned + pose_.translation).hnormalized();
+  const Eigen::Vector2d position = distort(intrinsics_, direction).position;
+  const auto& k = intrinsics_.distortion;
+  const double x = direction[0], y = direction[1], r2 = x * x + y * y, r4 = r2 * r2, r6 = r4 * r2;
+  const double below = 1.0 + k[5] * r2 + k[6] * r4 + k[7] * r6;
+  const double slope = -(1.0 + k[0] * r2 + k[1] * r4 + k[4] * r6) / (below * below);
+  Eigen::Matrix<double, 2, 12> of_terms;  // d(x', y')/d(k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4)
+  of_terms << x * r2 / below, x * r4 / below, 2.0 * x * y, r2 + 2.0 * x * x, x * r6 / below, x * slope * r2, x * slope * r4, x * slope * r6, r2, r4, 0.0, 0.0,
+      y * r2 / below, y * r4 / below, r2 + 2.0 * y * y, 2.0 * x * y, y * r6 / below, y * slope * r2, y * slope * r4, y * slope * r6, 0.0, 0.0, r2, r4;
+  const Eigen::Matrix<double, 2, 3> of_seen = jacobian(point) * pose_.rotation.transpose();  // d(pixel)/d(point in the camera's frame)
+  Eigen::Matrix3d cross;
+  cross << 0.0, turned[2], -turned[1], -turned[2], 0.0, turned[0], turned[1], -turned[0], 0.0;  // r x turned = cross r
+  Eigen::Matrix<double, 2, 23> derivative;
+  derivative << position[0], 0.0, 1.0, 0.0, position[1], Eigen::RowVector<double, 12>::Zero(), Eigen::RowVector<double, 6>::Zero(),
+      0.0, position[1], 0.0, 1.0, 0.0, Eigen::RowVector<double, 12>::Zero(), Eigen::RowVector<double, 6>::Zero();
+  derivative.middleCols<12>(5) = sensor(intrinsics_) * of_terms;
+  derivative.middleCols<3>(17) = of_seen * cross;
+  derivative.rightCols<3>() = of_seen;
+  return derivative;
+}
+
 Eigen::Vector3d PinholeCamera::ray(const Eigen::Vector2d& pixel) const {
   const Eigen::Vector2d wanted = sensor(intrinsics_).inverse() * (pixel - Eigen::Vector2d(intrinsics_.cx, intrinsics_.cy));
   Eigen::Vector2d direction = wanted;

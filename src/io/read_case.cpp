@@ -163,6 +163,7 @@ class CaseReader {
       if (specimen.plane_stress() && section.has(key)) specimen.unused.emplace_back(key);
     if (!specimen.plane_stress() && specimen.element.starts_with("quad"))
       mistake(section.path("element"), specimen.element + " with kinematics: 3d", "hex8, hex20; quad4, quad8 with kinematics: plane_stress");
+    read_specimen_place(section);
     if (!section.has("mesh")) return;  // the schema's check has said so
     for (const char* end : {"held", "loaded"})
       if (simulates() && !section.has(end)) mistake(section.path(end), "not given", "the name of a group of the mesh");
@@ -173,6 +174,46 @@ class CaseReader {
       return;
     }
     if (checks_.read_mesh) check_mesh(section);
+  }
+
+  void read_specimen_place(const Section& specimen_section) {
+    if (!specimen_section.has("place")) return;
+    const auto section = specimen_section.group("place");
+    auto& place = case_.specimen.place.emplace();
+    section.get("camera", place.camera);
+    section.get("points", place.points);
+    section.get("deviation", place.deviation);
+    section.get("refine_cameras", place.refine_cameras);
+    section.get("shape", place.shape);
+  }
+
+  /// Pinhole cameras have a calibration, and the specimen a place in front of them.
+  void check_pinholes() {
+    std::string names;
+    bool found = false;
+    const auto sections = root_.list("cameras");
+    for (std::size_t i = 0; i < case_.cameras.size(); ++i) {
+      const auto& camera = case_.cameras[i];
+      if (camera.model != "pinhole") {
+        for (const char* key : {"calibration", "index"})
+          if (sections[i].has(key)) mistake(sections[i].path(key), "given for a telecentric camera", "only with model: pinhole");
+        continue;
+      }
+      names += (names.empty() ? "" : ", ") + camera.name;
+      found = found || !case_.specimen.place || case_.specimen.place->camera.empty() || case_.specimen.place->camera == camera.name;
+      for (const char* key : {"place", "pixel_size"})
+        if (sections[i].has(key)) mistake(sections[i].path(key), "given for a pinhole camera", "only with model: telecentric (specimen.place places the specimen)");
+      if (camera.calibration.empty())
+        mistake(sections[i].path("calibration"), "not given", "a calibration file (VIC-3D, DICe, MatchID, OpenCV)");
+      else if (!exists(camera.calibration))
+        mistake(sections[i].path("calibration"), fmt::format("no such file: {}", camera.calibration.string()), "a calibration file");
+    }
+    if (names.empty()) {
+      if (case_.specimen.place) mistake("specimen.place", "given without a pinhole camera", "only with cameras of model: pinhole");
+      return;
+    }
+    if (!case_.specimen.place) mistake("specimen.place", "not given", "{points: …}: where the specimen lies in front of the pinhole cameras");
+    if (!found) mistake("specimen.place.camera", case_.specimen.place->camera, "one of " + names);
   }
 
   void check_mesh(const Section& section) {
@@ -245,10 +286,15 @@ class CaseReader {
       auto& camera = case_.cameras.emplace_back();
       section.get("name", camera.name);
       section.get("model", camera.model);
+      section.get("calibration", camera.calibration);
+      int before = 0;  // cameras of the same file
+      for (const auto& other : case_.cameras) before += !camera.calibration.empty() && other.calibration == camera.calibration;
+      camera.index = std::max(0, before - 1);
+      section.get("index", camera.index);
       section.get("pixel_size", camera.pixel_size);
       section.get("noise", camera.noise);
       read_images(section, camera);
-      read_place(section, camera);
+      if (camera.model != "pinhole") read_place(section, camera);
       if (!camera.frames.empty()) {
         camera.reference = {camera.frames.front()};
         if (section.has("reference")) camera.reference = frames_of(section, "reference", camera.frames);
@@ -264,6 +310,7 @@ class CaseReader {
         mistake(item("cameras", i) + ".images", "frames " + to_text(camera.frames),
                 "those of the first camera: " + to_text(case_.cameras.front().frames));
     }
+    check_pinholes();
   }
 
   void read_place(const Section& camera_section, CameraCase& camera) {

@@ -8,6 +8,7 @@
 #include <iterator>
 #include <nlohmann/json.hpp>
 
+#include "html.hpp"
 #include "image_files.hpp"
 #include "imic3d/io/run_results.hpp"
 #include "svg_plot.hpp"
@@ -20,58 +21,6 @@ constexpr const char* measured_colour = "#222222";
 constexpr const char* model_colour = "#b2182b";
 constexpr const char* dic_colour = "#2166ac";
 
-constexpr const char* style = R"css(
-:root { color-scheme: light; }
-body { font: 15px/1.5 system-ui, "Segoe UI", "Noto Sans", "DejaVu Sans", sans-serif; color: #1c1c1c; background: #fff;
-       max-width: 1100px; margin: 2em auto; padding: 0 1.5em; }
-h1 { font-size: 1.7em; margin: 0 0 .1em; } h2 { font-size: 1.2em; margin: 2em 0 .5em; border-bottom: 1px solid #ddd; }
-.note { color: #666; margin: 0; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
-th, td { padding: .25em .9em; text-align: right; border-bottom: 1px solid #e6e6e6; white-space: nowrap; }
-th { font-weight: 600; color: #444; border-bottom: 1px solid #999; }
-th:first-child, td:first-child { text-align: left; padding-left: 0; }
-td.left { text-align: left; } tr.held td { color: #7a5a00; }
-.plots { display: flex; flex-wrap: wrap; gap: 1em; }
-svg { font-family: inherit; } .plot-title { font-size: 13px; font-weight: 600; } .tick { font-size: 11px; fill: #444; }
-.axis { font-size: 12px; fill: #222; } .grid { stroke: #eee; } .frame { fill: none; stroke: #999; }
-figure { margin: 0 0 1.5em; } figure img { max-width: 100%; border: 1px solid #ddd; } figcaption { color: #444; }
-.pictures { display: grid; grid-template-columns: repeat(auto-fit, minmax(420px, 1fr)); gap: 1em; align-items: start; }
-pre { background: #f6f6f6; padding: 1em; overflow-x: auto; font-size: 13px; } summary { cursor: pointer; color: #2166ac; }
-)css";
-
-std::string base64(const std::string& bytes) {
-  constexpr const char* letters = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::string text;
-  for (std::size_t i = 0; i < bytes.size(); i += 3) {
-    const auto byte = [&](std::size_t k) {
-      return i + k < bytes.size() ? static_cast<unsigned>(static_cast<unsigned char>(bytes[i + k])) : 0U;
-    };
-    const unsigned triple = byte(0) << 16 | byte(1) << 8 | byte(2);
-    text += letters[triple >> 18 & 63];
-    text += letters[triple >> 12 & 63];
-    text += i + 1 < bytes.size() ? letters[triple >> 6 & 63] : '=';
-    text += i + 2 < bytes.size() ? letters[triple & 63] : '=';
-  }
-  return text;
-}
-
-/// A number with `digits` significant ones; a dash for NaN.
-std::string shown(double value, int digits = 5) {
-  if (!std::isfinite(value)) return "–";
-  const double size = std::abs(value);
-  if (size != 0.0 && (size >= 1e7 || size < 1e-4)) return fmt::format("{:.{}e}", value, digits - 1);
-  const int before = size > 0.0 ? static_cast<int>(std::floor(std::log10(size))) + 1 : 1;
-  return fmt::format("{:.{}f}", value, std::max(0, digits - before));
-}
-
-/// A value as far as its standard deviation lets it be known: two digits of that.
-std::string shown_with(double value, double deviation) {
-  if (!std::isfinite(value) || !std::isfinite(deviation) || deviation <= 0.0) return shown(value);
-  const int last = static_cast<int>(std::floor(std::log10(deviation))) - 1;
-  const int digits = static_cast<int>(std::floor(std::log10(std::max(std::abs(value), deviation)))) - last + 1;
-  return shown(value, std::clamp(digits, 2, 12));
-}
-
 class Report {
  public:
   explicit Report(const ResultsFile& file) : file_(file), numbers_(file.read_integers("frames/number")) {}
@@ -81,7 +30,7 @@ class Report {
     out_ = fmt::format(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<title>{0}</title>\n"
         "<style>{1}</style>\n</head>\n<body>\n<h1>{0}</h1>\n",
-        title, style);
+        title, page_style);
     const auto text_of = [&](const std::string& name) { return file_.has(name) ? file_.read_text(name) : "?"; };
     out_ += fmt::format("<p class=\"note\">{} · imic3d {}</p>\n", escaped(file_.read_text("case/file")),
                         escaped(text_of("program/imic3d")));

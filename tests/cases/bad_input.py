@@ -182,7 +182,7 @@ TABLE = [
      ['case.yaml:4 specimen.kinematics: "plane_strain"; allowed: 3d, plane_stress']),
     ("unknown_key", change("case.yaml", "layers: 2", "layer: 2"),
      ["case.yaml:4 specimen.layer: unknown key, near to layers; allowed: axis, element, front, held, kinematics, layer_ratio, layers, loaded, mesh, "
-      "mid_plane_symmetry, refine, thickness"]),
+      "mid_plane_symmetry, place, refine, thickness"]),
     ("duplicate_key", change("case.yaml", "layers: 2", "layers: 2, layers: 3"),
      ["case.yaml:4 specimen.layers: key given twice (first in line 4); allowed: each key once"]),
     ("parameter_outside_its_bounds", change("case.yaml", "S_y: 284", "S_y: {value: 284, lower: 300, upper: 400}"),

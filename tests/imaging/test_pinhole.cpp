@@ -61,6 +61,32 @@ TEST(Pinhole, jacobian_is_the_derivative) {
   }
 }
 
+TEST(Pinhole, jacobian_of_the_numbers_is_the_derivative) {
+  Intrinsics lens = camera().intrinsics();
+  lens.skew = 0.7;
+  const auto moved = [&](int number, double by) {
+    Intrinsics to = lens;
+    Pose pose = camera().pose();
+    double* const first[] = {&to.fx, &to.fy, &to.cx, &to.cy, &to.skew};
+    if (number < 5) *first[number] += by;
+    else if (number < 17) to.distortion[static_cast<std::size_t>(number - 5)] += by;
+    else if (number < 20) pose.rotation = Eigen::AngleAxisd(by, Eigen::Vector3d::Unit(number - 17)).toRotationMatrix() * pose.rotation;
+    else pose.translation[number - 20] += by;
+    return PinholeCamera(to, pose);
+  };
+  for (const auto& point : points) {
+    const auto exact = PinholeCamera(lens, camera().pose()).jacobian_of_numbers(point);
+    for (int number = 0; number < 23; ++number) {
+      double best = 1.0;
+      for (double h : {1e2, 1e1, 1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5}) {
+        const Eigen::Vector2d numeric = (moved(number, h).project(point) - moved(number, -h).project(point)) / (2.0 * h);
+        best = std::min(best, (numeric - exact.col(number)).norm() / std::max(exact.col(number).norm(), 1e-12));
+      }
+      EXPECT_LT(best, 1e-6) << "number " << number;
+    }
+  }
+}
+
 TEST(Pinhole, a_ray_goes_back_to_its_point) {
   const PinholeCamera ours = camera();
   for (const auto& point : points) {

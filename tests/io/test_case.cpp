@@ -159,7 +159,7 @@ specimen:
   held: bottom
   loaded: top
 cameras:
-  - {model: pinhole, pixel_size: .nan, place: {points: [[1, 2, 3]]}, images: "right/*.png"}
+  - {model: fisheye, pixel_size: .nan, place: {points: [[1, 2, 3]]}, images: "right/*.png"}
 material: {law: j3, parameters: {E: abc, nu: {value: 0.3, uper: 2}}}
 colour: red
 )",
@@ -172,7 +172,7 @@ colour: red
       "case.yaml:6 specimen.thickness: key given twice (first in line 5); allowed: each key once\n"
       "case.yaml:7 specimen.layers: 2.5; allowed: an integer from 1 to 100\n"
       "case.yaml:11 cameras[0].pixel_size: .nan; allowed: a finite number\n"
-      "case.yaml:11 cameras[0].model: \"pinhole\"; allowed: telecentric\n"
+      "case.yaml:11 cameras[0].model: \"fisheye\"; allowed: telecentric, pinhole\n"
       "case.yaml:11 cameras[0].place.points: a list of 1; allowed: a list of at least 2 rows [x, y, column, row]\n"
       "case.yaml:11 cameras[0].place.points[0]: a list of 3; allowed: a row [x, y, column, row]\n"
       "case.yaml:11 cameras[0].images: no file \"right/*.png\"; allowed: images that exist\n"
@@ -181,6 +181,34 @@ colour: red
       "case.yaml:12 material.parameters.nu.uper: unknown key, near to upper; allowed: lower, upper, value\n"
       "case.yaml:13 colour: unknown key; allowed: cameras, dic, identify, loads, material, output, simulate, "
       "specimen, title, units, virtual");
+}
+
+TEST_F(CaseFile, PinholeCamerasAndTheSpecimensPlace) {
+  folder.write("cal.xml", "");
+  const std::string start = "title: stereo\nspecimen: {mesh: plate.msh";
+  const std::string cameras =
+      "}\ncameras:\n"
+      "  - {name: left, model: pinhole, calibration: cal.xml, images: \"left/*.png\"}\n"
+      "  - {name: right, model: pinhole, calibration: cal.xml, images: \"left/*.png\"}\n";
+  const std::string place = ", place: {camera: right, points: [[0, 0, 1, 2], [10, 0, 20, 2], [0, 5, 1, 12]], shape: 4, refine_cameras: true}";
+  const Case test = read(start + place + cameras);
+  EXPECT_EQ(test.cameras[0].index, 0);
+  EXPECT_EQ(test.cameras[1].index, 1);  // the next of the same file
+  EXPECT_EQ(test.cameras[1].calibration.filename(), "cal.xml");
+  ASSERT_TRUE(test.specimen.place);
+  EXPECT_EQ(test.specimen.place->points.size(), 3U);
+  EXPECT_EQ(test.specimen.place->camera, "right");
+  EXPECT_EQ(test.specimen.place->shape, 4.0);
+  EXPECT_TRUE(test.specimen.place->refine_cameras);
+
+  EXPECT_THAT(mistakes(start + cameras), HasSubstr("specimen.place: not given"));
+  EXPECT_THAT(mistakes(start + ", place: {camera: rihgt, points: [[0, 0, 1, 2], [10, 0, 20, 2], [0, 5, 1, 12]]}" + cameras), HasSubstr("one of left, right"));
+  EXPECT_THAT(mistakes(start + ", place: {points: [[0, 0, 1, 2], [10, 0, 20, 2]]}" + cameras), HasSubstr("at least 3 rows"));
+  EXPECT_THAT(mistakes(start + place + "}\ncameras: [{name: right, model: pinhole, images: \"left/*.png\"}]\n"), HasSubstr("calibration: not given"));
+  EXPECT_THAT(mistakes(start + place + "}\ncameras: [{name: right, model: pinhole, calibration: none.xml, pixel_size: 0.1, images: \"left/*.png\"}]\n"),
+              ::testing::AllOf(HasSubstr("no such file"), HasSubstr("given for a pinhole camera")));
+  EXPECT_THAT(mistakes(start + place + "}\ncameras: [{calibration: cal.xml, pixel_size: 0.1, place: {auto: outline}, images: \"left/*.png\"}]\n"),
+              ::testing::AllOf(HasSubstr("only with model: pinhole"), HasSubstr("given without a pinhole camera")));
 }
 
 TEST_F(CaseFile, NumbersAreNumbersAndTextsAreTexts) {

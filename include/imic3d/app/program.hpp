@@ -25,6 +25,7 @@ void simulate(const Communicator& world, const CommandOptions& options);
 void virtual_test(const Communicator& world, const CommandOptions& options);
 void dic(const Communicator& world, const CommandOptions& options);
 void identify(const Communicator& world, const CommandOptions& options);
+void calibrate(const Communicator& world, const CommandOptions& options);
 void report(const Communicator& world, const CommandOptions& options);
 
 /// Program, git revision and the versions of the libraries, one per line.

@@ -56,8 +56,11 @@ struct Evaluation {
 };
 
 /// M_DIC and b_DIC of a camera. Displacements are physical, U [nodes * dofs, length], node by node:
-/// U[node * dofs + component]. The displacement in the image is bilinear in each element between the projected
-/// displacements of the nodes, which for a telecentric camera is exact.
+/// U[node * dofs + component]. For a telecentric camera the displacement in the image is bilinear in each element. What a
+/// perspective camera makes of the bilinear surface and of its displacement is not: there the pixels' local coordinates
+/// and their displacement follow the biquadratic map through the projections of nine points of the element. With the
+/// bilinear map of the projected nodes alone a motion by d pixels would be wrong by about d (h sin(tilt)/Z)^2/4 from the
+/// perspective and 3/4 d k1 (h/f)^2 from the distortion, h the element's size.
 ///
 /// Every rank holds all pixels; `group` says over which ranks a sum is split (contiguous blocks of elements with about
 /// equal numbers of pixels), and such calls are collective over it. Sums do not depend on the number of threads.
@@ -84,7 +87,8 @@ class Correlation {
   /// M_DIC of Eq. 8 [unknowns x unknowns, grey level^2/length^2], symmetric, both triangles stored.
   [[nodiscard]] Eigen::SparseMatrix<double> M() const;
   /// The same with the gradient transported by U (Gradient::transported). No pixel is visited again.
-  [[nodiscard]] Eigen::SparseMatrix<double> M(const Eigen::VectorXd& U) const;
+  /// `share`, if not empty [elements]: how much of each element counts, e.g. of its pixels that are still in the image.
+  [[nodiscard]] Eigen::SparseMatrix<double> M(const Eigen::VectorXd& U, const Eigen::VectorXd& share = {}) const;
 
   /// What white noise in the reference adds to M [unknowns x unknowns, px^2/length^2]: E[M] = M of the noiseless image
   /// + variance * this, i.e. slope_noise N^T N. Counts where the speckle's contrast is poor; subtract it for the true tangent.
@@ -115,8 +119,11 @@ class Correlation {
   [[nodiscard]] Eigen::Vector3d displaced(int node, const Eigen::VectorXd& U) const;
   [[nodiscard]] Eigen::Matrix<double, 4, 2> of_element(const InImage& values, int element) const;
   [[nodiscard]] std::pair<int, int> share(const Communicator& group) const;
-  void interpolate(const imaging::BSpline& g, int element, const InImage& shift, float* values, float* slope_x,
-                   float* slope_y) const;
+  void interpolate(const imaging::BSpline& g, int element, const InImage& shift, const Eigen::VectorXd& U, float* values,
+                   float* slope_x, float* slope_y) const;
+  /// Projections of the middles of the edges and of the centre of an element displaced by U, if given.
+  [[nodiscard]] Eigen::Matrix<double, 5, 2> inner_points(int element, const Eigen::VectorXd* U) const;
+  void correct_local_coordinates();
 
   mesh::Mesh surface_;
   std::shared_ptr<const imaging::Camera> camera_;
@@ -127,6 +134,7 @@ class Correlation {
   InImage positions_;
   PixelQuadrature quadrature_;
   float mean_grey_ = 0.0F;
+  std::vector<Eigen::Matrix<double, 5, 2>> inner_;  // inner_points in the reference; empty for an affine camera
   std::vector<Gram> gram_;
   Eigen::SparseMatrix<double> pattern_;
   std::vector<int> slots_;  // of the element matrices' blocks in the pattern's values

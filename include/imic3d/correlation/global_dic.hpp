@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "imic3d/core/parallel.hpp"
+#include "imic3d/correlation/cameras.hpp"
 #include "imic3d/correlation/correlation.hpp"
 #include "imic3d/imaging/image.hpp"
 #include "imic3d/imaging/low_pass.hpp"
@@ -30,10 +31,35 @@ struct DicOptions {
                                 ///< gradient has changed by more than this
   double lost = 0.5;            ///< a frame whose grey levels correlate less than this with the reference's is lost
   int groups = 0;               ///< groups of ranks over frames; 0: as many as ranks and frames allow
-  const imaging::Image* mask = nullptr;  ///< pixels of the reference whose level is 0 there are left out
+  const imaging::Image* mask = nullptr;  ///< pixels of the reference whose level is 0 there are left out (one camera)
 };
 
-/// The correlation of one frame.
+/// One of the cameras that look at a mesh.
+struct View {
+  std::shared_ptr<const imaging::Camera> camera;
+  imaging::Image reference;
+  double noise = 0.0;  ///< standard deviation [grey level]: the weights of the cameras; all alike unless every view has it
+  std::string place = "mesh";  ///< what messages call the view
+};
+
+/// Noise of the images of one camera.
+struct ImageNoise {
+  double sigma = 0.0;  ///< [grey level]
+  int references = 1;  ///< images averaged to the reference
+};
+
+/// What one camera saw of a frame.
+struct CameraFrame {
+  double rms = 0.0;                 ///< residual [grey level]
+  double coefficient = 0.0;         ///< correlation coefficient of f and g(x + u)
+  double pixels = 0.0;              ///< pixels in the sums
+  double dropped = 0.0;             ///< pixels that left the image
+  double gain = 1.0, offset = 0.0;  ///< brightness: f = gain * g + offset
+  Eigen::VectorXd element_rms;      ///< [elements, grey level]
+};
+
+/// The correlation of one frame. With several cameras the residuals are weighted like the functional (Cameras), the gain
+/// and offset are the first camera's.
 struct DicFrame {
   Eigen::VectorXd displacement;     ///< [nodes * dofs, length]
   bool converged = false;           ///< the largest nodal update fell below the tolerance
@@ -45,6 +71,8 @@ struct DicFrame {
   double dropped = 0.0;             ///< pixels that left the image
   double gain = 1.0, offset = 0.0;  ///< brightness: f = gain * g + offset
   Eigen::VectorXd element_rms;      ///< [elements, grey level]
+  std::vector<CameraFrame> cameras;
+  int hardly_seen = 0;  ///< several cameras: nodes of which some direction continues the neighbours' motion unseen
 };
 
 /// Gauss-Newton on f - g(x + u) (Eqs 5-9 without the mechanical term) from coarse images to fine ones.
@@ -59,6 +87,7 @@ struct DicFrame {
 class GlobalDic {
  public:
   using Source = std::function<imaging::Image(int frame)>;
+  using SourceOfAll = std::function<imaging::Image(int frame, int camera)>;
   using Done = std::function<void(int frame, const DicFrame&)>;
 
   /// The reference image, the mesh's surface and the camera define the operators of every pyramid level; `place` is
@@ -67,9 +96,15 @@ class GlobalDic {
             DicOptions options, const std::string& place);
   GlobalDic(const mesh::Mesh& surface, const imaging::TelecentricCamera& camera, const imaging::Image& reference,
             DicOptions options, const std::string& place);
+  /// Several cameras, `dofs_per_node` unknowns a node (2: none can see motion through the plane; 3). Their fields of view may
+  /// differ: an element counts with the pixels that each camera sees of it. Throws InputError if an element is seen by no
+  /// camera. Along the line of sight of nodes that only one camera sees (or hardly a second), the displacement
+  /// continues that of their neighbours (least curvature); a warning says how many nodes these are.
+  GlobalDic(const mesh::Mesh& surface, std::vector<View> views, int dofs_per_node, DicOptions options);
 
-  /// The finest level's operators.
-  [[nodiscard]] const Correlation& correlation() const { return *levels_.front().correlation; }
+  /// The finest level's operators: of all cameras, of one.
+  [[nodiscard]] const Cameras& cameras() const { return *levels_.front().cameras; }
+  [[nodiscard]] const Correlation& correlation(int camera = 0) const { return cameras()[camera]; }
   [[nodiscard]] const DicOptions& options() const { return options_; }
   /// The spline of an image as the finest level sees it, smoothed like the reference.
   [[nodiscard]] imaging::BSpline spline(const imaging::Image& image) const;
@@ -77,7 +112,7 @@ class GlobalDic {
   [[nodiscard]] const imaging::NoiseResponse& noise_response() const { return noise_; }
   /// Smoothed noise is not white: it moves M^-1 b like white noise of this standard deviation, for unit noise. The
   /// covariance of b is that of white noise with the gradient smoothed once more in the place of the gradient.
-  [[nodiscard]] double motion_noise() const { return motion_noise_; }
+  [[nodiscard]] double motion_noise(int camera = 0) const { return motion_noise_[static_cast<std::size_t>(camera)]; }
   [[nodiscard]] int levels() const { return static_cast<int>(levels_.size()); }
 
   /// Correlates a series of images with the reference. The coarse levels follow the series frame by frame, each frame
@@ -89,11 +124,20 @@ class GlobalDic {
   /// The same for images from any source: `source(frame)` is called on one rank or another, more than once.
   [[nodiscard]] std::vector<DicFrame> run(const Communicator& world, int frames, const Source& source,
                                           const Done& done = {}) const;
+  /// Several cameras: images [camera][frame], or from any source.
+  [[nodiscard]] std::vector<DicFrame> run(const Communicator& world,
+                                          const std::vector<std::vector<std::filesystem::path>>& images,
+                                          const Done& done = {}) const;
+  [[nodiscard]] std::vector<DicFrame> run(const Communicator& world, int frames, const SourceOfAll& source,
+                                          const Done& done = {}) const;
 
   /// One image from the displacement `start`, on the levels from `coarsest` down to `finest` (0: the image itself),
   /// split over `group`, collective.
   [[nodiscard]] DicFrame correlate(const imaging::Image& image, const Eigen::VectorXd& start, int coarsest, int finest,
                                    const Communicator& group) const;
+  /// The same for one image of each camera.
+  [[nodiscard]] DicFrame correlate(const std::vector<imaging::Image>& images, const Eigen::VectorXd& start, int coarsest,
+                                   int finest, const Communicator& group) const;
 
   /// Standard deviation of each displacement unknown [nodes * dofs, length] for a white noise of `sigma` [grey level]
   /// (before the smoothing, which enters by `motion_noise`)
@@ -102,24 +146,32 @@ class GlobalDic {
   /// not: the covariance is T^-1 M T^-1, here (M - 2 V)^-1, equal to first order in V = sigma^2/references *
   /// gradient_noise(). With smoothing S: H^-1 M H^-1, H = M + S. A fitted brightness is not counted.
   [[nodiscard]] Eigen::VectorXd standard_deviation(double sigma, int references) const;
+  /// The same for each camera's own noise: T^-1 B T^-1 with B = sum of w_c^2 sigma_c^2 (1 + 1/references_c) M_c.
+  [[nodiscard]] Eigen::VectorXd standard_deviation(const std::vector<ImageNoise>& noise) const;
 
  private:
   using Factor = Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>>;
   struct Level {
-    imaging::BSpline reference;
-    std::shared_ptr<Correlation> correlation;
-    Eigen::SparseMatrix<double> smoothing;  // weight * curvature energy
+    std::vector<imaging::BSpline> references;
+    std::shared_ptr<Cameras> cameras;
+    Eigen::SparseMatrix<double> smoothing;  // weight * curvature energy, and the continuation where the reference is hardly seen
+    Eigen::SparseMatrix<double> chosen;     // the former alone
     std::shared_ptr<Factor> factor;         // of M + smoothing, undeformed
   };
-  void solve_level(int level, const imaging::BSpline& g, const Communicator& group, DicFrame& frame) const;
-  [[nodiscard]] DicFrame follow(const imaging::Image& coarse, const std::vector<Eigen::VectorXd>& before,
+  void build(const mesh::Mesh& surface, const std::vector<View>& views, int dofs_per_node);
+  void solve_level(int level, std::span<const imaging::BSpline> g, const Communicator& group, DicFrame& frame) const;
+  [[nodiscard]] DicFrame follow(const std::vector<imaging::Image>& coarse, const std::vector<Eigen::VectorXd>& before,
                                 int finest) const;
+  [[nodiscard]] std::vector<imaging::BSpline> splines(const std::vector<imaging::Image>& images, int level) const;
+  [[nodiscard]] static Eigen::SparseMatrix<double> continuation(const Cameras& cameras, const std::vector<int>& nodes);
+  void require_sight(const Level& level, const std::vector<View>& views) const;
   void require_speckle(const Level& level, const std::string& place) const;
 
   DicOptions options_;
   std::vector<Level> levels_;
   imaging::NoiseResponse noise_;
-  double motion_noise_ = 1.0;
+  std::vector<double> motion_noise_;  // [cameras]
+  bool continued_ = false;            // nodes of the reference are hardly seen
 };
 
 }  // namespace imic3d::correlation

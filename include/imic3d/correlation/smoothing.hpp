@@ -10,8 +10,10 @@ namespace imic3d::correlation {
 
 /// The energy u^T C u = integral of |grad grad u|^2 of every in-plane component on a quad mesh [unknowns x unknowns,
 /// 1/length^2]: jumps of the gradient between neighbouring elements and the hourglass mode inside each. Any affine
-/// motion is free, up to the mesh's edge: rigid motion and uniform strain of any size are not biased.
-[[nodiscard]] Eigen::SparseMatrix<double> curvature_energy(const mesh::Mesh& surface, int dofs_per_node);
+/// motion is free, up to the mesh's edge: rigid motion and uniform strain of any size are not biased. `only`, if not empty
+/// [elements]: elements that take part; the others do with the edges that they share with these.
+[[nodiscard]] Eigen::SparseMatrix<double> curvature_energy(const mesh::Mesh& surface, int dofs_per_node,
+                                                           const std::vector<char>& only = {});
 
 /// Weight of that energy at which it equals the optical term for waves of length `cut_off` [length]: shorter ones are
 /// smoothed, with the fourth power of the ratio (like the mechanical regularisation of Réthoré, Hild and Roux 2009).

@@ -37,6 +37,10 @@ class PinholeCamera final : public Camera {
   [[nodiscard]] Eigen::Vector2d project(const Eigen::Vector3d& point) const override;
   [[nodiscard]] Eigen::Matrix<double, 2, 3> jacobian(const Eigen::Vector3d& point) const override;
 
+  /// Derivative of the pixel with respect to the camera's own numbers: fx fy cx cy skew, the 12 distortion terms, then
+  /// rx ry rz tx ty tz, the rotation counted on the left, exp([r]x) rotation. [2 x 23]
+  [[nodiscard]] Eigen::Matrix<double, 2, 23> jacobian_of_numbers(const Eigen::Vector3d& point) const;
+
   [[nodiscard]] const Intrinsics& intrinsics() const { return intrinsics_; }
   [[nodiscard]] const Pose& pose() const { return pose_; }
   /// The camera's centre in the specimen's frame [length].

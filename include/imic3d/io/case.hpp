@@ -30,6 +30,15 @@ struct Units {
 /// force/length^2 by its usual name: MPa, Pa, GPa, kPa.
 [[nodiscard]] std::string stress_unit(const Units& units);
 
+/// Where the specimen lies in front of calibrated cameras (correlation/specimen_pose.hpp).
+struct SpecimenPlaceCase {
+  std::string camera;                         ///< name of the one that the points were read in; the first if not given
+  std::vector<std::array<double, 4>> points;  ///< rows x [length], y [length], column [px], row [px]; at least 3
+  double deviation = 1.0;                     ///< standard deviation of the points [px]
+  bool refine_cameras = false;                ///< also the poses of the cameras but the first pinhole one
+  double shape = 0.0;                         ///< shortest wave of a correction of the shape [length]; 0: flat
+};
+
 struct SpecimenCase {
   std::filesystem::path mesh;  ///< resolved against the case file's folder
   std::string kinematics = "3d";  ///< `3d`, or `plane_stress` on the quadrilaterals of a 2D mesh
@@ -45,6 +54,7 @@ struct SpecimenCase {
   std::string held, loaded;         ///< node groups at the ends
   std::string axis = "y";           ///< direction of the load: x or y
   std::string front = "front";      ///< 3D meshes: group of the face that the camera sees
+  std::optional<SpecimenPlaceCase> place;  ///< with pinhole cameras
 };
 
 struct PlaceCase {
@@ -57,7 +67,9 @@ struct PlaceCase {
 
 struct CameraCase {
   std::string name = "camera";
-  std::string model = "telecentric";
+  std::string model = "telecentric";  ///< `telecentric`, `pinhole`
+  std::filesystem::path calibration;  ///< pinhole: file with its lens and its pose in the rig
+  int index = 0;                      ///< which camera of that file, from 0
   double pixel_size = 0.0;  ///< [length/px]
   PlaceCase place;
   std::vector<std::filesystem::path>
