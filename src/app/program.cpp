@@ -55,7 +55,7 @@ int run(int argc, char** argv) {
     std::function<void()> command;
     const auto add = [&](const std::string& name, const std::string& what, auto function, const std::string& file) {
       CLI::App* sub = program.add_subcommand(name, what);
-      sub->add_option(file, options.case_file, file == "case" ? "the case file (YAML)" : file == "calibration" ? "the calibration file (YAML)" : "a results file (HDF5)")->required();
+      if (!file.empty()) sub->add_option(file, options.case_file, file == "case" ? "the case file (YAML)" : file == "calibration" ? "the calibration file (YAML)" : "a results file (HDF5)")->required();
       sub->add_option("--output", options.output, "folder of the results (default: as the case file says)");
       sub->callback([&command, &world, &options, function] { command = [&world, &options, function] { function(world, options); }; });
     };
@@ -64,6 +64,8 @@ int run(int argc, char** argv) {
     add("virtual", "a virtual test: simulation, images, load record and the true parameters", virtual_test, "case");
     add("dic", "global finite-element digital image correlation", dic, "case");
     add("identify", "the parameters of the law and their covariance", identify, "case");
+    add("loop", "finds what the identified model leaves unexplained, names it, adds it, and reports the error before and after", loop, "case");
+    add("effects", "the effects that the loop knows, with their units, null values and what they are confused with", effects, "");
     add("calibrate", "the cameras of a rig from images of a target", calibrate, "calibration");
     add("report", "one self-contained HTML page from a results file", report, "results");
     program.require_subcommand(0, 1);

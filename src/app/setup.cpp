@@ -53,13 +53,34 @@ Material make_material(const io::Case& test) {
   return result;
 }
 
-identification::Specimen make_specimen(const io::Case& test) {
+namespace {
+/// A number for each cell from its middle.
+Eigen::VectorXd of_cells(const mesh::Mesh& mesh, const std::function<double(const Eigen::Vector3d&)>& of_point) {
+  Eigen::VectorXd values(mesh.cells.rows());
+  const int corners = mesh::corners_per_cell(mesh.type);
+  for (Eigen::Index cell = 0; cell < mesh.cells.rows(); ++cell) {
+    Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+    for (int a = 0; a < corners; ++a) middle += mesh.nodes.row(mesh.cells(cell, a)).transpose() / corners;
+    values[cell] = of_point(middle);
+  }
+  return values;
+}
+}  // namespace
+
+identification::Specimen make_specimen(const io::Case& test, const loop::MeshChange& change) {
   const auto& declared = test.specimen;
   mesh::Mesh mesh = mesh::read(declared.mesh);
-  for (int i = 0; i < declared.refine; ++i) mesh = mesh::refine(mesh);
+  if (change.place)
+    for (auto node : mesh.nodes.rowwise()) {
+      Eigen::Vector2d point = node.head<2>().transpose();
+      change.place(point);
+      node.head<2>() = point.transpose();
+    }
+  for (int i = 0; i < declared.refine + change.refinements; ++i) mesh = mesh::refine(mesh);
   if (declared.plane_stress()) {
     mesh.thickness = declared.thickness;
-    for (const auto& key : declared.unused) spdlog::info("specimen.{} says nothing in plane stress", key);
+    if (!change.place)  // said once
+      for (const auto& key : declared.unused) spdlog::info("specimen.{} says nothing in plane stress", key);
   } else if (mesh.type == mesh::CellType::quad4) {
     const double thickness = declared.mid_plane_symmetry ? 0.5 * declared.thickness : declared.thickness;
     mesh = mesh::extrude(mesh, thickness, declared.layers);
@@ -68,6 +89,11 @@ identification::Specimen make_specimen(const io::Case& test) {
     mesh::choose_front(mesh, declared.front);
   }
   if (declared.quadratic()) mesh = mesh::quadratic(mesh);
+  if (change.section) mesh.section = of_cells(mesh, change.section);
+  if (change.initial_strain) {
+    mesh.initial_strain = of_cells(mesh, change.initial_strain);
+    mesh.initial_axis = declared.axis == "x" ? 0 : 1;
+  }
   return identification::make_specimen(std::move(mesh), declared.held, declared.loaded, declared.axis == "x" ? 0 : 1,
                                        declared.mid_plane_symmetry && !declared.plane_stress());
 }

@@ -77,6 +77,7 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
       auto& step = steps[static_cast<std::size_t>(t)];
       step.time = record_.time[t];
       step.prescribed = specimen_.from_surface(control) * driving.col(t);
+      if (run.beyond != nullptr) step.prescribed += run.beyond->col(t);
       if (control == Control::displacement) continue;
       step.force.setZero(3 * specimen_.volume.nodes.rows());
       for (std::size_t i = 0; i < run.forces->dofs.size(); ++i)

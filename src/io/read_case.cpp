@@ -125,6 +125,7 @@ class CaseReader {
     read_simulate();
     settle_frames();
     read_identify();
+    read_loop();
     read_virtual();
 
     if (!mistakes_.empty()) {
@@ -621,6 +622,22 @@ class CaseReader {
       std::erase_if(stage.frames, is_held_out);
       if (any && stage.frames.empty())
         mistake(stage_section.path("frames"), "only frames that are held out", "at least one frame to fit");
+    }
+  }
+
+  void read_loop() {
+    if (!root_.has("loop")) return;
+    const auto section = root_.group("loop");
+    auto& loop = case_.loop;
+    section.get("draws", loop.draws);
+    section.get("modes", loop.modes);
+    section.get("additions", loop.additions);
+    section.get("rivals", loop.rivals);
+    section.get("starts", loop.starts);
+    const auto prior = section.group("prior");
+    for (const auto& [name, deviation] : prior.json().items()) {
+      if (!case_.material.parameters.contains(name)) mistake(prior.path(name), "no parameter of this name", "a parameter of the material");
+      if (deviation.is_number()) loop.prior[name] = deviation;
     }
   }
 

@@ -1,6 +1,7 @@
 #include "imic3d/mechanics/assembler.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 
 #include "imic3d/core/error.hpp"
@@ -24,6 +25,12 @@ void HistoryField::initialise(const material::FiniteStrainLaw& law) {
   trial_ = converged_;
 }
 
+void HistoryField::strain(const material::FiniteStrainLaw& law, int cell, int axis, double strain) {
+  const auto size = static_cast<std::size_t>(law.history_size()), first = static_cast<std::size_t>(cell) * per_cell_;
+  for (std::size_t begin = first; begin < first + per_cell_; begin += size)
+    trial_[begin + static_cast<std::size_t>(4 * axis)] = converged_[begin + static_cast<std::size_t>(4 * axis)] = std::exp(strain);
+}
+
 std::span<const double> HistoryField::converged(int cell) const {
   return std::span(converged_).subspan(static_cast<std::size_t>(cell) * per_cell_, per_cell_);
 }
@@ -40,10 +47,15 @@ Assembler::Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
       type_(mesh.type),
       axes_(mesh::dimension(mesh.type)),
       nodes_per_cell_(mesh::nodes_per_cell(mesh.type)),
-      thickness_(mesh.thickness) {
+      thickness_(mesh.thickness),
+      initial_axis_(mesh.initial_axis) {
   if (axes_ < 2) throw InputError("mesh", mesh::name(mesh.type), "quadrilaterals or hexahedra");
   if ((axes_ == 2) != (law_->thickness_strain_index() >= 0))
     throw InputError("material", law_->name() + " on " + mesh::name(mesh.type), "a law of plane stress on quadrilaterals, else on hexahedra");
+  for (int cell : partition.cells) {
+    if (mesh.section.size() > 0) section_.push_back(mesh.section[cell]);
+    if (mesh.initial_strain.size() > 0) initial_strain_.push_back(mesh.initial_strain[cell]);
+  }
   const std::size_t cells = partition.cells.size();
   const auto& global_of_natural = partition.global_of_natural;
 
@@ -139,6 +151,12 @@ Assembler::~Assembler() {
   MatDestroy(&tangent_);
 }
 
+void Assembler::start() {
+  history_.initialise(*law_);
+  for (std::size_t cell = 0; cell < initial_strain_.size(); ++cell)
+    history_.strain(*law_, static_cast<int>(cell), initial_axis_, initial_strain_[cell]);
+}
+
 void Assembler::gather(Vec global, std::vector<double>& local) const {
   IMIC3D_PETSC(VecScatterBegin(scatter_, global, local_, INSERT_VALUES, SCATTER_FORWARD));
   IMIC3D_PETSC(VecScatterEnd(scatter_, global, local_, INSERT_VALUES, SCATTER_FORWARD));
@@ -175,6 +193,10 @@ bool Assembler::evaluate_cells(double time_increment, std::span<const double> pa
     if (!good) {
       failed = 1;
       continue;
+    }
+    if (!section_.empty()) {
+      element.force *= section_[static_cast<std::size_t>(cell)];
+      if (with_tangent) element.tangent *= section_[static_cast<std::size_t>(cell)];
     }
     std::copy_n(element.force.data(), dofs, element_forces_.begin() + dofs * cell);
     stress_.row(cell) = element.cauchy_stress.transpose();

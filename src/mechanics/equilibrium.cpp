@@ -306,7 +306,7 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
   s.optical = optical;
   const Eigen::Index dofs = 3 * s.mesh.nodes.rows();
   PathStatus status;
-  s.assembler.history().initialise(*s.law);
+  s.assembler.start();
   IMIC3D_PETSC(VecSet(s.u, 0.0));
 
   Vec converged = nullptr, before = nullptr, prescribed = nullptr;
@@ -387,7 +387,7 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
 
 double Equilibrium::internal_work(const Eigen::VectorXd& U, std::span<const double> parameters) {
   auto& s = *impl_;
-  s.assembler.history().initialise(*s.law);
+  s.assembler.start();
   s.to_global(U, s.u);
   double work = 0.0;
   if (!s.assembler.assemble(s.u, 1.0, parameters, s.force)) throw ConvergenceError("the law cannot follow a uniform strain");

@@ -25,6 +25,8 @@ void simulate(const Communicator& world, const CommandOptions& options);
 void virtual_test(const Communicator& world, const CommandOptions& options);
 void dic(const Communicator& world, const CommandOptions& options);
 void identify(const Communicator& world, const CommandOptions& options);
+void loop(const Communicator& world, const CommandOptions& options);
+void effects(const Communicator& world, const CommandOptions& options);
 void calibrate(const Communicator& world, const CommandOptions& options);
 void report(const Communicator& world, const CommandOptions& options);
 

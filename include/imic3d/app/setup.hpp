@@ -9,6 +9,7 @@
 #include "imic3d/app/program.hpp"
 #include "imic3d/identification/specimen.hpp"
 #include "imic3d/io/case.hpp"
+#include "imic3d/loop/field_experiment.hpp"
 #include "imic3d/material/finite_strain_law.hpp"
 
 namespace imic3d::app {
@@ -28,7 +29,8 @@ struct Material {
 [[nodiscard]] Material make_material(const io::Case& test);
 
 /// Reads the mesh, refines it, extrudes it if it is 2D and not in plane stress, and finds the ends and the camera's face.
-[[nodiscard]] identification::Specimen make_specimen(const io::Case& test);
+/// With `change` it is made differently from what the case file says (loop::MeshChange).
+[[nodiscard]] identification::Specimen make_specimen(const io::Case& test, const loop::MeshChange& change = {});
 
 /// Creates the folder of the results and returns it. Throws InputError if that cannot be done.
 [[nodiscard]] std::filesystem::path output_folder(const io::Case& test, const CommandOptions& options,

@@ -48,6 +48,7 @@ struct Run {
   const ForceDistribution* forces = nullptr;   ///< Control::force and Control::images
   const Eigen::VectorXd* resultant = nullptr;  ///< of the forces [frames, force]; the record's if not given
   const Eigen::MatrixXd* driving = nullptr;    ///< displacement of the ends, like Record::driving; the record's if not given
+  const Eigen::MatrixXd* beyond = nullptr;     ///< added to the prescribed displacement [constrained dofs x frames, length]
 };
 
 class ForwardModel {

@@ -133,6 +133,16 @@ struct IdentifyCase {
   int steps_per_frame = 1;  ///< load increments between two frames
 };
 
+/// How the loop is closed (imic3d loop); it asks for nothing.
+struct LoopCase {
+  int draws = 100;      ///< of the null ensemble
+  int modes = 100;      ///< smooth modes of the displacement residual
+  int additions = 3;    ///< effects added at most
+  int rivals = 4;       ///< candidates tried in each round
+  std::vector<double> starts = {1.0, 0.9, 1.1};  ///< of the identification, relative to the declared values
+  std::map<std::string, double> prior;           ///< standard deviation of a declared value as it is known beforehand
+};
+
 struct SimulateCase {
   std::string control = "displacement";  ///< `displacement`, `force`
   std::vector<double> time;              ///< one entry per frame (frame 0 is the reference)
@@ -165,6 +175,7 @@ struct Case {
   MaterialCase material;
   DicCase dic;
   IdentifyCase identify;
+  LoopCase loop;
   std::optional<SimulateCase> simulate;
   std::optional<VirtualCase> virtual_test;
   std::filesystem::path output;  ///< folder for results

@@ -20,7 +20,10 @@ namespace imic3d::mechanics {
 class HistoryField {
  public:
   HistoryField(const material::FiniteStrainLaw& law, int cells, int points_per_cell);
-  void initialise(const material::FiniteStrainLaw& law);  ///< the virgin state everywhere
+  /// The virgin state everywhere.
+  void initialise(const material::FiniteStrainLaw& law);
+  /// Elastic logarithmic strain of a cell along an axis, before the test: Fp^-1 = exp(strain).
+  void strain(const material::FiniteStrainLaw& law, int cell, int axis, double strain);
   void commit() { converged_.swap(trial_); }
   void save() { saved_ = converged_; }     ///< keeps the converged state, for `restore`
   void restore() { converged_ = saved_; }  ///< back to what was saved last
@@ -54,6 +57,9 @@ class Assembler {
   [[nodiscard]] bool assemble(Vec u, double time_increment, std::span<const double> parameters, Vec force,
                               Vec increment = nullptr, Vec lifting = nullptr);
 
+  /// Takes the material points to their state before the test.
+  void start();
+
   [[nodiscard]] Mat tangent() const { return tangent_; }
   [[nodiscard]] HistoryField& history() { return history_; }
   /// Cell averages at the last evaluation, for this rank's cells in the order of partition.cells:
@@ -74,6 +80,8 @@ class Assembler {
   mesh::CellType type_;
   int axes_, nodes_per_cell_;
   double thickness_;         // of a plane mesh
+  std::vector<double> section_, initial_strain_;  // of each local cell; empty: all of it, none
+  int initial_axis_;
   mesh::Nodes nodes_;        // reference positions, cell by cell [local cells * nodes per cell x 3]
   mesh::Cells local_nodes_;  // of each local cell, into local arrays
   std::vector<char> constrained_local_, constrained_owned_;

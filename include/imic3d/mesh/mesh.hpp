@@ -40,6 +40,11 @@ struct Mesh {
   /// Number of 2D nodes per layer if the mesh was extruded (layer 0 is the front face, node = layer * this + i); else
   /// 0.
   int nodes_per_layer = 0;
+  /// Of each cell's section force and stiffness what counts [cells]; all of them if empty: a sheet whose thickness changes.
+  Eigen::VectorXd section;
+  /// Elastic logarithmic strain that each cell has before the test along `initial_axis` [cells]; none if empty.
+  Eigen::VectorXd initial_strain;
+  int initial_axis = 1;
   double thickness = 1.0;  ///< quad meshes: of the sheet that they stand for in plane stress [length]
 };
 

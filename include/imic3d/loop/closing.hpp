@@ -1,0 +1,88 @@
+#pragma once
+// Closing the loop: identify, find what is left unexplained, trace it, add it, identify again, report before and after.
+
+#include <functional>
+#include <string>
+
+#include "imic3d/loop/fit.hpp"
+#include "imic3d/loop/score.hpp"
+
+namespace imic3d::loop {
+
+struct LoopOptions {
+  int draws = 100;              ///< of the null ensemble
+  double bias_doubt = 0.5;     ///< part of the learned bias that is taken as unknown: a random, smooth function of time in the null
+  int additions = 3;            ///< effects added at most
+  int rivals = 4;               ///< candidates tried non-linearly in each round
+  std::vector<double> starts = {1.0, 0.9, 1.1};  ///< factors on the free parameters' declared values
+  std::vector<int> held_out;    ///< frames (places in the record) that are never fitted; chosen if empty
+};
+
+enum class Verdict { nothing_found, attributed, ambiguous, unexplained };
+[[nodiscard]] std::string_view name(Verdict verdict);
+
+/// chi = sqrt(mean square of the whitened residual); 1 where noise alone is left.
+struct Misfit {
+  double fitted = 0.0, held_out = 0.0;
+  double null_fitted = 0.0, null_held_out = 0.0;  ///< 95 % quantiles under the null
+  double images = 0.0, force = 0.0;               ///< of the channels, fitted frames
+  Eigen::VectorXd frames;                         ///< [frames]
+  Eigen::VectorXd null_frames;                    ///< 95 % quantile of each frame's under the null
+};
+
+/// A model: which candidates it contains, and what the data say of it.
+struct Model {
+  std::vector<int> added;       ///< candidates, in the order of their addition
+  Fit fit;
+  Eigen::MatrixXd covariance;   ///< of the free parameters, from the null draws [free x free]
+  Misfit misfit;
+  Scores scores;                ///< of all other candidates
+  std::vector<int> others;      ///< the candidates that `scores` is about
+  std::string message;          ///< why the model could not be fitted, if so
+};
+
+/// A candidate that was tried.
+struct Trial {
+  int candidate = 0;
+  Model model;
+  bool sufficient = false;      ///< nothing significant remains
+  bool plausible = true;        ///< within its bounds, and its size agrees between the blocks of frames
+  std::string objection;        ///< why not
+};
+
+struct Round {
+  std::vector<Trial> trials;
+  std::vector<int> set;         ///< candidates that suffice alone
+};
+
+/// The remainder: what the final model leaves, per frame and in time.
+struct Remainder {
+  Eigen::VectorXd time;         ///< first singular vector over the frames [frames]
+  Eigen::VectorXd space;        ///< and over the data of a frame [data of a frame]
+  double share = 0.0;           ///< of the excess energy
+};
+
+struct Report {
+  std::vector<char> held_out;   ///< per frame
+  Model declared, final;
+  std::vector<Round> rounds;
+  Verdict verdict = Verdict::nothing_found;
+  std::vector<int> set;         ///< candidates of the verdict: one, or those that cannot be told apart
+  std::vector<int> named;       ///< all that were added on the way
+  std::string sentence;         ///< for a test engineer
+  std::vector<int> invisible;   ///< candidates that this test cannot see
+  double noise_scale = 1.0;
+  Remainder remainder;
+  int simulations = 0;
+};
+
+/// Runs the loop (LOOP 1-3). `say` gets one line for each step. Collective.
+[[nodiscard]] Report close_loop(Experiment& experiment, const LoopOptions& options, const std::function<void(const std::string&)>& say = {});
+
+/// Below this visibility an effect is one that the test cannot see.
+constexpr double least_visibility = 0.05;
+
+/// Blocks of contiguous frames that are held out: about a quarter of the frames in `blocks` blocks, none at either end.
+[[nodiscard]] std::vector<int> held_out_blocks(int frames, int blocks = 3);
+
+}  // namespace imic3d::loop

@@ -1,0 +1,94 @@
+#pragma once
+// An effect that a test may have and its declared model may lack: one small file each in src/loop/effects.
+
+#include <Eigen/Core>
+#include <functional>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "imic3d/loop/experiment.hpp"
+#include "imic3d/mesh/mesh.hpp"
+
+namespace imic3d::loop {
+
+/// What the effects are told of the test. Positions and displacements are those of the surface's nodes in the specimen's frame.
+struct Scene {
+  const mesh::Mesh* surface = nullptr;  ///< quad4 [n nodes]
+  int axis = 1;                         ///< of the load
+  bool plane = false;                   ///< plane stress
+  Eigen::Vector2d low, high;            ///< the surface's box [length]
+  double element = 1.0;                 ///< mean size of its elements [length]
+  double thickness = 1.0;               ///< [length]
+  bool has_hole = false;
+  Eigen::Vector2d hole;                 ///< centre of the hole [length]
+  double radius = 0.0;                  ///< of the hole [length]
+  Eigen::VectorXd time, force;          ///< of the record [frames]
+  double start_time = 0.0;              ///< of the reference
+  Eigen::Matrix2d pixels;               ///< d(pixel)/d(displacement) [px/length]
+  Eigen::Vector2d axis_of_lens;         ///< where the optical axis meets the specimen: the image's centre [length]
+  double poisson = 0.3;                 ///< declared
+  Eigen::VectorXd elongation;           ///< of the surface between its ends [frames, length]
+  Eigen::VectorXd elastic;              ///< elastic displacement for a force of one [2n, length/force]
+
+  [[nodiscard]] Eigen::Vector2d middle() const { return 0.5 * (low + high); }
+  [[nodiscard]] double span(int direction) const { return high[direction] - low[direction]; }
+  /// Clock time of frame t, from 0 at the reference to 1 at the last frame.
+  [[nodiscard]] double clock(Eigen::Index t) const { return (time[t] - start_time) / std::max(1e-300, time[time.size() - 1] - start_time); }
+};
+
+/// How the simulation is made; the null effect leaves it as declared.
+struct Numerics {
+  int refinements = 0;           ///< of the mesh, beyond the declared ones
+  int increments_factor = 1;     ///< times the declared load increments between two frames
+};
+
+/// An effect acts at one link of the chain; the functions of the other links leave things as they are. `values` are those of
+/// its parameters, in the order in which they are declared. All are smooth in the values and do nothing at the null values.
+class Effect {
+ public:
+  struct Quantity {
+    std::string name, unit, description;
+    double null = 0.0;
+    double step = 1e-3;  ///< of a finite difference
+    double size = 0.0;   ///< that an engineer would care for: one to plant
+    double lower, upper;
+  };
+  struct Description {
+    std::string name;
+    Link link;
+    std::vector<Quantity> quantities;
+    std::string sentence, confused_with, separated_by;
+  };
+  using Values = std::span<const double>;
+
+  virtual ~Effect() = default;
+  /// Steps and bounds in the test's own units.
+  [[nodiscard]] virtual Description describe(const Scene& scene) const = 0;
+  /// Whether the test has what the effect acts on (a hole, a thickness that is simulated …).
+  [[nodiscard]] virtual bool applies(const Scene&) const { return true; }
+
+  /// Geometry: moves a point of the declared mesh (in the plane) to where it is.
+  virtual void place(Values, const Scene&, Eigen::Vector2d& /*point*/) const {}
+  /// Geometry and material: multiplies the section force of a cell whose middle is at `point` [length].
+  [[nodiscard]] virtual double section(Values, const Scene&, const Eigen::Vector3d& /*point*/) const { return 1.0; }
+  /// Initial state: the elastic strain (axial, in the direction of the load) of a cell before the test.
+  [[nodiscard]] virtual double initial_strain(Values, const Scene&, const Eigen::Vector3d& /*point*/) const { return 0.0; }
+  /// Loading: displacement along the axis of a point of the loaded end at depth z, beyond what the cameras' face shows [length].
+  [[nodiscard]] virtual double driven(Values, const Scene&, int /*frame*/, double /*z*/) const { return 0.0; }
+  /// Camera: adds to `error` [2n, length] what the camera shows of the displacement beyond the truth: measured - true, at the
+  /// displacement `U` [2n, length] of frame t.
+  virtual void see(Values, const Scene&, int /*frame*/, const Eigen::VectorXd& /*U*/, Eigen::VectorXd& /*error*/) const {}
+  /// Record: turns the force on the specimen [frames] into the one that is recorded.
+  virtual void record(Values, const Scene&, Eigen::VectorXd& /*force*/) const {}
+  /// Numerics: what the simulation is made of with the effect at one; a prediction between is interpolated.
+  virtual void numerics(Numerics&) const {}
+  /// Links of the chain that ask for a simulation of their own.
+  [[nodiscard]] virtual bool changes_simulation() const { return false; }
+};
+
+/// All effects that act outside the law, in the order of the links.
+[[nodiscard]] std::vector<std::shared_ptr<const Effect>> effects();
+
+}  // namespace imic3d::loop

@@ -1,0 +1,66 @@
+#pragma once
+// What the loop needs of measured data, whatever they are: images with a force record, displacement fields, curves.
+
+#include <Eigen/Core>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "imic3d/core/parameter.hpp"
+
+namespace imic3d::loop {
+
+/// Where in the chain of a test an effect acts. In this order candidates are preferred where the data cannot tell.
+enum class Link { numerics, record, camera, light, geometry, initial, loading, material };
+[[nodiscard]] std::string_view name(Link link);
+
+/// A number that the prediction depends on: a parameter of the law or of an effect.
+struct Parameter {
+  ParameterInfo info;    ///< null_value: where the effect is absent
+  double value = 0.0;    ///< declared; the null value for an effect that is not declared
+  double step = 1e-3;    ///< of a finite difference, in its unit
+  double prior = 0.0;    ///< standard deviation of the declared value as it is known beforehand; 0: not known
+  bool free = false;     ///< declared as unknown
+};
+
+/// An effect that the declared model may lack.
+struct Candidate {
+  std::string name;
+  Link link = Link::material;
+  std::vector<int> parameters;  ///< that it would set free
+  std::string sentence;         ///< what it says of the test, to be read after "it is: "
+  std::string confused_with;
+  std::string separated_by;     ///< the measurement that would tell it from these
+};
+
+constexpr int force_channel = -1;
+
+/// What one number of the residual belongs to.
+struct Datum {
+  int frame = 0;                ///< place in the record
+  int channel = force_channel;  ///< camera from 0, or the force
+};
+
+/// Measured data and the model of how they come about. Every residual is measured - predicted in units of the measured
+/// noise: where the model is complete its covariance is the identity, but for what the noise of the model's inputs adds.
+class Experiment {
+ public:
+  virtual ~Experiment() = default;
+  [[nodiscard]] virtual const std::vector<Parameter>& parameters() const = 0;
+  [[nodiscard]] virtual const std::vector<Candidate>& candidates() const = 0;
+  [[nodiscard]] virtual const std::vector<Datum>& data() const = 0;   ///< [N]
+  [[nodiscard]] virtual std::vector<int> frame_numbers() const = 0;   ///< of the record, as the user knows them
+  /// One residual [N] for each set of parameter values; the sets as concurrent groups of ranks. Collective. Empty where the
+  /// model could not follow (a set out of reach of the solver).
+  [[nodiscard]] virtual std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) = 0;
+  /// Learns what the procedure itself errs by with these values: a synthetic test without noise is made of the model on a
+  /// finer mesh and taken through the measurement; what is left of it is taken off every residual from then on. Collective.
+  virtual void learn_bias(const std::vector<double>& /*values*/) {}
+  /// What was learned, in units of the noise [N]; empty if nothing was.
+  [[nodiscard]] virtual Eigen::VectorXd bias() const { return {}; }
+  /// Residuals of a complete model with these values: random draws of all noise, that of the inputs propagated through the
+  /// model [N x draws]. The same on every rank. Collective.
+  [[nodiscard]] virtual Eigen::MatrixXd noise(const std::vector<double>& values, int draws) = 0;
+};
+
+}  // namespace imic3d::loop

@@ -1,0 +1,120 @@
+#pragma once
+// Measured displacement fields of a surface with the force of each frame, seen through the DIC-driven simulation.
+
+#include <Eigen/SparseCore>
+#include <functional>
+#include <memory>
+
+#include "imic3d/core/parallel.hpp"
+#include "imic3d/identification/forward_model.hpp"
+#include "imic3d/loop/effect.hpp"
+#include "imic3d/loop/experiment.hpp"
+
+namespace imic3d::loop {
+
+/// What was measured, whatever program correlated the images.
+struct FieldData {
+  mesh::Mesh surface;             ///< quad4 [n nodes]
+  Eigen::SparseMatrix<double> M;  ///< the covariance of a displacement is noise^2 M^-1 (Eq. 14) [2n x 2n]
+  double noise = 1.0;             ///< of one frame, in the unit that goes with M
+  int references = 1;             ///< images averaged to the reference, whose noise all frames have in common
+  Eigen::MatrixXd displacement;   ///< [2n x frames, length]
+  Eigen::MatrixXd driving;        ///< the same, smoothed: prescribed on the ends
+  std::function<Eigen::MatrixXd(Eigen::MatrixXd)> smooth;  ///< what made `driving` of `displacement`, linear [2n x first frames]
+  /// What the correlation would measure [2n x frames] if the surface moved by U [2 nodes of `surface` x frames]: images are made
+  /// of the reference and correlated. `seed` > 0: with noise. Collective. Not given: no bias is learned.
+  std::function<Eigen::MatrixXd(const mesh::Mesh& surface, const Eigen::MatrixXd& U, int seed)> correlate;
+  std::vector<int> frames;        ///< numbers, as the user knows them
+  Eigen::VectorXd time, force;    ///< [frames]
+  double start_time = 0.0;
+  double force_noise = 1.0;       ///< standard deviation of the load record [force]
+  Eigen::Matrix2d pixels = Eigen::Matrix2d::Identity();  ///< d(pixel)/d(displacement) [px/length]
+  Eigen::Vector2d axis_of_lens = Eigen::Vector2d::Zero();  ///< where the optical axis meets the specimen [length]
+};
+
+/// How the specimen is to be made differently from what is declared.
+struct MeshChange {
+  std::function<void(Eigen::Vector2d&)> place;                     ///< moves a node of the declared 2D mesh (or its column)
+  std::function<double(const Eigen::Vector3d&)> section;           ///< factor of a cell by its middle
+  std::function<double(const Eigen::Vector3d&)> initial_strain;    ///< of a cell by its middle
+  int refinements = 0;                                             ///< beyond the declared ones
+};
+
+struct DeclaredModel {
+  std::shared_ptr<const material::FiniteStrainLaw> law;
+  std::vector<ParameterInfo> information;  ///< of the law's parameters, in its order
+  std::vector<double> values, priors;      ///< priors: standard deviations, 0 where nothing is known
+  std::vector<char> free;                  ///< declared unknown
+  std::function<identification::Specimen(const MeshChange&)> specimen;
+  double thickness = 1.0;
+  int increments = 1;                      ///< between two frames
+  int groups = 0;                          ///< of ranks
+};
+
+struct FieldOptions {
+  int modes = 100;  ///< smooth displacement modes that the residual of each frame is written in
+};
+
+/// The residual of each frame: the coefficients of the measured minus the simulated displacement in smooth modes Phi with
+/// Phi^T M Phi = 1, and the measured force minus the reaction before any scaling (the dual residual). The modes are those of
+/// the least curvature; what lies beyond them is noise and tells its level (`noise_scale`). The noise of the reference,
+/// common to all frames, is whitened over time.
+class FieldExperiment final : public Experiment {
+ public:
+  FieldExperiment(Communicator world, FieldData data, DeclaredModel model, const FieldOptions& options = {});
+  ~FieldExperiment() override;
+
+  [[nodiscard]] const std::vector<Parameter>& parameters() const override { return parameters_; }
+  [[nodiscard]] const std::vector<Candidate>& candidates() const override { return candidates_; }
+  [[nodiscard]] const std::vector<Datum>& data() const override { return data_; }
+  [[nodiscard]] std::vector<int> frame_numbers() const override { return measured_.frames; }
+  [[nodiscard]] std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) override;
+  void learn_bias(const std::vector<double>& values) override;
+  [[nodiscard]] Eigen::VectorXd bias() const override { return whitened(displacement_bias_, force_bias_); }
+  /// The same test with noise: residual [N] of one draw that went through images, correlation and simulation. Collective.
+  [[nodiscard]] Eigen::VectorXd full_draw(const std::vector<double>& values, int seed);
+  [[nodiscard]] Eigen::MatrixXd noise(const std::vector<double>& values, int draws) override;
+
+  [[nodiscard]] const FieldData& measured() const { return measured_; }
+  [[nodiscard]] const Scene& scene() const { return scene_; }
+  /// Measured - predicted displacement [2n x frames, length] and force [frames] with these values, not whitened.
+  [[nodiscard]] std::pair<Eigen::MatrixXd, Eigen::VectorXd> unwhitened(const std::vector<double>& values);
+  /// Ratio of the noise in the modes of high curvature to the declared one, at these values: sqrt of the mean square.
+  [[nodiscard]] double noise_scale(const std::vector<double>& values);
+  /// Simulations made so far, in series of all frames.
+  [[nodiscard]] int simulations() const { return simulations_; }
+
+ private:
+  struct Simulation;  // what one series is made of
+  struct Variant;     // a specimen with its forward model
+  struct Prediction { Eigen::MatrixXd displacement; Eigen::VectorXd force; };
+
+  [[nodiscard]] std::vector<std::pair<Eigen::MatrixXd, Eigen::VectorXd>> simulate(const std::vector<Simulation>& wanted);
+  Variant& variant(const std::vector<double>& key);
+  [[nodiscard]] Simulation simulation_of(const std::vector<double>& values, const Eigen::MatrixXd& driving) const;
+  [[nodiscard]] std::vector<Prediction> predict(const std::vector<std::vector<double>>& sets, const std::vector<const Eigen::MatrixXd*>& drivings);
+  [[nodiscard]] Eigen::VectorXd whitened(const Eigen::MatrixXd& displacement, const Eigen::VectorXd& force) const;
+  [[nodiscard]] std::span<const double> values_of(std::size_t effect, const std::vector<double>& values) const;
+  void make_scene();
+  void make_modes(int modes);
+
+  Communicator world_;
+  FieldData measured_;
+  DeclaredModel model_;
+  Scene scene_;
+  std::vector<std::shared_ptr<const Effect>> effects_;
+  std::vector<std::size_t> first_;  // parameter of each effect
+  std::vector<Parameter> parameters_;
+  std::vector<Candidate> candidates_;
+  std::vector<Datum> data_;
+  Eigen::MatrixXd modes_;           // Phi^T M [modes x 2n]
+  Eigen::MatrixXd over_time_;       // inverse of the Cholesky factor of 1 + 11^T/references [frames x frames]
+  struct Groups;
+  std::unique_ptr<Groups> groups_;
+  [[nodiscard]] std::pair<Eigen::MatrixXd, Eigen::VectorXd> synthetic_test(const std::vector<double>& values, int seed);
+  Eigen::MatrixXd displacement_bias_;  // learned, taken off the measured displacement and force
+  Eigen::VectorXd force_bias_;
+  int simulations_ = 0;
+};
+
+}  // namespace imic3d::loop

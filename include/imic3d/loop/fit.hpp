@@ -1,0 +1,53 @@
+#pragma once
+// Non-linear least squares on an experiment's residual: Gauss-Newton with bounds, priors and step control.
+
+#include <Eigen/Core>
+#include <vector>
+
+#include "imic3d/loop/experiment.hpp"
+
+namespace imic3d::loop {
+
+/// What turns residuals in units of the measured noise into white ones where the noise of the model's inputs is there too: a
+/// block for each frame, and the rows that are fitted.
+class Weight {
+ public:
+  /// Blocks from draws of null residuals [N x draws]: the covariance within a frame, pooled over `window` frames to each
+  /// side and drawn towards the identity as far as the number of draws asks for. Without draws: the identity.
+  Weight(const std::vector<Datum>& data, const Eigen::MatrixXd& null, int window = 2);
+  /// Residuals or sensitivities [N x any], whitened; still [N x any].
+  [[nodiscard]] Eigen::MatrixXd operator()(const Eigen::MatrixXd& rows) const;
+
+ private:
+  std::vector<std::pair<Eigen::Index, Eigen::MatrixXd>> blocks_;  // first row, inverse Cholesky factor of the covariance
+};
+
+/// The rows of the given frames.
+[[nodiscard]] std::vector<Eigen::Index> rows_of_frames(const std::vector<Datum>& data, const std::vector<char>& frames);
+
+struct FitOptions {
+  int max_iterations = 15;
+  double tolerance = 1e-3;  ///< expected decrease of the residual's square (chi^2) that ends the iterations, per parameter
+};
+
+struct Fit {
+  std::vector<int> free;
+  std::vector<double> values;      ///< of all parameters
+  Eigen::VectorXd residual;        ///< whitened, all rows [N]
+  Eigen::MatrixXd sensitivity;     ///< d(predicted)/d(free), whitened [N x free]
+  double cost = 0.0;               ///< square of the residual on the fitted rows, priors included
+  int iterations = 0;
+  bool converged = false;
+};
+
+/// Minimises |W (measured - predicted)|^2 on `rows` over the `free` parameters from `start`. Collective. Throws
+/// ConvergenceError if the model cannot be computed at the start.
+[[nodiscard]] Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::Index>& rows, const std::vector<int>& free,
+                      std::vector<double> start, const FitOptions& options = {});
+
+/// Whitened signatures d(predicted)/d(parameter) [N] of parameters at `values`, all simulations side by side; a zero column
+/// where the model could not be computed. `steps`: multiples of Parameter::step. Collective.
+[[nodiscard]] Eigen::MatrixXd derivatives(Experiment& experiment, const Weight& weight, const std::vector<double>& values,
+                                          const std::vector<int>& parameters, double steps = 1.0);
+
+}  // namespace imic3d::loop

@@ -1,0 +1,109 @@
+#include "loop_report.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <cmath>
+
+#include "imic3d/io/run_results.hpp"
+
+namespace imic3d::app {
+
+namespace {
+
+nlohmann::json numbers(const auto& values) {
+  nlohmann::json list = nlohmann::json::array();
+  for (Eigen::Index i = 0; i < values.size(); ++i) list.push_back(std::isfinite(values[i]) ? nlohmann::json(values[i]) : nlohmann::json());
+  return list;
+}
+
+}  // namespace
+
+LoopFields loop_fields(loop::FieldExperiment& experiment, const loop::Report& report) {
+  auto [U0, F0] = experiment.unwhitened(report.declared.fit.values);
+  auto [U1, F1] = experiment.unwhitened(report.final.fit.values);
+  return {std::move(U0), std::move(U1), std::move(F0), std::move(F1)};
+}
+
+nlohmann::json loop_summary(const loop::Experiment& experiment, const loop::Report& report) {
+  const auto& candidates = experiment.candidates();
+  const auto& parameters = experiment.parameters();
+  const auto candidate_name = [&](int k) { return candidates[static_cast<std::size_t>(k)].name; };
+  const auto names = [&](const std::vector<int>& which) {
+    nlohmann::json list = nlohmann::json::array();
+    for (int k : which) list.push_back(candidate_name(k));
+    return list;
+  };
+  const auto of_model = [&](const loop::Model& model) {
+    nlohmann::json json;
+    json["added"] = names(model.added);
+    for (std::size_t j = 0; j < model.fit.free.size(); ++j) {
+      const auto k = static_cast<std::size_t>(model.fit.free[j]);
+      const auto place = static_cast<Eigen::Index>(j);
+      json["parameters"][parameters[k].info.name] = {{"value", model.fit.values[k]}, {"standard_deviation", std::sqrt(model.covariance(place, place))}, {"unit", parameters[k].info.unit}};
+    }
+    json["chi"] = {{"fitted", model.misfit.fitted}, {"held_out", model.misfit.held_out}, {"null_fitted", model.misfit.null_fitted}, {"null_held_out", model.misfit.null_held_out},
+                   {"frames", numbers(model.misfit.frames)}, {"null_frames", numbers(model.misfit.null_frames)}};
+    json["omnibus"] = {{"deviations", model.scores.omnibus}, {"threshold", model.scores.omnibus_threshold}};
+    json["threshold"] = model.scores.threshold;
+    json["converged"] = model.fit.converged;
+    json["iterations"] = model.fit.iterations;
+    json["candidates"] = nlohmann::json::array();
+    for (std::size_t i = 0; i < model.others.size(); ++i) {
+      const auto& s = model.scores.candidates[i];
+      nlohmann::json one = {{"name", candidate_name(model.others[i])}, {"link", std::string(name(candidates[static_cast<std::size_t>(model.others[i])].link))}, {"kappa", s.visibility},
+                            {"z", s.z}, {"p", s.p}, {"degrees", s.degrees}, {"predicted_drop", s.drop}, {"significant", s.z > model.scores.threshold}};
+      const auto& its = candidates[static_cast<std::size_t>(model.others[i])].parameters;
+      for (std::size_t c = 0; c < its.size(); ++c) {
+        const auto& info = parameters[static_cast<std::size_t>(its[c])].info;
+        const auto column = static_cast<Eigen::Index>(c);
+        nlohmann::json bias;
+        for (Eigen::Index j = 0; j < s.bias.rows(); ++j)
+          bias[parameters[static_cast<std::size_t>(model.fit.free[static_cast<std::size_t>(j)])].info.name] = s.bias(j, column) * s.detectable[column];
+        one["sizes"].push_back({{"parameter", info.name}, {"unit", info.unit}, {"size", s.size[column]}, {"standard_deviation", s.deviation[column]}, {"detectable", s.detectable[column]},
+                                {"shift_of_parameters_at_detectable_size", bias}});
+      }
+      json["candidates"].push_back(one);
+    }
+    return json;
+  };
+  nlohmann::json json;
+  json["verdict"] = std::string(name(report.verdict));
+  json["set"] = names(report.set);
+  json["named"] = names(report.named);
+  json["sentence"] = report.sentence;
+  json["invisible"] = names(report.invisible);
+  json["frames"] = experiment.frame_numbers();
+  json["held_out"] = nlohmann::json::array();
+  for (std::size_t t = 0; t < report.held_out.size(); ++t)
+    if (report.held_out[t] != 0) json["held_out"].push_back(experiment.frame_numbers()[t]);
+  json["before"] = of_model(report.declared);
+  json["after"] = of_model(report.final);
+  json["rounds"] = nlohmann::json::array();
+  for (const auto& round : report.rounds) {
+    nlohmann::json one = {{"set", names(round.set)}, {"trials", nlohmann::json::array()}};
+    for (const auto& trial : round.trials) {
+      nlohmann::json t = trial.model.fit.values.empty() ? nlohmann::json::object() : of_model(trial.model);
+      t["candidate"] = candidate_name(trial.candidate), t["sufficient"] = trial.sufficient, t["plausible"] = trial.plausible, t["objection"] = trial.objection;
+      t.erase("candidates");
+      one["trials"].push_back(t);
+    }
+    json["rounds"].push_back(one);
+  }
+  json["remainder"] = {{"share_of_first_mode", report.remainder.share}, {"time", numbers(report.remainder.time)}};
+  return json;
+}
+
+void write_loop_report(const std::filesystem::path& folder, const io::Case& test, const loop::FieldExperiment& experiment, const loop::Report& report,
+                       const LoopFields& fields, double seconds) {
+  nlohmann::json json = loop_summary(experiment, report);
+  json["title"] = test.title;
+  json["time"] = io::quantity(seconds, "s");
+  json["simulations"] = experiment.simulations();
+  json["force_residual"] = {{"before", numbers(fields.force_before)}, {"after", numbers(fields.force_after)}, {"unit", test.units.force}};
+  io::write_json(folder / "result.json", json);
+  fmt::print("\n{}\n  {}: {}\n", test.title, name(report.verdict), report.sentence);
+  fmt::print("  {:.0f} s, {} simulations; {}\n", seconds, experiment.simulations(), (folder / "result.json").string());
+}
+
+}  // namespace imic3d::app

@@ -1,0 +1,29 @@
+#pragma once
+// What imic3d loop leaves behind: result.json, loop.csv and the page for a test engineer.
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "imic3d/io/case.hpp"
+#include "imic3d/loop/closing.hpp"
+#include "imic3d/loop/field_experiment.hpp"
+
+namespace imic3d::app {
+
+/// Residual fields before and after.
+struct LoopFields {
+  Eigen::MatrixXd displacement_before, displacement_after;  ///< measured - predicted [2n x frames, length]
+  Eigen::VectorXd force_before, force_after;                ///< [frames, force]
+};
+
+/// Collective.
+[[nodiscard]] LoopFields loop_fields(loop::FieldExperiment& experiment, const loop::Report& report);
+
+/// Everything that the report says, machine-readable. Rank 0 only.
+[[nodiscard]] nlohmann::json loop_summary(const loop::Experiment& experiment, const loop::Report& report);
+
+/// Writes result.json, residuals.csv, pictures and report.html to the folder and prints the verdict. Rank 0 only.
+void write_loop_report(const std::filesystem::path& folder, const io::Case& test, const loop::FieldExperiment& experiment, const loop::Report& report,
+                       const LoopFields& fields, double seconds);
+
+}  // namespace imic3d::app

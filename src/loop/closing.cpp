@@ -1,0 +1,455 @@
+#include "imic3d/loop/closing.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <random>
+
+#include "imic3d/core/error.hpp"
+#include "imic3d/loop/statistics.hpp"
+
+namespace imic3d::loop {
+
+std::string_view name(Verdict verdict) {
+  switch (verdict) {
+    case Verdict::nothing_found: return "nothing found";
+    case Verdict::attributed: return "attributed";
+    case Verdict::ambiguous: return "ambiguous";
+    default: return "unexplained";
+  }
+}
+
+std::vector<int> held_out_blocks(int frames, int blocks) {
+  std::vector<int> held;
+  const int length = std::max(1, frames / (4 * blocks));
+  for (int k = 0; k < blocks; ++k) {
+    const int middle = static_cast<int>(std::lround((k + 0.5) * frames / blocks));
+    for (int t = middle - length / 2; t < middle - length / 2 + length; ++t)
+      if (t > 0 && t < frames - 1) held.push_back(t);
+  }
+  return held;
+}
+
+namespace {
+
+class Loop {
+ public:
+  Loop(Experiment& experiment, const LoopOptions& options, const std::function<void(const std::string&)>& say)
+      : experiment_(experiment), options_(options), say_(say), frames_(static_cast<int>(experiment.frame_numbers().size())) {
+    report_.held_out.assign(static_cast<std::size_t>(frames_), 0);
+    for (int t : options.held_out.empty() ? held_out_blocks(frames_) : options.held_out) report_.held_out[static_cast<std::size_t>(t)] = 1;
+    std::vector<char> fitted;
+    for (char held : report_.held_out) fitted.push_back(held == 0 ? 1 : 0);
+    rows_ = rows_of_frames(experiment.data(), fitted);
+    held_rows_ = rows_of_frames(experiment.data(), report_.held_out);
+  }
+
+  Report run() {
+    identify_declared();
+    Model at = report_.declared;
+    while (true) {
+      if (!significant(at)) {
+        report_.verdict = report_.named.empty() ? Verdict::nothing_found : Verdict::attributed;
+        break;
+      }
+      if (static_cast<int>(at.added.size()) >= options_.additions) {
+        report_.verdict = Verdict::unexplained;
+        break;
+      }
+      Round round = try_candidates(at);
+      const bool last = !round.set.empty();
+      const Trial* best = choose(round, at);
+      report_.rounds.push_back(round);
+      if (best == nullptr) {
+        report_.verdict = Verdict::unexplained;
+        break;
+      }
+      report_.named.push_back(best->candidate);
+      say(fmt::format("added: {}", candidate(best->candidate).name));
+      at = best->model;
+      if (last) {
+        report_.set = round.set;
+        report_.verdict = round.set.size() == 1 ? Verdict::attributed : Verdict::ambiguous;
+        break;
+      }
+    }
+    if (report_.set.empty() && report_.verdict == Verdict::attributed) report_.set = report_.named;
+    report_.final = std::move(at);
+    find_invisible();
+    find_remainder();
+    write_sentence();
+    return std::move(report_);
+  }
+
+ private:
+  const Candidate& candidate(int j) const { return experiment_.candidates()[static_cast<std::size_t>(j)]; }
+  void say(const std::string& line) const {
+    if (say_) say_(line);
+  }
+
+  std::vector<int> free_of(const std::vector<int>& added) const {
+    std::vector<int> free;
+    for (std::size_t j = 0; j < experiment_.parameters().size(); ++j)
+      if (experiment_.parameters()[j].free) free.push_back(static_cast<int>(j));
+    for (int k : added)
+      for (int j : candidate(k).parameters)
+        if (std::find(free.begin(), free.end(), j) == free.end()) free.push_back(j);
+    return free;
+  }
+
+  void identify_declared() {
+    std::vector<double> values;
+    for (const auto& p : experiment_.parameters()) values.push_back(p.value);
+    const auto free = free_of({});
+    Weight plain(experiment_.data(), {});
+    say("identification under the declared model");
+    Fit best;
+    std::string failure;
+    for (double factor : options_.starts) {
+      std::vector<double> start = values;
+      for (int j : free) {
+        const auto& info = experiment_.parameters()[static_cast<std::size_t>(j)].info;
+        auto& value = start[static_cast<std::size_t>(j)];
+        if (!info.null_value) value = std::clamp(factor * value, info.lower, info.upper);
+      }
+      try {
+        Fit one = fit(experiment_, plain, rows_, free, start);
+        say(fmt::format("  from {:.0f} %: chi {:.3f} after {} iterations", 100.0 * factor, std::sqrt(one.cost / static_cast<double>(rows_.size())), one.iterations));
+        if (best.values.empty() || one.cost < best.cost) best = std::move(one);
+      } catch (const ConvergenceError& error) {
+        failure = error.what();
+        say(fmt::format("  from {:.0f} %: {}", 100.0 * factor, failure));
+      }
+    }
+    if (best.values.empty()) throw ConvergenceError(failure);
+    // What the mesh and the correlation err by is learned at the first parameters, and again at those that it leads to.
+    for (int pass = 0; pass < 2; ++pass) {
+      experiment_.learn_bias(best.values);
+      best = fit(experiment_, plain, rows_, free, best.values);
+      say(fmt::format("  bias of mesh and correlation learned: chi {:.3f}", std::sqrt(best.cost / static_cast<double>(rows_.size()))));
+    }
+    say(fmt::format("null ensemble: {} draws of the noise", options_.draws));
+    null_ = experiment_.noise(best.values, options_.draws);
+    doubt_bias();
+    weight_ = Weight(experiment_.data(), null_);
+    white_null_ = weight_(null_);
+    report_.declared.fit = fit(experiment_, weight_, rows_, free, best.values);
+    finish(report_.declared);
+    announce(report_.declared, "declared model");
+  }
+
+  /// The learned bias is known to a part only (the synthetic images differ from real ones, the finer mesh errs too): what is
+  /// not known of it joins the noise, for each number of a frame a random polynomial of second degree in time times
+  /// the bias.
+  void doubt_bias() {
+    const Eigen::VectorXd bias = experiment_.bias();
+    if (bias.size() == 0) return;
+    const auto& data = experiment_.data();
+    std::vector<Eigen::Index> place(data.size());  // of a number within its frame
+    Eigen::Index most = 0;
+    for (std::size_t i = 0; i < data.size(); ++i) {
+      place[i] = i > 0 && data[i].frame == data[i - 1].frame ? place[i - 1] + 1 : 0;
+      most = std::max(most, place[i] + 1);
+    }
+    std::mt19937_64 random(11);
+    std::normal_distribution<double> normal;
+    for (auto draw : null_.colwise()) {
+      Eigen::Matrix<double, 3, Eigen::Dynamic> c(3, most);  // coefficients of Legendre polynomials
+      for (double& x : c.reshaped()) x = normal(random) / std::sqrt(1.0 + 1.0 / 3.0 + 0.2);
+      for (std::size_t i = 0; i < data.size(); ++i) {
+        const double s = frames_ > 1 ? 2.0 * data[i].frame / (frames_ - 1.0) - 1.0 : 0.0;
+        const auto own = c.col(place[i]);
+        const auto row = static_cast<Eigen::Index>(i);
+        draw[row] += options_.bias_doubt * bias[row] * (own[0] + own[1] * s + own[2] * 0.5 * (3.0 * s * s - 1.0));
+      }
+    }
+  }
+
+  /// Covariance, misfit and scores of a model whose fit is done.
+  void finish(Model& model) {
+    const Eigen::MatrixXd J = model.fit.sensitivity(rows_, Eigen::all);
+    const Eigen::MatrixXd pull = J.completeOrthogonalDecomposition().pseudoInverse();
+    const Eigen::MatrixXd moved = pull * white_null_(rows_, Eigen::all);  // of the parameters by the noise
+    model.covariance = moved * moved.transpose() / static_cast<double>(moved.cols());
+    const Eigen::MatrixXd left = white_null_ - model.fit.sensitivity * moved;
+    const auto chi = [](const auto& r) { return std::sqrt(r.squaredNorm() / static_cast<double>(std::max<Eigen::Index>(1, r.size()))); };
+    const auto null_of = [&](const std::vector<Eigen::Index>& rows) {
+      Eigen::VectorXd all(left.cols());
+      for (Eigen::Index b = 0; b < left.cols(); ++b) all[b] = chi(Eigen::VectorXd(left.col(b)(rows)));
+      return quantile(all, 0.95);
+    };
+    Misfit& misfit = model.misfit;
+    misfit.fitted = chi(Eigen::VectorXd(model.fit.residual(rows_)));
+    misfit.held_out = chi(Eigen::VectorXd(model.fit.residual(held_rows_)));
+    misfit.null_fitted = null_of(rows_), misfit.null_held_out = null_of(held_rows_);
+    std::vector<Eigen::Index> images, force;
+    for (Eigen::Index i : rows_) (experiment_.data()[static_cast<std::size_t>(i)].channel == force_channel ? force : images).push_back(i);
+    misfit.images = chi(Eigen::VectorXd(model.fit.residual(images))), misfit.force = chi(Eigen::VectorXd(model.fit.residual(force)));
+    misfit.frames.resize(frames_), misfit.null_frames.resize(frames_);
+    for (int t = 0; t < frames_; ++t) {
+      std::vector<char> one(static_cast<std::size_t>(frames_), 0);
+      one[static_cast<std::size_t>(t)] = 1;
+      const auto rows = rows_of_frames(experiment_.data(), one);
+      misfit.frames[t] = chi(Eigen::VectorXd(model.fit.residual(rows)));
+      misfit.null_frames[t] = null_of(rows);
+    }
+    score_others(model);
+  }
+
+  void score_others(Model& model) {
+    std::vector<int> asked;
+    for (int k = 0; k < static_cast<int>(experiment_.candidates().size()); ++k) {
+      if (std::find(model.added.begin(), model.added.end(), k) != model.added.end()) continue;
+      const auto& its = candidate(k).parameters;
+      if (std::any_of(its.begin(), its.end(), [&](int j) { return std::find(model.fit.free.begin(), model.fit.free.end(), j) != model.fit.free.end(); })) continue;
+      model.others.push_back(k);
+      asked.insert(asked.end(), its.begin(), its.end());
+    }
+    // One derivative for each parameter, and another with a longer step: where they differ both marks are kept.
+    const Eigen::MatrixXd near = derivatives(experiment_, weight_, model.fit.values, asked);
+    ScoreProblem problem;
+    problem.residual = model.fit.residual(rows_);
+    problem.sensitivity = model.fit.sensitivity(rows_, Eigen::all);
+    problem.null = white_null_(rows_, Eigen::all);
+    Eigen::Index column = 0;
+    std::vector<int> kept;
+    for (int k : model.others) {
+      const auto count = static_cast<Eigen::Index>(candidate(k).parameters.size());
+      const Eigen::MatrixXd signature = near.middleCols(column, count)(rows_, Eigen::all);
+      column += count;
+      if (signature.norm() == 0.0) continue;
+      problem.signatures.push_back(signature);
+      kept.push_back(k);
+    }
+    model.others = kept;
+    model.scores = score(problem);
+  }
+
+  void announce(const Model& model, const std::string& what) const {
+    say(fmt::format("{}: chi {:.3f} (null {:.3f}), held out {:.3f} (null {:.3f}), images {:.3f}, force {:.3f}; energy {:+.1f} sd (limit {:.1f})", what, model.misfit.fitted, model.misfit.null_fitted,
+                    model.misfit.held_out, model.misfit.null_held_out, model.misfit.images, model.misfit.force, model.scores.omnibus, model.scores.omnibus_threshold));
+    std::vector<std::size_t> order(model.others.size());
+    for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
+    std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return model.scores.candidates[a].z > model.scores.candidates[b].z; });
+    for (std::size_t i = 0; i < std::min<std::size_t>(5, order.size()); ++i) {
+      const auto& s = model.scores.candidates[order[i]];
+      say(fmt::format("    {:24} z {:6.2f} (limit {:.2f})  kappa {:.3f}  size {:.3g} +- {:.2g}", candidate(model.others[order[i]]).name, s.z, model.scores.threshold, s.visibility,
+                      s.size[0], s.deviation[0]));
+    }
+  }
+
+  bool candidate_significant(const Model& model) const {
+    return std::any_of(model.scores.candidates.begin(), model.scores.candidates.end(), [&](const Score& s) { return s.z > model.scores.threshold && matters(model, s); });
+  }
+  bool omnibus_significant(const Model& model) const { return model.scores.omnibus > model.scores.omnibus_threshold; }
+  bool significant(const Model& model) const { return candidate_significant(model) || omnibus_significant(model); }
+
+  /// Importance beside significance: a fifth of the excess energy, or a shift of a parameter by 1 % or by one standard deviation.
+  bool matters(const Model& model, const Score& s) const {
+    const double excess = std::max(0.0, model.scores.energy - model.scores.null_energy);
+    if (s.statistic >= 0.2 * excess) return true;
+    const Eigen::VectorXd shift = (s.bias * s.size).cwiseAbs();
+    for (Eigen::Index j = 0; j < shift.size(); ++j)
+      if (shift[j] >= 0.01 * std::abs(model.fit.values[static_cast<std::size_t>(model.fit.free[static_cast<std::size_t>(j)])]) ||
+          shift[j] >= std::sqrt(model.covariance(j, j)))
+        return true;
+    return false;
+  }
+
+  Round try_candidates(const Model& at) {
+    std::vector<std::size_t> order;
+    for (std::size_t i = 0; i < at.others.size(); ++i)
+      if (at.scores.candidates[i].z > at.scores.threshold && at.scores.candidates[i].visibility >= least_visibility) order.push_back(i);
+    std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return at.scores.candidates[a].z > at.scores.candidates[b].z; });
+    if (order.size() > static_cast<std::size_t>(options_.rivals)) order.resize(static_cast<std::size_t>(options_.rivals));
+    Round round;
+    for (std::size_t i : order) {
+      Trial trial;
+      trial.candidate = at.others[i];
+      trial.model.added = at.added;
+      trial.model.added.push_back(trial.candidate);
+      // From the null value and from the size that the score predicts; the better one stands.
+      std::vector<double> predicted = at.fit.values;
+      const auto& its = candidate(trial.candidate).parameters;
+      for (std::size_t k = 0; k < its.size(); ++k) {
+        const auto j = static_cast<std::size_t>(its[k]);
+        const auto& info = experiment_.parameters()[j].info;
+        const double margin = 0.05 * (info.upper - info.lower);
+        predicted[j] = std::clamp(predicted[j] + at.scores.candidates[i].size[static_cast<Eigen::Index>(k)], info.lower + margin, info.upper - margin);
+      }
+      bool fitted = false;
+      for (const auto& start : {predicted, at.fit.values}) {
+        try {
+          Fit one = fit(experiment_, weight_, rows_, free_of(trial.model.added), start);
+          if (!fitted || one.cost < trial.model.fit.cost) trial.model.fit = std::move(one);
+          fitted = true;
+          if (trial.model.fit.converged && trial.model.fit.cost < at.fit.cost) break;
+        } catch (const ConvergenceError& error) {
+          trial.model.message = error.what();
+        }
+      }
+      if (!fitted) {
+        trial.plausible = false;
+        trial.objection = trial.model.message;
+        round.trials.push_back(std::move(trial));
+        continue;
+      }
+      finish(trial.model);
+      judge(trial, at);
+      announce(trial.model, "with " + candidate(trial.candidate).name);
+      if (!trial.plausible) say("    not plausible: " + trial.objection);
+      if (trial.sufficient && trial.plausible) round.set.push_back(trial.candidate);
+      round.trials.push_back(std::move(trial));
+    }
+    // The earlier link first where the data do not tell.
+    std::stable_sort(round.set.begin(), round.set.end(), [&](int a, int b) { return candidate(a).link < candidate(b).link; });
+    return round;
+  }
+
+  void judge(Trial& trial, const Model& at) {
+    const Model& model = trial.model;
+    trial.sufficient = !significant(model);
+    const auto& parameters = experiment_.parameters();
+    for (int j : candidate(trial.candidate).parameters) {
+      const auto& info = parameters[static_cast<std::size_t>(j)].info;
+      const double value = model.fit.values[static_cast<std::size_t>(j)], margin = 0.01 * (info.upper - info.lower);
+      if (value < info.lower + margin || value > info.upper - margin) {
+        trial.plausible = false;
+        trial.objection = fmt::format("{} = {:.4g} is at its bound", info.name, value);
+      }
+    }
+    if (model.misfit.held_out > at.misfit.held_out * 1.02 && at.misfit.held_out > at.misfit.null_held_out) {
+      trial.plausible = false;
+      trial.objection = fmt::format("the held-out frames are explained worse: chi {:.3f} after {:.3f}", model.misfit.held_out, at.misfit.held_out);
+    }
+    // Blocks of frames must agree about the size: each third's own estimate, from the linearised model.
+    const auto& its = candidate(trial.candidate).parameters;
+    std::vector<Eigen::Index> columns;
+    for (int j : its)
+      columns.push_back(std::find(model.fit.free.begin(), model.fit.free.end(), j) - model.fit.free.begin());
+    const Eigen::MatrixXd J = model.fit.sensitivity(rows_, Eigen::all);
+    const Eigen::VectorXd r = model.fit.residual(rows_);
+    const Eigen::MatrixXd R = white_null_(rows_, Eigen::all);
+    double disagreement = 0.0;
+    int compared = 0;
+    for (int block = 0; block < 3; ++block) {
+      std::vector<Eigen::Index> rows;
+      for (std::size_t i = 0; i < rows_.size(); ++i)
+        if (3 * experiment_.data()[static_cast<std::size_t>(rows_[i])].frame / frames_ == block) rows.push_back(static_cast<Eigen::Index>(i));
+      if (rows.size() < static_cast<std::size_t>(J.cols()) + 1) continue;
+      // The block's own wish for the effect, the other parameters held: s^T r/s^T s.
+      for (std::size_t i = 0; i < columns.size(); ++i) {
+        const Eigen::Index c = columns[i];
+        const auto j = static_cast<std::size_t>(its[i]);
+        const Eigen::VectorXd s = J.col(c)(rows);
+        const double s2 = s.squaredNorm();
+        if (s2 < 0.02 * J.col(c).squaredNorm()) continue;
+        const double wish = s.dot(r(rows)) / s2;
+        const Eigen::VectorXd noise = (R(rows, Eigen::all).transpose() * s) / s2;
+        const double size = model.fit.values[j] - parameters[j].info.null_value.value_or(0.0);
+        const double sd = std::sqrt(noise.squaredNorm() / static_cast<double>(noise.size()) + std::pow(0.1 * size, 2));
+        disagreement = std::max(disagreement, std::abs(wish) / std::max(1e-300, sd));
+        ++compared;
+      }
+    }
+    if (compared > 1 && disagreement > 4.5 && !trial.sufficient) {
+      trial.plausible = false;
+      trial.objection = fmt::format("parts of the test disagree about its size by {:.1f} standard deviations", disagreement);
+    }
+  }
+
+  /// What is kept of a round: the sufficient candidate of the earliest link, else the one that helps most, if any does.
+  const Trial* choose(const Round& round, const Model& at) const {
+    const Trial* best = nullptr;
+    for (const Trial& trial : round.trials) {
+      if (!trial.plausible) continue;
+      if (!round.set.empty()) {
+        if (trial.candidate == round.set.front()) return &trial;
+        continue;
+      }
+      const bool helps = trial.model.misfit.held_out < at.misfit.held_out && trial.model.fit.cost < at.fit.cost;
+      if (helps && (best == nullptr || trial.model.fit.cost < best->model.fit.cost)) best = &trial;
+    }
+    return best;
+  }
+
+  void find_invisible() {
+    const Model& model = report_.declared;
+    for (std::size_t i = 0; i < model.others.size(); ++i)
+      if (model.scores.candidates[i].visibility < least_visibility) report_.invisible.push_back(model.others[i]);
+  }
+
+  void find_remainder() {
+    const Eigen::VectorXd& r = report_.final.fit.residual;
+    const auto per_frame = r.size() / frames_;
+    if (per_frame * frames_ != r.size()) return;
+    const Eigen::MatrixXd R = r.reshaped(per_frame, frames_);
+    const Eigen::BDCSVD<Eigen::MatrixXd> svd(R, Eigen::ComputeThinU | Eigen::ComputeThinV);
+    report_.remainder.space = svd.matrixU().col(0);
+    report_.remainder.time = svd.singularValues()[0] * svd.matrixV().col(0);
+    report_.remainder.share = std::pow(svd.singularValues()[0], 2) / std::max(1e-300, R.squaredNorm());
+  }
+
+  std::string size_of(int k, const Model& model) const {
+    std::string text;
+    for (int j : candidate(k).parameters) {
+      const auto place = std::find(model.fit.free.begin(), model.fit.free.end(), j) - model.fit.free.begin();
+      if (place >= static_cast<std::ptrdiff_t>(model.fit.free.size())) continue;
+      const auto& info = experiment_.parameters()[static_cast<std::size_t>(j)].info;
+      text += fmt::format("{}{} = {:.4g} +- {:.2g}{}", text.empty() ? "" : ", ", info.name, model.fit.values[static_cast<std::size_t>(j)], std::sqrt(model.covariance(place, place)),
+                          info.unit == "-" ? "" : " " + info.unit);
+    }
+    return text;
+  }
+
+  void write_sentence() {
+    const Model &before = report_.declared, &after = report_.final;
+    const std::string change = fmt::format("Held-out error {:.2f} -> {:.2f} (null {:.2f}).", before.misfit.held_out, after.misfit.held_out, after.misfit.null_held_out);
+    std::string& text = report_.sentence;
+    if (report_.verdict == Verdict::nothing_found) {
+      text = fmt::format("Nothing is missing that this test could show (chi {:.2f}, null up to {:.2f}).", before.misfit.fitted, before.misfit.null_fitted);
+      return;
+    }
+    text = fmt::format("Something is missing (chi {:.2f}, null up to {:.2f}). ", before.misfit.fitted, before.misfit.null_fitted);
+    const auto list = [&](const std::vector<int>& which) {
+      std::string all;
+      for (int k : which) all += (all.empty() ? "" : "; ") + candidate(k).sentence + " (" + size_of(k, after) + ")";
+      return all;
+    };
+    if (report_.verdict == Verdict::attributed) {
+      text += report_.named.size() == 1 ? "One candidate alone explains it: " + list(report_.named) + ". " : "It takes " + std::to_string(report_.named.size()) + " effects: " + list(report_.named) + ". ";
+    } else if (report_.verdict == Verdict::ambiguous) {
+      std::vector<std::string> names, separators;
+      for (int k : report_.set) names.push_back(candidate(k).name), separators.push_back(candidate(k).separated_by);
+      text += fmt::format("It is one of: {}; these data cannot tell. What would: {}. ", fmt::join(names, ", "), fmt::join(separators, "; "));
+    } else {
+      text += "No known effect explains it";
+      if (!report_.named.empty()) text += ", though it helps to add: " + list(report_.named);
+      const auto numbers = experiment_.frame_numbers();
+      Eigen::Index worst = 0;
+      (after.misfit.frames - after.misfit.null_frames).maxCoeff(&worst);
+      text += fmt::format(". It is largest in frame {}. ", numbers[static_cast<std::size_t>(worst)]);
+    }
+    text += change;
+  }
+
+  Experiment& experiment_;
+  const LoopOptions& options_;
+  const std::function<void(const std::string&)>& say_;
+  int frames_;
+  std::vector<Eigen::Index> rows_, held_rows_;
+  Eigen::MatrixXd null_, white_null_;
+  Weight weight_{{}, {}};
+  Report report_;
+};
+
+}  // namespace
+
+Report close_loop(Experiment& experiment, const LoopOptions& options, const std::function<void(const std::string&)>& say) {
+  return Loop(experiment, options, say).run();
+}
+
+}  // namespace imic3d::loop

@@ -1,0 +1,36 @@
+// The camera is pushed: from a frame on it is tilted and nearer. Its in-plane motion leaves no trace, the ends follow it.
+#include <cmath>
+
+#include "effects.hpp"
+
+namespace imic3d::loop {
+
+namespace {
+
+class CameraBump final : public Effect {
+ public:
+  [[nodiscard]] Description describe(const Scene& scene) const override {
+    const double tilt = 1e-3 / (0.5 * (scene.high - scene.low).norm());
+    return {.name = "camera bump",
+            .link = Link::camera,
+            .quantities = {{.name = "tilt_x", .unit = "1/length", .description = "magnification grows along x from the middle frame on", .step = 1e-2 * tilt, .size = 0.3 * tilt, .lower = -20 * tilt, .upper = 20 * tilt},
+                           {.name = "tilt_y", .unit = "1/length", .description = "magnification grows along y from the middle frame on", .step = 1e-2 * tilt, .size = 0.3 * tilt, .lower = -20 * tilt, .upper = 20 * tilt},
+                           {.name = "step_of_magnification", .unit = "-", .description = "magnification from the middle frame on", .step = 1e-5, .size = 3e-4, .lower = -0.02, .upper = 0.02}},
+            .sentence = "the camera was moved about the middle of the test",
+            .confused_with = "magnification drift",
+            .separated_by = "a fixed mark in the field of view"};
+  }
+  void see(Values values, const Scene& scene, int t, const Eigen::VectorXd& U, Eigen::VectorXd& error) const override {
+    if (2 * t < scene.time.size()) return;
+    for (Eigen::Index i = 0; i < U.size() / 2; ++i) {
+      const Eigen::Vector2d at = scene.surface->nodes.row(i).head<2>().transpose() + U.segment<2>(2 * i) - scene.axis_of_lens;
+      error.segment<2>(2 * i) += (values[0] * at[0] + values[1] * at[1] + values[2]) * at;
+    }
+  }
+};
+
+}  // namespace
+
+std::shared_ptr<const Effect> camera_bump() { return std::make_shared<CameraBump>(); }
+
+}  // namespace imic3d::loop

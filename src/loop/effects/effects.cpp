@@ -1,0 +1,24 @@
+#include "effects.hpp"
+
+#include <algorithm>
+#include <array>
+
+namespace imic3d::loop {
+
+std::vector<std::shared_ptr<const Effect>> effects() {
+  return {coarse_mesh(),  large_increments(), interpolation_bias(), force_gain(), force_offset(),    force_delay(), magnification_drift(), parallax(), lens_distortion(),
+          camera_bump(),  hole_radius(),      hole_offset(),        taper(),      preload(),         residual_stress(), misalignment(),    stiff_region()};
+}
+
+double near_hole(const Scene& scene, double distance) {
+  const double edge = std::min({scene.hole[0] - scene.low[0], scene.high[0] - scene.hole[0], scene.hole[1] - scene.low[1], scene.high[1] - scene.hole[1]});
+  const double s = std::clamp((edge - distance) / (edge - scene.radius), 0.0, 1.0);
+  return s * s * (3.0 - 2.0 * s);
+}
+
+std::string_view name(Link link) {
+  constexpr std::array<std::string_view, 8> names = {"numerics", "record", "camera", "light", "geometry", "initial state", "loading", "material"};
+  return names[static_cast<std::size_t>(link)];
+}
+
+}  // namespace imic3d::loop

@@ -1,0 +1,32 @@
+#pragma once
+// One function for each file of this folder.
+
+#include <memory>
+#include <span>
+
+#include "imic3d/loop/effect.hpp"
+
+namespace imic3d::loop {
+
+/// 1 at the hole's edge, 0 from the nearest edge of the surface on, smooth between.
+[[nodiscard]] double near_hole(const Scene& scene, double distance);
+
+std::shared_ptr<const Effect> coarse_mesh();
+std::shared_ptr<const Effect> large_increments();
+std::shared_ptr<const Effect> interpolation_bias();
+std::shared_ptr<const Effect> force_gain();
+std::shared_ptr<const Effect> force_offset();
+std::shared_ptr<const Effect> force_delay();
+std::shared_ptr<const Effect> magnification_drift();
+std::shared_ptr<const Effect> parallax();
+std::shared_ptr<const Effect> lens_distortion();
+std::shared_ptr<const Effect> camera_bump();
+std::shared_ptr<const Effect> hole_radius();
+std::shared_ptr<const Effect> hole_offset();
+std::shared_ptr<const Effect> taper();
+std::shared_ptr<const Effect> preload();
+std::shared_ptr<const Effect> residual_stress();
+std::shared_ptr<const Effect> misalignment();
+std::shared_ptr<const Effect> stiff_region();
+
+}  // namespace imic3d::loop

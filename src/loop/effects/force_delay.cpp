@@ -1,0 +1,38 @@
+// Force and images do not belong to the same moment.
+#include <cmath>
+
+#include "effects.hpp"
+
+namespace imic3d::loop {
+
+namespace {
+
+class ForceDelay final : public Effect {
+ public:
+  [[nodiscard]] Description describe(const Scene& scene) const override {
+    const double frame = (scene.time[scene.time.size() - 1] - scene.start_time) / static_cast<double>(scene.time.size());
+    return {.name = "delay of the force",
+            .link = Link::record,
+            .quantities = {{.name = "force_delay", .unit = "time", .description = "of the force behind the images", .step = 0.02 * frame, .size = 0.2 * frame, .lower = -3.0 * frame, .upper = 3.0 * frame}},
+            .sentence = "force and images are not recorded at the same time",
+            .confused_with = "rate dependence",
+            .separated_by = "a pulse that both record; a hold"};
+  }
+  /// F(t - delay), the force between two frames being linear in time.
+  void record(Values values, const Scene& scene, Eigen::VectorXd& force) const override {
+    const Eigen::VectorXd now = force;
+    const auto value_at = [&](double time) {
+      Eigen::Index after = 0;
+      while (after + 1 < now.size() && scene.time[after] < time) ++after;
+      const double t0 = after == 0 ? scene.start_time : scene.time[after - 1], F0 = after == 0 ? 0.0 : now[after - 1];
+      return F0 + (now[after] - F0) * (time - t0) / std::max(1e-300, scene.time[after] - t0);
+    };
+    for (Eigen::Index t = 0; t < now.size(); ++t) force[t] = value_at(scene.time[t] - values[0]);
+  }
+};
+
+}  // namespace
+
+std::shared_ptr<const Effect> force_delay() { return std::make_shared<ForceDelay>(); }
+
+}  // namespace imic3d::loop

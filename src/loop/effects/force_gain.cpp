@@ -1,0 +1,27 @@
+// The load cell (or the thickness) is off by a factor.
+#include <cmath>
+
+#include "effects.hpp"
+
+namespace imic3d::loop {
+
+namespace {
+
+class ForceGain final : public Effect {
+ public:
+  [[nodiscard]] Description describe(const Scene&) const override {
+    return {.name = "force gain",
+            .link = Link::record,
+            .quantities = {{.name = "force_gain", .unit = "-", .description = "recorded over true force", .null = 1.0, .step = 1e-3, .size = 1.02, .lower = 0.5, .upper = 2.0}},
+            .sentence = "the load cell's gain is off",
+            .confused_with = "E, S_y and H together, exactly; thickness",
+            .separated_by = "a prior on E; a second load cell"};
+  }
+  void record(Values values, const Scene&, Eigen::VectorXd& force) const override { force *= values[0]; }
+};
+
+}  // namespace
+
+std::shared_ptr<const Effect> force_gain() { return std::make_shared<ForceGain>(); }
+
+}  // namespace imic3d::loop

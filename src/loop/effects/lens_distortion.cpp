@@ -1,0 +1,34 @@
+// Radial distortion (Brown): what moves through the field of view is stretched on its way.
+#include <cmath>
+
+#include "effects.hpp"
+
+namespace imic3d::loop {
+
+namespace {
+
+class LensDistortion final : public Effect {
+ public:
+  [[nodiscard]] Description describe(const Scene& scene) const override {
+    const double r2 = 0.25 * (scene.high - scene.low).squaredNorm();
+    return {.name = "lens distortion",
+            .link = Link::camera,
+            .quantities = {{.name = "k1", .unit = "1/length^2", .description = "radial distortion x (1 + k1 r^2) about the image's centre, r on the specimen", .step = 1e-4 / r2, .size = 3e-3 / r2, .lower = -0.2 / r2, .upper = 0.2 / r2}},
+            .sentence = "the lens distorts radially",
+            .confused_with = "magnification drift, taper",
+            .separated_by = "images of a grid, or of the specimen shifted rigidly"};
+  }
+  void see(Values values, const Scene& scene, int, const Eigen::VectorXd& U, Eigen::VectorXd& error) const override {
+    for (Eigen::Index i = 0; i < U.size() / 2; ++i) {
+      const Eigen::Vector2d X = scene.surface->nodes.row(i).head<2>().transpose() - scene.axis_of_lens;
+      const Eigen::Vector2d x = X + U.segment<2>(2 * i);
+      error.segment<2>(2 * i) += values[0] * (x * x.squaredNorm() - X * X.squaredNorm());
+    }
+  }
+};
+
+}  // namespace
+
+std::shared_ptr<const Effect> lens_distortion() { return std::make_shared<LensDistortion>(); }
+
+}  // namespace imic3d::loop

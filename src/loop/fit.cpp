@@ -1,0 +1,153 @@
+#include "imic3d/loop/fit.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+
+#include "imic3d/core/error.hpp"
+
+namespace imic3d::loop {
+
+Weight::Weight(const std::vector<Datum>& data, const Eigen::MatrixXd& null, int window) {
+  std::vector<std::pair<Eigen::Index, Eigen::Index>> frames;  // first row, rows
+  for (std::size_t i = 0; i < data.size(); ++i) {
+    if (i == 0 || data[i].frame != data[i - 1].frame) frames.emplace_back(static_cast<Eigen::Index>(i), 0);
+    ++frames.back().second;
+  }
+  if (null.cols() == 0) return;
+  for (std::size_t t = 0; t < frames.size(); ++t) {
+    const auto [first, rows] = frames[t];
+    Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(rows, rows);
+    double count = 0.0;
+    for (int k = -window; k <= window; ++k) {
+      const auto other = static_cast<std::ptrdiff_t>(t) + k;
+      if (other < 0 || other >= static_cast<std::ptrdiff_t>(frames.size()) || frames[static_cast<std::size_t>(other)].second != rows) continue;
+      const auto block = null.middleRows(frames[static_cast<std::size_t>(other)].first, rows);
+      sum += block * block.transpose();
+      count += static_cast<double>(null.cols());
+    }
+    const double share = static_cast<double>(rows) / (static_cast<double>(rows) + count);
+    const Eigen::MatrixXd covariance = (1.0 - share) * sum / count + share * Eigen::MatrixXd::Identity(rows, rows);
+    blocks_.emplace_back(first, covariance.llt().matrixL().solve(Eigen::MatrixXd::Identity(rows, rows)));
+  }
+}
+
+Eigen::MatrixXd Weight::operator()(const Eigen::MatrixXd& rows) const {
+  if (blocks_.empty()) return rows;
+  Eigen::MatrixXd result(rows.rows(), rows.cols());
+  for (const auto& [first, inverse] : blocks_) result.middleRows(first, inverse.rows()) = inverse.triangularView<Eigen::Lower>() * rows.middleRows(first, inverse.rows());
+  return result;
+}
+
+std::vector<Eigen::Index> rows_of_frames(const std::vector<Datum>& data, const std::vector<char>& frames) {
+  std::vector<Eigen::Index> rows;
+  for (std::size_t i = 0; i < data.size(); ++i)
+    if (frames[static_cast<std::size_t>(data[i].frame)] != 0) rows.push_back(static_cast<Eigen::Index>(i));
+  return rows;
+}
+
+namespace {
+
+/// A step of the parameter that stays within its bounds.
+double signed_step(const Parameter& parameter, double value, double steps) {
+  const double step = steps * parameter.step;
+  return value + step <= parameter.info.upper ? step : -step;
+}
+
+struct Linear {
+  Eigen::VectorXd residual;
+  Eigen::MatrixXd sensitivity;
+};
+
+Linear linearise(Experiment& experiment, const Weight& weight, const std::vector<double>& at, const std::vector<int>& parameters, double steps) {
+  std::vector<std::vector<double>> sets(1 + parameters.size(), at);
+  std::vector<double> moves;
+  for (std::size_t j = 0; j < parameters.size(); ++j) {
+    const auto k = static_cast<std::size_t>(parameters[j]);
+    moves.push_back(signed_step(experiment.parameters()[k], at[k], steps));
+    sets[1 + j][k] += moves.back();
+  }
+  const auto residuals = experiment.residuals(sets);
+  Linear result;
+  if (residuals.front().size() == 0) return result;
+  result.residual = weight(residuals.front());
+  result.sensitivity.setZero(result.residual.size(), static_cast<Eigen::Index>(parameters.size()));
+  for (std::size_t j = 0; j < parameters.size(); ++j)
+    if (residuals[1 + j].size() > 0) result.sensitivity.col(static_cast<Eigen::Index>(j)) = weight((residuals.front() - residuals[1 + j]) / moves[j]);
+  return result;
+}
+
+}  // namespace
+
+Eigen::MatrixXd derivatives(Experiment& experiment, const Weight& weight, const std::vector<double>& values, const std::vector<int>& parameters, double steps) {
+  return linearise(experiment, weight, values, parameters, steps).sensitivity;
+}
+
+Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::Index>& rows, const std::vector<int>& free, std::vector<double> start,
+        const FitOptions& options) {
+  const auto& parameters = experiment.parameters();
+  const auto unknowns = static_cast<Eigen::Index>(free.size());
+  const auto prior_cost = [&](const std::vector<double>& values) {
+    double sum = 0.0;
+    for (int j : free) {
+      const Parameter& p = parameters[static_cast<std::size_t>(j)];
+      if (p.prior > 0.0) sum += std::pow((values[static_cast<std::size_t>(j)] - p.value) / p.prior, 2);
+    }
+    return sum;
+  };
+  Fit result{.free = free, .values = std::move(start), .residual = {}, .sensitivity = {}};
+  for (result.iterations = 0; result.iterations <= options.max_iterations; ++result.iterations) {
+    const Linear at = linearise(experiment, weight, result.values, free, 1.0);
+    if (at.residual.size() == 0) throw ConvergenceError("the model cannot follow the measured displacement of the ends");
+    result.residual = at.residual;
+    result.sensitivity = at.sensitivity;
+    const Eigen::VectorXd r = at.residual(rows);
+    result.cost = r.squaredNorm() + prior_cost(result.values);
+    if (result.iterations == options.max_iterations) break;
+    // Columns in units of what the data can resolve.
+    const Eigen::MatrixXd J = at.sensitivity(rows, Eigen::all);
+    Eigen::VectorXd scale(unknowns);
+    for (Eigen::Index j = 0; j < unknowns; ++j) scale[j] = 1.0 / std::max(1e-300, J.col(j).norm());
+    Eigen::MatrixXd H = scale.asDiagonal() * (J.transpose() * J) * scale.asDiagonal();
+    Eigen::VectorXd b = scale.asDiagonal() * (J.transpose() * r);
+    for (Eigen::Index j = 0; j < unknowns; ++j) {
+      const Parameter& p = parameters[static_cast<std::size_t>(free[static_cast<std::size_t>(j)])];
+      if (p.prior <= 0.0) continue;
+      H(j, j) += std::pow(scale[j] / p.prior, 2);
+      b[j] -= scale[j] * (result.values[static_cast<std::size_t>(free[static_cast<std::size_t>(j)])] - p.value) / (p.prior * p.prior);
+    }
+    H.diagonal().array() += 1e-12;
+    const Eigen::VectorXd step = scale.asDiagonal() * H.ldlt().solve(b);
+    const double expected = b.dot(H.ldlt().solve(b));
+    if (expected < options.tolerance * static_cast<double>(std::max<Eigen::Index>(1, unknowns))) {
+      result.converged = true;
+      break;
+    }
+    // Shorter and shorter until the residual falls; a parameter changes by no more than half, and stays within its bounds.
+    bool moved = false;
+    double fraction = 1.0;
+    for (int trial = 0; trial < 6 && !moved; ++trial, fraction *= 0.3) {
+      std::vector<double> values = result.values;
+      for (Eigen::Index j = 0; j < unknowns; ++j) {
+        const auto k = static_cast<std::size_t>(free[static_cast<std::size_t>(j)]);
+        const auto& info = parameters[k].info;
+        double change = fraction * step[j];
+        if (!info.null_value) change = std::clamp(change, -0.5 * std::abs(values[k]), 0.5 * std::abs(values[k]));
+        // A bound that excludes its own end (E > 0) is approached by halves.
+        change = std::clamp(change, 0.5 * (info.lower - values[k]), 0.5 * (info.upper - values[k]));
+        values[k] += change;
+      }
+      const auto there = experiment.residuals({values}).front();
+      if (there.size() == 0) continue;
+      const double cost = Eigen::VectorXd(Eigen::VectorXd(weight(there))(rows)).squaredNorm() + prior_cost(values);
+      if (cost < result.cost) result.values = std::move(values), moved = true;
+    }
+    if (!moved) {
+      result.converged = expected < 0.05 * static_cast<double>(unknowns) || expected < 1e-6 * result.cost;
+      break;
+    }
+  }
+  return result;
+}
+
+}  // namespace imic3d::loop

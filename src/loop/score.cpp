@@ -1,0 +1,159 @@
+#include "imic3d/loop/score.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <random>
+
+#include "imic3d/loop/statistics.hpp"
+
+namespace imic3d::loop {
+
+namespace {
+
+/// A candidate's columns among all.
+struct Columns {
+  Eigen::Index first, count;
+};
+
+/// Scores with one covariance: what turns z into the statistics.
+class Test {
+ public:
+  Test(const Eigen::MatrixXd& C, const Eigen::MatrixXd& G, const std::vector<Columns>& columns) : columns_(columns) {
+    // Marks that are nearly the same make C nearly singular: directions below 1e-8 of the largest say nothing.
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(C);
+    const double floor = 1e-8 * eigen.eigenvalues().maxCoeff();
+    const Eigen::VectorXd inverse = (eigen.eigenvalues().array() > floor).select(eigen.eigenvalues().array().max(floor).inverse(), 0.0);
+    const Eigen::MatrixXd C_inverse = eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose();
+    for (const auto& [first, count] : columns) {
+      weights_.emplace_back(G.middleCols(first, count).transpose() * C_inverse);
+      information_.emplace_back(weights_.back() * G.middleCols(first, count));
+    }
+  }
+  [[nodiscard]] double statistic(std::size_t j, const Eigen::VectorXd& z) const {
+    const Eigen::VectorXd v = weights_[j] * z;
+    return std::max(0.0, v.dot(pseudo_inverse(information_[j]) * v));
+  }
+  [[nodiscard]] double largest_z(const Eigen::VectorXd& z) const {
+    double largest = 0.0;
+    for (std::size_t j = 0; j < weights_.size(); ++j)
+      largest = std::max(largest, deviations(log_chi_squared_tail(statistic(j, z), static_cast<int>(columns_[j].count))));
+    return largest;
+  }
+  [[nodiscard]] Eigen::VectorXd size(std::size_t j, const Eigen::VectorXd& z) const { return pseudo_inverse(information_[j]) * (weights_[j] * z); }
+  [[nodiscard]] Eigen::MatrixXd covariance(std::size_t j) const { return pseudo_inverse(information_[j]); }
+  [[nodiscard]] const Eigen::MatrixXd& information(std::size_t j) const { return information_[j]; }
+
+ private:
+  static Eigen::MatrixXd pseudo_inverse(const Eigen::MatrixXd& matrix) {
+    return matrix.completeOrthogonalDecomposition().pseudoInverse();
+  }
+  std::vector<Columns> columns_;
+  std::vector<Eigen::MatrixXd> weights_, information_;
+};
+
+/// Covariance of the scores: of the draws Z [m x draws], drawn towards s G, s the mean ratio, as their number asks for.
+Eigen::MatrixXd covariance(const Eigen::MatrixXd& Z, const Eigen::MatrixXd& G) {
+  const auto draws = static_cast<double>(Z.cols()), m = static_cast<double>(Z.rows());
+  const Eigen::MatrixXd sample = Z * Z.transpose() / draws;
+  const double scale = (sample.diagonal().array() / G.diagonal().array().max(1e-300)).mean();
+  const double share = m / (m + draws);
+  return (1.0 - share) * sample + share * scale * G;
+}
+
+}  // namespace
+
+Scores score(const ScoreProblem& problem) {
+  const Eigen::Index N = problem.residual.size();
+  const auto families = problem.signatures.size();
+  std::vector<Columns> columns;
+  Eigen::Index m = 0;
+  for (const auto& signature : problem.signatures) columns.push_back({m, signature.cols()}), m += signature.cols();
+
+  // P = I - Q Q^T on the scaled sensitivities.
+  Eigen::MatrixXd S = problem.sensitivity;
+  for (auto column : S.colwise()) column /= std::max(column.norm(), 1e-300);
+  Eigen::MatrixXd Q = Eigen::MatrixXd::Zero(N, 0);
+  if (S.cols() > 0) {
+    const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(S);
+    Q = qr.householderQ() * Eigen::MatrixXd::Identity(N, qr.rank());
+  }
+  const auto projected = [&Q](const Eigen::MatrixXd& X) -> Eigen::MatrixXd { return X - Q * (Q.transpose() * X); };
+
+  // Columns of unit length; the scales come back with the sizes.
+  Eigen::MatrixXd A(N, m);
+  Eigen::VectorXd length(m), before(m);
+  for (std::size_t j = 0; j < families; ++j) A.middleCols(columns[j].first, columns[j].count) = problem.signatures[j];
+  for (Eigen::Index i = 0; i < m; ++i) before[i] = std::max(A.col(i).norm(), 1e-300);
+  A = projected(A);
+  for (Eigen::Index i = 0; i < m; ++i) length[i] = std::max(A.col(i).norm(), 1e-300), A.col(i) /= length[i];
+
+  const Eigen::VectorXd Pr = projected(problem.residual);
+  const Eigen::MatrixXd PR = projected(problem.null);
+  const Eigen::MatrixXd G = A.transpose() * A;
+  const Eigen::VectorXd z = A.transpose() * Pr;
+  const Eigen::MatrixXd Z = A.transpose() * PR;
+  const Eigen::MatrixXd C = covariance(Z, G);
+  const Test test(C, G, columns);
+
+  Scores result;
+  result.energy = Pr.squaredNorm();
+  const Eigen::VectorXd null_energy = PR.colwise().squaredNorm().transpose();
+  const auto draws = static_cast<double>(null_energy.size());
+  result.null_energy = null_energy.mean();
+  result.null_energy_deviation = std::sqrt((null_energy.array() - result.null_energy).square().sum() / std::max(1.0, draws - 1.0) * (1.0 + 1.0 / draws));
+  result.omnibus = (result.energy - result.null_energy) / std::max(result.null_energy_deviation, 1e-300);
+  // 99 % of the null: Gaussian, or what the draws' own tail says.
+  const Eigen::VectorXd standardised = (null_energy.array() - result.null_energy) / std::max(result.null_energy_deviation, 1e-300);
+  result.omnibus_threshold = std::max(2.326, quantile(standardised, 0.99));
+  if (families == 0) return result;
+
+  // The threshold of the largest z.
+  const Eigen::Index half = Z.cols() / 2;
+  result.null_largest.resize(Z.cols());
+  for (int part = 0; part < 2; ++part) {
+    const Eigen::MatrixXd others = part == 0 ? Z.rightCols(Z.cols() - half) : Z.leftCols(half);
+    const Test cross(covariance(others, G), G, columns);
+    for (Eigen::Index b = part == 0 ? 0 : half; b < (part == 0 ? half : Z.cols()); ++b) result.null_largest[b] = cross.largest_z(Z.col(b));
+  }
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(C);
+  const Eigen::MatrixXd root = eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal();
+  std::mt19937_64 random(1);
+  std::normal_distribution<double> normal;
+  Eigen::VectorXd gaussian(2000);
+  for (double& largest : gaussian) {
+    Eigen::VectorXd noise(m);
+    for (double& value : noise) value = normal(random);
+    largest = test.largest_z(root * noise);
+  }
+  result.threshold = std::max(quantile(gaussian, 0.95), quantile(result.null_largest, 0.95));
+
+  const Eigen::MatrixXd pull = S.cols() > 0 ? Eigen::MatrixXd(problem.sensitivity.completeOrthogonalDecomposition().pseudoInverse()) : Eigen::MatrixXd(0, N);
+  for (std::size_t j = 0; j < families; ++j) {
+    const auto& [first, count] = columns[j];
+    Score one;
+    one.degrees = static_cast<int>(count);
+    one.statistic = test.statistic(j, z);
+    one.p = chi_squared_tail(one.statistic, one.degrees);
+    one.z = deviations(log_chi_squared_tail(one.statistic, one.degrees));
+    one.visibility = (length.segment(first, count).array() / before.segment(first, count).array()).maxCoeff();
+    const Eigen::MatrixXd own = A.middleCols(first, count);
+    const Eigen::VectorXd fitted = own.completeOrthogonalDecomposition().solve(Pr);
+    one.drop = (own * fitted).squaredNorm();
+    const Eigen::VectorXd scale = length.segment(first, count).cwiseInverse();
+    one.size = test.size(j, z).cwiseProduct(scale);
+    one.deviation = test.covariance(j).diagonal().cwiseMax(0.0).cwiseSqrt().cwiseProduct(scale);
+    one.detectable = ((result.threshold + 0.84) / test.information(j).diagonal().cwiseMax(1e-300).array().sqrt()).matrix().cwiseProduct(scale);
+    one.bias = pull * problem.signatures[j];
+    result.candidates.push_back(std::move(one));
+  }
+  result.cosine.setIdentity(static_cast<Eigen::Index>(families), static_cast<Eigen::Index>(families));
+  for (std::size_t i = 0; i < families; ++i)
+    for (std::size_t j = 0; j < families; ++j)
+      if (i != j)
+        result.cosine(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) =
+            G.block(columns[i].first, columns[j].first, columns[i].count, columns[j].count).cwiseAbs().maxCoeff();
+  return result;
+}
+
+}  // namespace imic3d::loop

@@ -1,0 +1,204 @@
+// The loop on a small experiment whose truth is known: five numbers a frame and a force, two parameters, seven candidates.
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <random>
+
+#include "imic3d/loop/closing.hpp"
+#include "imic3d/loop/statistics.hpp"
+
+namespace imic3d::loop {
+namespace {
+
+constexpr int frames = 40, numbers = 5;
+
+/// Curves with a kink: u_k(t) = p0 phi_k(t) + p1^2 psi_k(t), F(t) = 30 p0 tanh(4 t) + 20 p1 t. All noise is white, but for what an
+/// input noise common to a frame adds to its numbers.
+class Curves final : public Experiment {
+ public:
+  enum Effect { drift, kink, twin, twin_again, gain, curved, offset };
+
+  explicit Curves(unsigned seed, std::vector<std::pair<int, double>> truth = {}, double unknown = 0.0) {
+    const auto add = [&](const char* name, double value, double lower, double upper, std::optional<double> null) {
+      parameters_.push_back({.info = {.name = name, .unit = "-", .description = "", .lower = lower, .upper = upper, .null_value = null}, .value = value, .step = 1e-4, .prior = 0.0, .free = !null});
+    };
+    add("p0", 10.0, 1e-3, 1e3, {});
+    add("p1", 3.0, 1e-3, 1e3, {});
+    const char* names[] = {"drift", "kink", "twin", "twin again", "gain", "curved", "offset"};
+    const Link links[] = {Link::camera, Link::material, Link::geometry, Link::material, Link::record, Link::camera, Link::record};
+    for (int k = 0; k < 7; ++k) {
+      add(names[k], 0.0, -100.0, 100.0, 0.0);
+      candidates_.push_back({.name = names[k], .link = links[k], .parameters = {2 + k}, .sentence = names[k], .confused_with = "", .separated_by = "another test"});
+    }
+    for (int t = 0; t < frames; ++t) {
+      for (int k = 0; k < numbers; ++k) data_.push_back({t, 0});
+      data_.push_back({t, force_channel});
+    }
+    std::vector<double> values;
+    for (const auto& p : parameters_) values.push_back(p.value);
+    values[0] = 10.6, values[1] = 2.9;
+    for (const auto& [k, size] : truth) values[static_cast<std::size_t>(2 + k)] = size;
+    measured_ = predict(values) + draw(seed);
+    for (int t = 0; t < frames; ++t) measured_[t * (numbers + 1) + t % numbers] += unknown * std::sin(0.7 * t);
+  }
+
+  const std::vector<Parameter>& parameters() const override { return parameters_; }
+  const std::vector<Candidate>& candidates() const override { return candidates_; }
+  const std::vector<Datum>& data() const override { return data_; }
+  std::vector<int> frame_numbers() const override {
+    std::vector<int> all;
+    for (int t = 0; t < frames; ++t) all.push_back(100 + t);
+    return all;
+  }
+  std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) override {
+    std::vector<Eigen::VectorXd> all;
+    for (const auto& set : sets) all.emplace_back(measured_ - predict(set));
+    return all;
+  }
+  Eigen::MatrixXd noise(const std::vector<double>&, int draws) override {
+    Eigen::MatrixXd all(measured_.size(), draws);
+    for (int b = 0; b < draws; ++b) all.col(b) = draw(5000U + static_cast<unsigned>(b));
+    return all;
+  }
+
+ private:
+  static Eigen::VectorXd predict(const std::vector<double>& v) {
+    Eigen::VectorXd y(frames * (numbers + 1));
+    for (int t = 0; t < frames; ++t) {
+      const double s = (t + 1.0) / frames;
+      for (int k = 0; k < numbers; ++k) {
+        const double phi = std::cos(k * s), psi = s * s * std::sin(k + 2.0 * s);
+        double u = v[0] * phi + v[1] * v[1] * psi;
+        u += v[2] * s * (k - 2.0);                                        // drift
+        u += v[3] * std::max(0.0, s - 0.6) * (k == 1 ? 3.0 : -1.0);      // kink
+        const double mark = s * (1.0 - s) * std::cos(2.0 * k);
+        u += (v[4] + v[5]) * mark + 1e-9 * v[5];                          // two that leave the same mark
+        u += v[6] * phi;                                                  // gain: like p0
+        u += (1.0 - std::exp(-0.5 * v[7] * s)) * (k % 2 == 0 ? 2.0 : -2.0) * s;  // not linear in its size
+        y[t * (numbers + 1) + k] = u;
+      }
+      y[t * (numbers + 1) + numbers] = 30.0 * v[0] * std::tanh(4.0 * s) + 20.0 * v[1] * s + 30.0 * v[6] * std::tanh(4.0 * s) + v[8];
+    }
+    return y;
+  }
+  static Eigen::VectorXd draw(unsigned seed) {
+    std::mt19937_64 random(seed);
+    std::normal_distribution<double> normal;
+    Eigen::VectorXd noise(frames * (numbers + 1));
+    for (double& x : noise) x = normal(random);
+    for (int t = 0; t < frames; ++t) {
+      const double common = 1.5 * normal(random);
+      for (int k = 0; k <= numbers; ++k) noise[t * (numbers + 1) + k] += common * (k == numbers ? 2.0 : 0.3 * k);
+    }
+    return noise;
+  }
+
+  std::vector<Parameter> parameters_;
+  std::vector<Candidate> candidates_;
+  std::vector<Datum> data_;
+  Eigen::VectorXd measured_;
+};
+
+const LoopOptions options{.draws = 200, .bias_doubt = 0.25, .additions = 3, .rivals = 4, .starts = {1.0, 0.8}, .held_out = {}};
+
+Report loop_on(Curves experiment) { return close_loop(experiment, options); }
+
+TEST(Statistics, TailsOfChiSquared) {
+  EXPECT_NEAR(chi_squared_tail(3.841458820694124, 1), 0.05, 1e-12);
+  EXPECT_NEAR(chi_squared_tail(5.991464547107979, 2), 0.05, 1e-12);
+  EXPECT_NEAR(chi_squared_tail(7.814727903251179, 3), 0.05, 1e-12);
+  EXPECT_NEAR(chi_squared_tail(12.591587243743977, 6), 0.05, 1e-12);
+  EXPECT_NEAR(deviations(std::log(0.05)), 1.959963984540054, 1e-9);
+  EXPECT_NEAR(deviations(log_chi_squared_tail(900.0, 1)), 30.0, 1e-6);
+  EXPECT_NEAR(deviations(log_chi_squared_tail(1e5, 1)), std::sqrt(1e5), 1e-3);
+}
+
+/// 200 tests in which nothing is missing: at most 5 % false alarms asked of the scores and 1 % of the omnibus test.
+TEST(Closing, FalseAlarmsStayAtTheirLevel) {
+  int alarms = 0;
+  constexpr int tests = 200;
+  Eigen::VectorXd p(tests);
+  for (unsigned seed = 1; seed <= tests; ++seed) {
+    const Report report = loop_on(Curves(seed));
+    alarms += report.verdict != Verdict::nothing_found ? 1 : 0;
+    p[seed - 1] = report.declared.scores.candidates.front().p;
+  }
+  EXPECT_LE(alarms, 20) << "of 200; 6 % are 12 +- 3.4";
+  // Kolmogorov's distance of the first candidate's p-values from uniform ones: 1.63/sqrt(200) at 1 %.
+  std::sort(p.begin(), p.end());
+  double distance = 0.0;
+  for (int i = 0; i < tests; ++i) distance = std::max({distance, std::abs(p[i] - (i + 1.0) / tests), std::abs(p[i] - static_cast<double>(i) / tests)});
+  EXPECT_LT(distance, 1.63 / std::sqrt(tests));
+}
+
+TEST(Closing, TheDetectableSizeIsFoundInFourOfFive) {
+  const Report null = loop_on(Curves(1));
+  const auto& others = null.declared.others;
+  const auto place = static_cast<std::size_t>(std::find(others.begin(), others.end(), Curves::kink) - others.begin());
+  const double size = null.declared.scores.candidates[place].detectable[0];
+  int found = 0;
+  for (unsigned seed = 300; seed < 400; ++seed) {
+    const Report report = loop_on(Curves(seed, {{Curves::kink, size}}));
+    found += report.declared.scores.candidates[place].z > report.declared.scores.threshold ? 1 : 0;
+  }
+  EXPECT_GE(found, 67);  // 80 +- 4 of 100
+  EXPECT_LE(found, 93);
+}
+
+TEST(Closing, OneEffectIsNamedAndItsSizeFound) {
+  int right = 0, covered = 0, tests = 0;
+  for (const auto& [effect, size] : {std::pair(int{Curves::drift}, 4.0), {int{Curves::kink}, 6.0}, {int{Curves::curved}, 2.5}, {int{Curves::offset}, -15.0}})
+    for (unsigned seed = 1; seed <= 10; ++seed, ++tests) {
+      const Report report = loop_on(Curves(seed, {{effect, size}}));
+      if (report.verdict != Verdict::attributed || report.named != std::vector<int>{effect}) continue;
+      ++right;
+      const auto& after = report.final;
+      const auto j = std::find(after.fit.free.begin(), after.fit.free.end(), 2 + effect) - after.fit.free.begin();
+      covered += std::abs(after.fit.values[static_cast<std::size_t>(2 + effect)] - size) < 1.96 * std::sqrt(after.covariance(j, j)) ? 1 : 0;
+      EXPECT_LT(after.misfit.held_out, report.declared.misfit.held_out);
+    }
+  EXPECT_GE(right, 36) << "of " << tests;
+  EXPECT_GE(covered, static_cast<int>(0.85 * right)) << "of " << right;
+}
+
+TEST(Closing, TwinsAreAmbiguous) {
+  const Report report = loop_on(Curves(3, {{Curves::twin_again, 12.0}}));
+  EXPECT_EQ(report.verdict, Verdict::ambiguous) << report.sentence;
+  EXPECT_EQ(report.set, (std::vector<int>{Curves::twin, Curves::twin_again}));  // geometry before material
+}
+
+TEST(Closing, TheInvisibleIsListedAndNotNamed) {
+  const Report report = loop_on(Curves(4, {{Curves::gain, 1.0}}));
+  EXPECT_EQ(report.verdict, Verdict::nothing_found) << report.sentence;
+  EXPECT_EQ(report.invisible, std::vector<int>{Curves::gain});
+  // What it does to the parameters unseen: p0 takes all of it.
+  const auto& others = report.declared.others;
+  const auto place = static_cast<std::size_t>(std::find(others.begin(), others.end(), Curves::gain) - others.begin());
+  EXPECT_NEAR(report.declared.scores.candidates[place].bias(0, 0), 1.0, 0.02);
+}
+
+TEST(Closing, TwoEffectsAreFoundOneAfterTheOther) {
+  const Report report = loop_on(Curves(5, {{Curves::drift, 5.0}, {Curves::offset, 20.0}}));
+  EXPECT_EQ(report.verdict, Verdict::attributed) << report.sentence;
+  std::vector<int> named = report.named;
+  std::sort(named.begin(), named.end());
+  EXPECT_EQ(named, (std::vector<int>{Curves::drift, Curves::offset}));
+}
+
+TEST(Closing, WhatNoEffectExplainsStaysUnexplained) {
+  int wrong = 0;
+  for (unsigned seed = 1; seed <= 10; ++seed) wrong += loop_on(Curves(seed, {}, 4.0)).verdict == Verdict::unexplained ? 0 : 1;
+  EXPECT_LE(wrong, 0);
+}
+
+TEST(Closing, HeldOutFramesAreBlocksInside) {
+  const auto held = held_out_blocks(40);
+  EXPECT_EQ(held.size(), 9U);
+  EXPECT_GT(held.front(), 0);
+  EXPECT_LT(held.back(), 39);
+}
+
+}  // namespace
+}  // namespace imic3d::loop
