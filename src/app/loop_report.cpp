@@ -1,10 +1,15 @@
 #include "loop_report.hpp"
 
 #include <fmt/format.h>
+
 #include <fmt/ranges.h>
 
+#include <Eigen/LU>
+#include <algorithm>
 #include <cmath>
 
+#include "imic3d/io/loop_page.hpp"
+#include "imic3d/io/pictures.hpp"
 #include "imic3d/io/run_results.hpp"
 
 namespace imic3d::app {
@@ -102,8 +107,33 @@ void write_loop_report(const std::filesystem::path& folder, const io::Case& test
   json["simulations"] = experiment.simulations();
   json["force_residual"] = {{"before", numbers(fields.force_before)}, {"after", numbers(fields.force_after)}, {"unit", test.units.force}};
   io::write_json(folder / "result.json", json);
+  // Residual fields of the worst frame, before and after, on one scale.
+  Eigen::Index worst = 0;
+  report.declared.misfit.frames.maxCoeff(&worst);
+  const auto& measured = experiment.measured();
+  const double scale = std::sqrt(std::abs(measured.pixels.determinant()));
+  std::vector<double> positions;
+  for (Eigen::Index i = 0; i < measured.surface.nodes.rows(); ++i) {
+    const Eigen::Vector2d at = measured.pixels * measured.surface.nodes.row(i).head<2>().transpose();
+    positions.insert(positions.end(), {at[0], at[1]});
+  }
+  const int axis = experiment.scene().axis;
+  const auto field = [&](const Eigen::MatrixXd& all) {
+    std::vector<double> values;
+    for (Eigen::Index i = 0; i < measured.surface.nodes.rows(); ++i) values.push_back(scale * all(2 * i + axis, worst));
+    return values;
+  };
+  double largest = 0.0;
+  for (double value : field(fields.displacement_before)) largest = std::max(largest, std::abs(value));
+  std::vector<io::ReportPicture> pictures;
+  for (const auto& [name, all] : {std::pair("before", &fields.displacement_before), std::pair("after", &fields.displacement_after)}) {
+    const auto picture = folder / fmt::format("residual_{}.png", name);
+    io::draw_field(picture, measured.surface, positions, field(*all), {.legend = "measured - predicted [px]", .lower = -largest, .upper = largest});
+    pictures.push_back({picture, fmt::format("displacement along the load, measured − predicted, {}; frame {}", name, measured.frames[static_cast<std::size_t>(worst)])});
+  }
+  io::write_loop_page(folder / "report.html", json, pictures);
   fmt::print("\n{}\n  {}: {}\n", test.title, name(report.verdict), report.sentence);
-  fmt::print("  {:.0f} s, {} simulations; {}\n", seconds, experiment.simulations(), (folder / "result.json").string());
+  fmt::print("  {:.0f} s, {} simulations; {}\n", seconds, experiment.simulations(), (folder / "report.html").string());
 }
 
 }  // namespace imic3d::app

@@ -1,0 +1,118 @@
+#include "imic3d/io/loop_page.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <fstream>
+#include <iterator>
+
+#include "html.hpp"
+#include "imic3d/io/run_results.hpp"
+#include "svg_plot.hpp"
+
+namespace imic3d::io {
+
+namespace {
+
+using nlohmann::json;
+
+std::vector<double> numbers(const json& list) {
+  std::vector<double> all;
+  for (const auto& one : list) all.push_back(one.is_number() ? one.get<double>() : std::nan(""));
+  return all;
+}
+
+std::string joined(const json& names) {
+  std::string text;
+  for (const auto& one : names) text += (text.empty() ? "" : ", ") + one.get<std::string>();
+  return text.empty() ? "none" : text;
+}
+
+/// Size ± standard deviation of each parameter of a candidate.
+std::string sizes(const json& candidate, const char* value, bool with_deviation) {
+  std::string text;
+  for (const auto& one : candidate["sizes"]) {
+    const double deviation = one["standard_deviation"];
+    text += (text.empty() ? "" : "<br>") + escaped(one["parameter"].get<std::string>()) + " " +
+            (with_deviation ? shown_with(one[value], deviation) + " ± " + shown(deviation, 2) : shown(std::abs(one[value].get<double>()), 2)) + " " + escaped(one["unit"].get<std::string>());
+  }
+  return text;
+}
+
+std::string candidates(const json& model) {
+  std::vector<json> all(model["candidates"].begin(), model["candidates"].end());
+  std::stable_sort(all.begin(), all.end(), [](const json& a, const json& b) { return a["z"].get<double>() > b["z"].get<double>(); });
+  std::string rows = "<table>\n<tr><th>candidate</th><th>link</th><th>z</th><th>κ</th><th>estimated size</th><th>smallest size found</th><th>predicted drop of χ²</th></tr>\n";
+  for (const auto& one : all) {
+    const bool hidden = one["kappa"].get<double>() < 0.05;
+    rows += fmt::format("<tr{}><td>{}</td><td class=\"left\">{}</td><td>{}{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>\n", hidden ? " class=\"held\"" : "",
+                        escaped(one["name"].get<std::string>()), escaped(one["link"].get<std::string>()), shown(one["z"], 3), one["significant"].get<bool>() ? " *" : "",
+                        shown(one["kappa"], 2), hidden ? "invisible" : sizes(one, "size", true), sizes(one, "detectable", false), shown(one["predicted_drop"], 3));
+  }
+  return rows + fmt::format("</table>\n<p class=\"note\">* beyond the limit {} that noise alone exceeds in 5 of 100 tests over all candidates; κ: what the free parameters leave of the mark</p>\n",
+                            shown(model["threshold"], 3));
+}
+
+}  // namespace
+
+void write_loop_page(const std::filesystem::path& page, const json& summary, const std::vector<ReportPicture>& pictures) {
+  const json &before = summary["before"], &after = summary["after"];
+  const auto frames = numbers(summary["frames"]);
+  std::string out = fmt::format("<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>{0}</title><style>{1}</style></head><body>\n<h1>{0}</h1>\n", escaped(summary["title"].get<std::string>()), page_style);
+  out += fmt::format("<p><strong>{}</strong></p>\n<p>Verdict: <strong>{}</strong>{}. Held-out frames: {}.</p>\n", escaped(summary["sentence"].get<std::string>()), escaped(summary["verdict"].get<std::string>()),
+                     summary["set"].empty() ? "" : ": " + escaped(joined(summary["set"])), escaped(summary["held_out"].dump()));
+
+  out += "<h2>Error before and after</h2>\n<table>\n<tr><th></th><th>before</th><th>after</th><th>noise alone, 95 %</th></tr>\n";
+  for (const auto& [key, null, what] : {std::array{"fitted", "null_fitted", "χ of the fitted frames"}, std::array{"held_out", "null_held_out", "χ of the held-out frames"}})
+    out += fmt::format("<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>\n", what, shown(before["chi"][key], 4), shown(after["chi"][key], 4), shown(after["chi"][null], 4));
+  out += "</table>\n<div class=\"plots\">\n";
+  out += svg({.title = "Error of each frame", .x_label = "frame", .y_label = "χ",
+              .curves = {{"before", frames, numbers(before["chi"]["frames"]), "#b2182b", true, true},
+                         {"after", frames, numbers(after["chi"]["frames"]), "#1f5fa8", true, true},
+                         {"noise alone, 95 %", frames, numbers(after["chi"]["null_frames"]), "#888888", true, false}}});
+  if (summary.contains("force_residual"))
+    out += svg({.title = "Force, measured − predicted", .x_label = "frame", .y_label = fmt::format("force [{}]", summary["force_residual"]["unit"].get<std::string>()),
+                .curves = {{"before", frames, numbers(summary["force_residual"]["before"]), "#b2182b", true, true},
+                           {"after", frames, numbers(summary["force_residual"]["after"]), "#1f5fa8", true, true}}});
+  if (summary["remainder"]["time"].size() == frames.size())
+    out += svg({.title = fmt::format("What remains: first mode over time, {:.0f} % of the square", 100.0 * summary["remainder"]["share_of_first_mode"].get<double>()), .x_label = "frame", .y_label = "[noise]",
+                .curves = {{"", frames, numbers(summary["remainder"]["time"]), "#1f5fa8", true, true}}});
+  out += "</div>\n";
+
+  out += "<h2>Parameters</h2>\n<table>\n<tr><th>parameter</th><th>before</th><th></th><th>after</th><th></th><th>unit</th></tr>\n";
+  for (const auto& [name, now] : after["parameters"].items()) {
+    const bool new_one = !before["parameters"].contains(name);
+    out += fmt::format("<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>± {}</td><td class=\"left\">{}</td></tr>\n", escaped(name),
+                       new_one ? "–" : shown_with(before["parameters"][name]["value"], before["parameters"][name]["standard_deviation"]), new_one ? "new" : "→",
+                       shown_with(now["value"], now["standard_deviation"]), shown(now["standard_deviation"], 2), escaped(now["unit"].get<std::string>()));
+  }
+  out += "</table>\n<h2>Candidates under the declared model</h2>\n" + candidates(before);
+  int round = 0;
+  for (const auto& one : summary["rounds"]) {
+    out += fmt::format("<h2>Round {}: added on trial</h2>\n<table>\n<tr><th>candidate</th><th>χ fitted</th><th>χ held out</th><th>largest score left</th><th>limit</th><th></th></tr>\n", ++round);
+    for (const auto& trial : one["trials"]) {
+      const bool fitted = trial.contains("chi");
+      out += fmt::format("<tr><td>{}</td><td>{}</td><td>{}</td><td>{} sd</td><td>{}</td><td class=\"left\">{}</td></tr>\n", escaped(trial["candidate"].get<std::string>()),
+                         fitted ? shown(trial["chi"]["fitted"], 4) : "–", fitted ? shown(trial["chi"]["held_out"], 4) : "–", fitted ? shown(trial["omnibus"]["deviations"], 3) : "–",
+                         fitted ? shown(trial["omnibus"]["threshold"], 3) : "–",
+                         !trial["plausible"].get<bool>() ? escaped("not plausible: " + trial["objection"].get<std::string>()) : trial["sufficient"].get<bool>() ? "nothing is left" : "something is left");
+    }
+    out += "</table>\n";
+  }
+  if (!after["candidates"].empty() && !summary["named"].empty()) out += "<h2>Candidates under the final model</h2>\n" + candidates(after);
+  out += fmt::format("<h2>What this test cannot see</h2>\n<p>{}</p>\n", escaped(joined(summary["invisible"])));
+  out += "<p class=\"note\">These may be there, of any size; the column of the smallest size found says what each would have to be to be noticed.</p>\n";
+
+  if (!pictures.empty()) out += "<h2>Pictures</h2>\n<div class=\"pictures\">\n";
+  for (const auto& picture : pictures) {
+    std::ifstream stream(picture.file, std::ios::binary);
+    const std::string bytes((std::istreambuf_iterator<char>(stream)), {});
+    if (!bytes.empty()) out += fmt::format("<figure><img src=\"data:image/png;base64,{}\" alt=\"{}\"><figcaption>{}</figcaption></figure>\n", base64(bytes), escaped(picture.caption), escaped(picture.caption));
+  }
+  if (!pictures.empty()) out += "</div>\n";
+  write_text_file(page, out + "</body></html>\n");
+}
+
+}  // namespace imic3d::io
