@@ -53,8 +53,32 @@ Material make_material(const io::Case& test) {
   return result;
 }
 
-identification::Specimen make_specimen(const io::Case& test) {
+std::vector<int> cameras_of(const io::Case& test, bool back) {
+  std::vector<int> found;
+  for (std::size_t c = 0; c < test.cameras.size(); ++c)
+    if ((test.cameras[c].face == "back") == back) found.push_back(static_cast<int>(c));
+  return found;
+}
+
+std::vector<identification::SeenFace> seen_faces(const io::Case& test) {
+  std::vector<identification::SeenFace> faces;
+  for (const bool back : {false, true}) {
+    const auto cameras = cameras_of(test, back);
+    const bool perspective = std::any_of(cameras.begin(), cameras.end(), [&](int c) { return test.cameras[static_cast<std::size_t>(c)].model == "pinhole"; });
+    if (!cameras.empty() || (!back && test.cameras.empty())) faces.push_back({.back = back, .components = cameras.size() > 1 && perspective ? 3 : 2});
+  }
+  if (test.specimen.plane_stress())
+    for (const auto& face : faces)
+      if (face.back || face.components == 3)
+        throw InputError("cameras", face.back ? "a camera at the back" : "cameras that see the motion along z", "kinematics: 3d, or cameras of the front in its plane");
+  return faces;
+}
+
+identification::Specimen make_specimen(const io::Case& test, bool all_components) {
   const auto& declared = test.specimen;
+  auto faces = seen_faces(test);
+  for (auto& face : faces)
+    if (all_components) face.components = 3;
   mesh::Mesh mesh = mesh::read(declared.mesh);
   for (int i = 0; i < declared.refine; ++i) mesh = mesh::refine(mesh);
   if (declared.plane_stress()) {
@@ -69,7 +93,7 @@ identification::Specimen make_specimen(const io::Case& test) {
   }
   if (declared.quadratic()) mesh = mesh::quadratic(mesh);
   return identification::make_specimen(std::move(mesh), declared.held, declared.loaded, declared.axis == "x" ? 0 : 1,
-                                       declared.mid_plane_symmetry && !declared.plane_stress());
+                                       declared.mid_plane_symmetry && !declared.plane_stress(), "specimen", faces);
 }
 
 std::filesystem::path output_folder(const io::Case& test, const CommandOptions& options, const Communicator& world) {
