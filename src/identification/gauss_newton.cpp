@@ -369,9 +369,7 @@ Eigen::MatrixXd rigid_modes(const Specimen& specimen, Control control, const Eig
   const bool in_plane = control == Control::force, through = control != Control::images && specimen.out_of_plane();
   const Eigen::Index first = in_plane ? 3 : 0;
   Eigen::MatrixXd modes = Eigen::MatrixXd::Zero(displacement.size(), first + (through ? 3 : 0));
-  double middle = 0.0, count = 0.0;  // of the faces that show u_z
-  for (const Face& face : specimen.faces)
-    if (face.components == 3) middle += face.surface.mesh.nodes.col(2).sum(), count += static_cast<double>(face.nodes());
+  const double middle = specimen.surface.mesh.nodes.col(2).mean();  // where a rotation moves the ends least that drive the simulation
   for (const Face& face : specimen.faces)
     for (Eigen::Index i = 0; i < face.nodes(); ++i) {
       const Eigen::Index row = face.first_unknown + face.components * i;
@@ -382,7 +380,7 @@ Eigen::MatrixXd rigid_modes(const Specimen& specimen, Control control, const Eig
         modes.row(row + 1).head<3>() << 0.0, 1.0, x[0];
       }
       if (!through) continue;
-      const double z = x[2] - middle / count;
+      const double z = x[2] - middle;
       modes(row, first + 2) = z;
       modes(row + 1, first + 1) = -z;
       if (face.components == 3) modes.row(row + 2).tail<3>() << 1.0, x[1], -x[0];

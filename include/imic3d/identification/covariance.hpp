@@ -17,7 +17,7 @@ struct NoiseModel {
   std::function<Eigen::MatrixXd(const Eigen::MatrixXd&)> driving;
   /// Draws of the error of the measured displacement that the uncertainty of the cameras' numbers makes: each [unknowns x
   /// frames of the record, length]. Counted with `draws` > 0 only.
-  std::vector<Eigen::MatrixXd> calibration;
+  std::vector<Eigen::MatrixXd> calibration = {};
   int draws = 0;        ///< simulated draws of the force's and the driving displacement's noise; 0: these are left out
   unsigned seed = 1;
 };

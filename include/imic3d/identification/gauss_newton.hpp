@@ -29,7 +29,7 @@ struct GaussNewtonOptions {
   double force_noise = 1.0;        ///< sigma of F - R [force]: the load cell's and that of `reaction_noise`
   double perturbation = 1e-3;      ///< relative step of the perturbed simulations
   double largest_step = 0.5;       ///< largest relative change of a parameter in one iteration
-  NoiseModel noise_model;          ///< what the covariance is made of
+  NoiseModel noise_model = {};     ///< what the covariance is made of
 };
 
 /// One stage: which parameters move and which frames judge them.
@@ -74,8 +74,7 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
 
 /// The rigid motions of the deformed surface that a simulation under `control` leaves to the images [unknowns x modes]. Under
 /// forces those in the plane (2 translations, rotation), and where cameras see them also the translation along z and the
-/// rotations about x and y, at the middle of the faces that show u_z; driven by the ends only the latter three. Counted for small
-/// angles.
+/// rotations about x and y, at the middle of the seen faces; driven by the ends only the latter three. For small angles.
 [[nodiscard]] Eigen::MatrixXd rigid_modes(const Specimen& specimen, Control control, const Eigen::VectorXd& displacement);
 
 /// Moves a path by the rigid motion that brings it nearest to the DIC displacement in the norm of M.
