@@ -48,7 +48,7 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
 /// before it drives the ends: smoothed, each frame as far as the measured one was.
 [[nodiscard]] Eigen::MatrixXd driving_displacement(const Observation& observation, Eigen::MatrixXd displacement);
 
-/// Noise of the displacement that drives the simulation in the frame of median smoothing [2 * surface nodes x draws, length].
+/// Noise of the displacement that drives the simulation in the frame of median smoothing [unknowns x draws, length].
 [[nodiscard]] Eigen::MatrixXd driving_noise(const Observation& observation, int draws = 64);
 
 /// Standard deviation of the load cell [force]: given, else that of the static frames, else 0.1 % of the largest force.
