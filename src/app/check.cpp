@@ -12,6 +12,7 @@
 #include "imic3d/app/setup.hpp"
 #include "imic3d/core/log.hpp"
 #include "placement.hpp"
+#include "rig.hpp"
 #include "several_cameras.hpp"
 
 namespace imic3d::app {
@@ -19,26 +20,29 @@ namespace imic3d::app {
 void check(const Communicator& world, const CommandOptions& options) {
   spdlog::set_level(spdlog::level::warn);  // the plan on stdout says it all
   const io::Case test = read_case(options, {}, true);
-  if (several_cameras(test)) {
-    const Rig rig = make_rig(test);
-    if (!world.is_root()) return;
-    fmt::print("{}\n  correlation  {} elements, {} unknowns\n", test.title, rig.surface.cells.rows(), unknowns_per_node(test) * rig.surface.nodes.rows());
+  const bool several = several_cameras(test), simulated = !test.specimen.held.empty();
+  for (const auto& face : seen_faces(test)) {
+    if (!several) break;
+    const Rig rig = make_rig(test, face.back, surface_of(test, face.back));
+    if (!world.is_root()) continue;
+    if (!simulated) fmt::print("{}\n", test.title);
+    fmt::print("  {:12} {} elements, {} unknowns\n", face.back ? "back" : "front", rig.surface.cells.rows(), face.components * rig.surface.nodes.rows());
     for (std::size_t c = 0; c < rig.views.size(); ++c)
-      fmt::print("  camera       {}: {} frames of {} x {} px, {:.4g} px per {} in the middle\n", test.cameras[c].name, test.cameras[c].images.size(),
-                 rig.views[c].reference.width, rig.views[c].reference.height,
+      fmt::print("  camera       {}: {} frames of {} x {} px, {:.4g} px per {} in the middle\n", test.cameras[static_cast<std::size_t>(rig.cameras[c])].name,
+                 test.cameras[static_cast<std::size_t>(rig.cameras[c])].images.size(), rig.views[c].reference.width, rig.views[c].reference.height,
                  std::sqrt(std::abs(rig.views[c].camera->jacobian(rig.surface.nodes.colwise().mean().transpose()).leftCols<2>().determinant())), test.units.length);
-    if (test.specimen.place)
+    if (rig.placed)
       fmt::print("  placement    points {:.2f} px; {} of {} patches on a plane, rms {:.3g} {}; references differ by {:.3f}\n", rig.pose.points_rms, rig.pose.matched,
                  rig.pose.patches, rig.pose.plane_rms, test.units.length, test.specimen.place->shape > 0.0 ? rig.pose.rms_shape : rig.pose.rms_pose);
-    return;
   }
+  if (several && !simulated) return;
   const identification::Specimen specimen = make_specimen(test);
   std::size_t most_free = 0;
   for (const auto& stage : test.identify.stages) most_free = std::max(most_free, stage.free.size());
   const GroupLayout simulations(world, static_cast<int>(1 + most_free), test.identify.groups);
   const GroupLayout frames(world, std::max(1, static_cast<int>(test.frames.size())), test.dic.groups);
   std::string images = "none";
-  if (!test.cameras.empty() && !test.cameras.front().images.empty()) {
+  if (!several && !test.cameras.empty() && !test.cameras.front().images.empty()) {
     const auto& camera = test.cameras.front();
     const auto reference = imaging::read_image(camera.images[static_cast<std::size_t>(test.index_of(camera.reference.front()))]);
     const auto placed = place_camera(camera, specimen.surface.mesh, reference);
@@ -60,8 +64,8 @@ void check(const Communicator& world, const CommandOptions& options) {
   fmt::print("  simulation   {} {}{}, {} unknowns\n", volume.cells.rows(), mesh::name(volume.type),
              test.specimen.plane_stress() ? " in plane stress" : "", mesh::dimension(volume.type) * volume.nodes.rows());
   if (!test.specimen.unused.empty()) fmt::print("  not used     {}\n", fmt::join(test.specimen.unused, ", "));
-  fmt::print("  correlation  {} elements, {} unknowns\n", specimen.surface.mesh.cells.rows(), 2 * specimen.surface.mesh.nodes.rows());
-  fmt::print("  images       {}\n", images);
+  fmt::print("  correlation  {} elements, {} unknowns\n", specimen.surface.mesh.cells.rows(), specimen.projection.rows());
+  if (!several) fmt::print("  images       {}\n", images);
   for (std::size_t k = 0; k < test.identify.stages.size(); ++k)
     fmt::print("  stage {}      {} from frames {}\n", k + 1, fmt::join(test.identify.stages[k].free, ", "), io::to_text(test.identify.stages[k].frames));
   fmt::print("  ranks        {}: simulations in {} group{}, frames of the correlation in {}\n", world.size(), simulations.groups(),

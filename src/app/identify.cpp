@@ -15,7 +15,7 @@
 #include "imic3d/core/log.hpp"
 #include "imic3d/identification/gauss_newton.hpp"
 #include "imic3d/io/run_results.hpp"
-#include "several_cameras.hpp"
+#include "calibration_error.hpp"
 
 namespace imic3d::app {
 
@@ -46,7 +46,6 @@ void say(const Material& material, const std::vector<int>& free, const id::Itera
 void identify(const Communicator& world, const CommandOptions& options) {
   const auto start = std::chrono::steady_clock::now();
   const io::Case test = read_case(options, {"cameras", "loads", "material", "identify"}, true);
-  require_one_telecentric(test, "identify");
   Material material = make_material(test);
   const id::Specimen specimen = make_specimen(test);
   Observation seen = observe(test, specimen);
@@ -67,13 +66,14 @@ void identify(const Communicator& world, const CommandOptions& options) {
   solver.eta = test.identify.eta;
   solver.max_iterations = test.identify.max_iterations;
   solver.force_noise = force_noise(seen, test);
-  spdlog::info("noise: {:.3f} grey levels ({}), {:.4g} {} of the force", seen.noise,
+  spdlog::info("noise: {:.3f} grey levels ({}), {:.4g} {} of the force", fmt::join(seen.camera_noise, ", "),
                seen.noise_is_measured ? "static frames or given" : "from the DIC's residual", solver.force_noise, test.units.force);
 
   solver.noise_model = {.image = images.noise,
                         .references = seen.references,
                         .force = solver.force_noise,
                         .driving = [&](const Eigen::MatrixXd& noise) { return driving_displacement(seen, noise); },
+                        .calibration = calibration_errors(seen, test, specimen, record.surface_displacement, test.identify.noise_draws),
                         .draws = test.identify.noise_draws};
   if (solver.functional != id::Functional::force_driven) {
     const double reaction = id::reaction_noise(world, specimen, material.law, driving_noise(seen), material.values);
@@ -125,10 +125,11 @@ void identify(const Communicator& world, const CommandOptions& options) {
       shown = final_model.simulate(id::Control::images, {run}, driven.front().frames, fields);
     } else {
       shown = final_model.simulate(id::Control::force, {run}, driven.front().frames, fields);
-      id::fit_rigid_motion(specimen.surface.mesh, images.M, record.surface_displacement, shown.front());
+      id::fit_rigid_motion(specimen, id::Control::force, images.M, record.surface_displacement, shown.front());
     }
   } else {
     shown = driven = final_model.simulate(id::Control::displacement, {run}, frames, fields);
+    id::fit_rigid_motion(specimen, id::Control::displacement, images.M, record.surface_displacement, shown.front());
   }
   if (!shown.front().message.empty()) spdlog::warn("{}", shown.front().message);
   output.model(world, images, record, shown.front(), driven.front());

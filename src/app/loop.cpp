@@ -23,11 +23,16 @@
 #include "imic3d/loop/closing.hpp"
 #include "imic3d/loop/field_experiment.hpp"
 #include "loop_report.hpp"
+#include "rig.hpp"
 #include "several_cameras.hpp"
 
 namespace imic3d::app {
 
 namespace {
+
+const imaging::TelecentricCamera& telecentric(const Observation& seen) {
+  return dynamic_cast<const imaging::TelecentricCamera&>(*seen.faces.front().rig->views.front().camera);
+}
 
 /// The frames that some stage uses, and those between them.
 int last_frame(const io::Case& test, const identification::Record& record) {
@@ -103,7 +108,7 @@ struct Continued {
 /// Images of a surface [quad4] that moves by U [2 nodes x frames, length], made of the reference and correlated like the
 /// measured ones: [2n x frames, length]. `seed` > 0: with the measured noise, rounded to grey levels. Collective.
 Eigen::MatrixXd correlated(const Observation& seen, const io::Case& test, const Communicator& world, const mesh::Mesh& cut, const Eigen::MatrixXd& U, int seed) {
-  const double scale = std::sqrt(std::abs(seen.camera.linear.leftCols<2>().determinant()));
+  const double scale = std::sqrt(std::abs(telecentric(seen).linear.leftCols<2>().determinant()));
   const Continued whole(cut, test, 30.0 / scale);
   const mesh::Mesh& surface = whole.surface;
   const auto& declared = test.cameras.front();
@@ -118,7 +123,7 @@ Eigen::MatrixXd correlated(const Observation& seen, const io::Case& test, const 
   const auto pixels = [&](const Eigen::VectorXd& displacement) {
     imaging::PixelPoints points(surface.nodes.rows(), 2);
     for (Eigen::Index i = 0; i < points.rows(); ++i)
-      points.row(i) = seen.camera.project(surface.nodes.row(i).transpose() + Eigen::Vector3d(displacement[2 * i], displacement[2 * i + 1], 0.0)).transpose();
+      points.row(i) = telecentric(seen).project(surface.nodes.row(i).transpose() + Eigen::Vector3d(displacement[2 * i], displacement[2 * i + 1], 0.0)).transpose();
     return points;
   };
   const imaging::PixelPoints at_rest = pixels(Eigen::VectorXd::Zero(2 * surface.nodes.rows()));
@@ -131,7 +136,7 @@ Eigen::MatrixXd correlated(const Observation& seen, const io::Case& test, const 
     }
     return image;
   };
-  const auto frames = seen.dic->run(world, static_cast<int>(U.cols()), source);
+  const auto frames = seen.faces.front().dic->run(world, static_cast<int>(U.cols()), source);
   Eigen::MatrixXd measured(frames.front().displacement.size(), U.cols());
   for (Eigen::Index t = 0; t < U.cols(); ++t) {
     if (frames[static_cast<std::size_t>(t)].lost) throw ConvergenceError("the images of a synthetic test could not be correlated");
@@ -151,12 +156,12 @@ loop::FieldData field_data(const Communicator& world, Observation& seen, const i
   data.references = seen.references;
   data.displacement = record.surface_displacement.leftCols(frames);
   // Frames next to each other are smoothed alike: noise alone makes their cut-offs differ, and with it their own noise.
-  const auto chosen = seen.driving_cut_off;
+  const auto chosen = seen.faces.front().driving_cut_off;
   for (std::size_t t = 0; t < chosen.size(); ++t) {
     const auto from = t < 2 ? 0 : t - 2, to = std::min(chosen.size(), t + 3);
     std::vector<double> near(chosen.begin() + static_cast<std::ptrdiff_t>(from), chosen.begin() + static_cast<std::ptrdiff_t>(to));
     std::nth_element(near.begin(), near.begin() + static_cast<std::ptrdiff_t>(near.size() / 2), near.end());
-    seen.driving_cut_off[t] = near[near.size() / 2];
+    seen.faces.front().driving_cut_off[t] = near[near.size() / 2];
   }
   data.driving = driving_displacement(seen, data.displacement);
   data.smooth = [&seen](Eigen::MatrixXd field) { return driving_displacement(seen, std::move(field)); };
@@ -168,10 +173,10 @@ loop::FieldData field_data(const Communicator& world, Observation& seen, const i
   data.force = record.force.head(frames);
   data.start_time = record.start_time;
   data.force_noise = force_noise(seen, test);
-  data.pixels = seen.camera.linear.leftCols<2>();
+  data.pixels = telecentric(seen).linear.leftCols<2>();
   const auto& reference = test.cameras.front().images.front();
   const auto image = imaging::read_image(reference);
-  data.axis_of_lens = data.pixels.inverse() * (Eigen::Vector2d(0.5 * (image.width - 1), 0.5 * (image.height - 1)) - seen.camera.offset);
+  data.axis_of_lens = data.pixels.inverse() * (Eigen::Vector2d(0.5 * (image.width - 1), 0.5 * (image.height - 1)) - telecentric(seen).offset);
   return data;
 }
 
@@ -185,7 +190,7 @@ loop::DeclaredModel declared_model(const io::Case& test, const Material& materia
   for (const auto& stage : test.identify.stages)
     for (const auto& name : stage.free) model.free[static_cast<std::size_t>(material.index(name))] = 1;
   for (const auto& [name, deviation] : test.loop.prior) model.priors[static_cast<std::size_t>(material.index(name))] = deviation;
-  model.specimen = [&test](const loop::MeshChange& change) { return make_specimen(test, change); };
+  model.specimen = [&test](const loop::MeshChange& change) { return make_specimen(test, false, change); };
   model.thickness = test.specimen.thickness;
   model.increments = test.identify.steps_per_frame;
   model.groups = test.identify.groups;
@@ -198,7 +203,8 @@ void loop(const Communicator& world, const CommandOptions& options) {
   const auto start = std::chrono::steady_clock::now();
   const auto seconds = [&] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(); };
   const io::Case test = read_case(options, {"cameras", "loads", "material", "identify"}, true);
-  require_one_telecentric(test, "loop");
+  if (several_cameras(test))
+    throw InputError("cameras", fmt::format("{} cameras, the first is {}", test.cameras.size(), test.cameras.front().model), "one telecentric camera for imic3d loop");
   const Material material = make_material(test);
   const identification::Specimen specimen = make_specimen(test);
   Observation seen = observe(test, specimen);

@@ -13,70 +13,120 @@
 #include "imic3d/core/log.hpp"
 #include "imic3d/correlation/smoothing.hpp"
 #include "imic3d/imaging/noise.hpp"
-#include "placement.hpp"
+#include "rig.hpp"
 
 namespace imic3d::app {
 
 namespace {
-/// Surface nodes of the two ends, where the mesh stops and the specimen goes on.
-std::vector<int> nodes_of_ends(const identification::Specimen& specimen) {
+
+using identification::Face;
+
+/// Nodes of a face on the two ends, where the mesh stops and the specimen goes on.
+std::vector<int> nodes_of_ends(const identification::Specimen& specimen, const Face& face) {
   std::set<int> ends;
   const auto& from_surface = specimen.displacement_from_surface;
-  for (int column = 0; column < from_surface.outerSize(); ++column)
-    if (from_surface.outerIndexPtr()[column + 1] > from_surface.outerIndexPtr()[column]) ends.insert(column / 2);
+  for (auto column = static_cast<int>(face.first_unknown); column < face.first_unknown + face.unknowns(); ++column)
+    if (from_surface.outerIndexPtr()[column + 1] > from_surface.outerIndexPtr()[column])
+      ends.insert((column - static_cast<int>(face.first_unknown)) / face.components);
   return {ends.begin(), ends.end()};
 }
+
+/// 1/sigma^2 is the mean of 1/sigma_c^2; infinity where nothing is known yet.
+double joint(const std::vector<double>& sigma) {
+  double inverse = 0.0;
+  for (const double one : sigma) inverse += 1.0 / (one * one * static_cast<double>(sigma.size()));
+  return 1.0 / std::sqrt(inverse);
+}
+
+/// The frames of all faces as one: unknowns and elements one after the other.
+correlation::DicFrame joined(const std::vector<correlation::DicFrame>& faces) {
+  if (faces.size() == 1) return faces.front();
+  correlation::DicFrame all = faces.front();
+  double squares = 0.0, coefficient = 0.0;
+  all.pixels = all.dropped = 0.0;
+  Eigen::Index unknowns = 0, elements = 0;
+  for (const auto& face : faces) unknowns += face.displacement.size(), elements += face.element_rms.size();
+  all.displacement.resize(unknowns), all.element_rms.resize(elements), all.cameras.clear();
+  unknowns = elements = all.hardly_seen = 0;
+  for (const auto& face : faces) {
+    all.displacement.segment(unknowns, face.displacement.size()) = face.displacement;
+    all.element_rms.segment(elements, face.element_rms.size()) = face.element_rms;
+    unknowns += face.displacement.size(), elements += face.element_rms.size();
+    all.converged = all.converged && face.converged, all.lost = all.lost || face.lost;
+    all.iterations = std::max(all.iterations, face.iterations);
+    squares += face.pixels * face.rms * face.rms, coefficient += face.pixels * face.coefficient;
+    all.pixels += face.pixels, all.dropped += face.dropped, all.hardly_seen += face.hardly_seen;
+    all.cameras.insert(all.cameras.end(), face.cameras.begin(), face.cameras.end());
+  }
+  all.rms = std::sqrt(squares / std::max(1.0, all.pixels)), all.coefficient = coefficient / std::max(1.0, all.pixels);
+  return all;
+}
+
 }  // namespace
 
 Observation observe(const io::Case& test, const identification::Specimen& specimen) {
-  const auto& declared = test.cameras.front();
   Observation observation;
-  std::vector<imaging::Image> images;
+  const auto& reference = test.cameras.front().reference;
+  for (const auto& camera : test.cameras)
+    if (camera.reference != reference)
+      throw InputError("cameras." + camera.name + ".reference", io::to_text(camera.reference), io::to_text(reference) + " as for " + test.cameras.front().name + ": all cameras record at once");
+  observation.references = static_cast<int>(reference.size());
   int last = -1;
-  for (int number : declared.reference) {
-    const int place = test.index_of(number);
-    images.push_back(imaging::read_image(declared.images[static_cast<std::size_t>(place)]));
-    last = std::max(last, place);
-  }
-  const imaging::Image reference = imaging::average(images);
-  observation.references = static_cast<int>(images.size());
-  observation.camera = place_camera(declared, specimen.surface.mesh, reference);
+  for (int number : reference) last = std::max(last, test.index_of(number));
   for (int place = last + 1; place < static_cast<int>(test.frames.size()); ++place) observation.places.push_back(place);
   if (observation.places.empty())
     throw InputError("cameras.reference", "no frame comes after the reference", "frames before the last one");
-
-  if (declared.noise) {
-    observation.noise = *declared.noise;
-    observation.noise_is_measured = true;
+  observation.camera_noise.assign(test.cameras.size(), 0.0);
+  observation.noise_is_measured = true;
+  for (const Face& face : specimen.faces) {
+    ObservedFace seen;
+    seen.rig = std::make_shared<Rig>(make_rig(test, face.back, face.surface.mesh));
+    std::vector<correlation::View> views = seen.rig->views;
+    if (views.size() == 1) views.front().noise = 0.0;  // a weight of one, exactly
+    seen.dic = std::make_unique<correlation::GlobalDic>(
+        seen.rig->surface, std::move(views), face.components,
+        correlation::DicOptions{.pyramid_levels = test.dic.pyramid_levels,
+                                .max_iterations = test.dic.max_iterations,
+                                .tolerance = test.dic.tolerance,
+                                .regularisation = test.dic.regularisation.value_or(0.0),
+                                .low_pass = test.dic.low_pass,
+                                .border = test.dic.border,
+                                .cut_nodes = nodes_of_ends(specimen, face),
+                                .brightness = test.dic.brightness,
+                                .local_brightness = test.dic.local_brightness,
+                                .groups = test.dic.groups});
+    for (std::size_t c = 0; c < seen.rig->views.size(); ++c) {
+      measure_noise(*seen.rig, c, seen.dic->correlation(static_cast<int>(c)).quadrature());
+      observation.camera_noise[static_cast<std::size_t>(seen.rig->cameras[c])] = seen.rig->views[c].noise;
+      observation.noise_is_measured = observation.noise_is_measured && seen.rig->noise_is_measured[c];
+    }
+    observation.faces.push_back(std::move(seen));
   }
-  observation.dic = std::make_unique<correlation::GlobalDic>(
-      specimen.surface.mesh, observation.camera, reference,
-      correlation::DicOptions{.pyramid_levels = test.dic.pyramid_levels,
-                              .max_iterations = test.dic.max_iterations,
-                              .tolerance = test.dic.tolerance,
-                              .regularisation = test.dic.regularisation.value_or(0.0),
-                              .low_pass = test.dic.low_pass,
-                              .border = test.dic.border,
-                              .cut_nodes = nodes_of_ends(specimen),
-                              .brightness = test.dic.brightness,
-                              .local_brightness = test.dic.local_brightness,
-                              .groups = test.dic.groups},
-      "cameras.place");
-  if (!declared.noise && images.size() > 1) {  // on the specimen: the dark background has another noise
-    const auto mask = correlation::footprint(observation.dic->correlation().quadrature(), reference.width, reference.height);
-    observation.noise = imaging::noise_of_static_frames(images, &mask);
-    observation.noise_is_measured = observation.noise > 0.0;
-  }
+  if (observation.noise_is_measured) observation.noise = joint(observation.camera_noise);
   return observation;
 }
 
 void correlate(Observation& observation, const io::Case& test, const Communicator& world,
                const std::function<void(int, const correlation::DicFrame&)>& done) {
-  std::vector<std::filesystem::path> files;
-  for (int place : observation.places) files.push_back(test.cameras.front().images[static_cast<std::size_t>(place)]);
-  observation.frames = observation.dic->run(world, files, [&](int t, const correlation::DicFrame& frame) {
-    if (done) done(observation.places[static_cast<std::size_t>(t)], frame);
-  });
+  const auto frames = observation.places.size();
+  std::vector<std::vector<correlation::DicFrame>> of_face;
+  for (const auto& face : observation.faces) {
+    std::vector<std::vector<std::filesystem::path>> files;
+    for (const int c : face.rig->cameras) {
+      files.emplace_back();
+      for (int place : observation.places) files.back().push_back(test.cameras[static_cast<std::size_t>(c)].images[static_cast<std::size_t>(place)]);
+    }
+    of_face.push_back(face.dic->run(world, files, [&](int t, const correlation::DicFrame& frame) {
+      if (done && observation.faces.size() == 1) done(observation.places[static_cast<std::size_t>(t)], frame);
+    }));
+  }
+  observation.frames.clear();
+  for (std::size_t t = 0; t < frames; ++t) {
+    std::vector<correlation::DicFrame> faces;
+    for (auto& series : of_face) faces.push_back(std::move(series[t]));
+    observation.frames.push_back(joined(faces));
+    if (done && faces.size() > 1) done(observation.places[t], observation.frames.back());
+  }
   // A frame whose displacement is not known drives no simulation and judges none.
   std::vector<int> kept;
   std::vector<correlation::DicFrame> known;
@@ -94,32 +144,41 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
   observation.places = std::move(kept);
   observation.frames = std::move(known);
   if (observation.noise_is_measured) return;
-  // No static frames: what the DIC leaves in its best frame is noise of that frame and of the reference.
-  double smallest = INFINITY;
-  for (const auto& frame : observation.frames) smallest = std::min(smallest, frame.rms);
-  observation.noise = smallest / (observation.dic->noise_response().level * std::sqrt(1.0 + 1.0 / observation.references));
-}
-
-std::vector<double> pixels_of_nodes(const Observation& observation, const mesh::Mesh& surface) {
-  std::vector<double> pixels;
-  for (Eigen::Index i = 0; i < surface.nodes.rows(); ++i) {
-    const Eigen::Vector2d pixel = observation.camera.project(surface.nodes.row(i).transpose());
-    pixels.insert(pixels.end(), {pixel[0], pixel[1]});
+  // No static frames: what the DIC leaves in a camera's best frame is noise of that frame and of the reference.
+  std::size_t first = 0;
+  for (const auto& face : observation.faces) {
+    for (std::size_t c = 0; c < face.rig->cameras.size(); ++c) {
+      if (face.rig->noise_is_measured[c]) continue;
+      double smallest = INFINITY;
+      for (const auto& frame : observation.frames) smallest = std::min(smallest, frame.cameras[first + c].rms);
+      observation.camera_noise[static_cast<std::size_t>(face.rig->cameras[c])] =
+          smallest / (face.dic->noise_response().level * std::sqrt(1.0 + 1.0 / observation.references));
+    }
+    first += face.rig->cameras.size();
   }
-  return pixels;
-}
-
-std::vector<double> three_components(const Eigen::VectorXd& in_plane) {
-  std::vector<double> all;
-  for (Eigen::Index i = 0; i < in_plane.size() / 2; ++i) all.insert(all.end(), {in_plane[2 * i], in_plane[2 * i + 1], 0.0});
-  return all;
+  observation.noise = joint(observation.camera_noise);
 }
 
 namespace {
-/// White noise that moves a displacement as much as that of a frame and of the reference [grey level].
-double noise_of_pair(const Observation& observation) {
-  return observation.noise * observation.dic->motion_noise() * std::sqrt(1.0 + 1.0 / observation.references);
+
+/// White noise of camera `c` of a face that moves a displacement as much as its own [grey level].
+double motion_noise(const Observation& observation, const ObservedFace& face, std::size_t c) {
+  return observation.camera_noise[static_cast<std::size_t>(face.rig->cameras[c])] * face.dic->motion_noise(static_cast<int>(c));
 }
+
+/// The same of a face's cameras together in a frame and the reference: of the b that the correlation's weights make,
+/// sum of w_c^2 sigma_c^2 M_c over sum of w_c M_c.
+double noise_of_pair(const Observation& observation, const ObservedFace& face) {
+  const auto& cameras = face.dic->cameras();
+  double squares = 0.0, sum = 0.0;
+  for (int c = 0; c < cameras.size(); ++c) {
+    const double size = cameras.size() == 1 ? 1.0 : cameras[c].M().diagonal().sum();
+    squares += std::pow(cameras.weight(c) * motion_noise(observation, face, static_cast<std::size_t>(c)), 2) * size;
+    sum += cameras.weight(c) * size;
+  }
+  return std::sqrt(squares / sum * (1.0 + 1.0 / observation.references));
+}
+
 }  // namespace
 
 identification::Record make_record(Observation& observation, const io::Case& test,
@@ -150,9 +209,14 @@ identification::Record make_record(Observation& observation, const io::Case& tes
   record.driving = record.surface_displacement;
   if (longest > 0.0) {
     std::vector<double> cut_offs;
-    record.driving = correlation::smoothed_within_noise(observation.dic->correlation(), record.surface_displacement,
-                                                        nodes_of_ends(specimen), noise_of_pair(observation), longest, &cut_offs);
-    observation.driving_cut_off = cut_offs;
+    for (std::size_t k = 0; k < observation.faces.size(); ++k) {
+      const Face& face = specimen.faces[k];
+      auto& seen = observation.faces[k];
+      record.driving.middleRows(face.first_unknown, face.unknowns()) = correlation::smoothed_within_noise(
+          seen.dic->cameras(), record.surface_displacement.middleRows(face.first_unknown, face.unknowns()), nodes_of_ends(specimen, face),
+          noise_of_pair(observation, seen), longest, &seen.driving_cut_off, seen.dic->held());
+      cut_offs.insert(cut_offs.end(), seen.driving_cut_off.begin(), seen.driving_cut_off.end());
+    }
     std::sort(cut_offs.begin(), cut_offs.end());
     spdlog::info("the ends' displacement is smoothed over {:.3g} to {:.3g} {}, as far as the noise hides it", cut_offs.front(),
                  cut_offs.back(), test.units.length);
@@ -161,48 +225,118 @@ identification::Record make_record(Observation& observation, const io::Case& tes
 }
 
 Eigen::MatrixXd driving_displacement(const Observation& observation, Eigen::MatrixXd displacement) {
-  std::map<double, std::vector<Eigen::Index>> frames_of;
-  for (std::size_t t = 0; t < observation.driving_cut_off.size() && static_cast<Eigen::Index>(t) < displacement.cols(); ++t)
-    if (observation.driving_cut_off[t] > 0.0) frames_of[observation.driving_cut_off[t]].push_back(static_cast<Eigen::Index>(t));
-  for (const auto& [cut_off, frames] : frames_of)
-    displacement(Eigen::all, frames) = correlation::smooth(observation.dic->correlation(), displacement(Eigen::all, frames), cut_off);
+  Eigen::Index first = 0;
+  for (const auto& face : observation.faces) {
+    const auto& cut_offs = face.driving_cut_off;
+    const Eigen::Index unknowns = face.dic->cameras().unknowns();
+    std::map<double, std::vector<Eigen::Index>> frames_of;
+    for (std::size_t t = 0; t < cut_offs.size() && static_cast<Eigen::Index>(t) < displacement.cols(); ++t)
+      if (cut_offs[t] > 0.0) frames_of[cut_offs[t]].push_back(static_cast<Eigen::Index>(t));
+    for (const auto& [cut_off, frames] : frames_of) {
+      const Eigen::MatrixXd own = displacement.middleRows(first, unknowns)(Eigen::all, frames);
+      displacement.middleRows(first, unknowns)(Eigen::all, frames) = correlation::smooth(face.dic->cameras(), own, cut_off, face.dic->held());
+    }
+    first += unknowns;
+  }
   return displacement;
 }
 
 Eigen::MatrixXd driving_noise(const Observation& observation, int draws) {
-  const auto& correlation = observation.dic->correlation();
-  const Eigen::MatrixXd noise = correlation::noise_draws(correlation, noise_of_pair(observation), draws);
-  auto cut_offs = observation.driving_cut_off;
-  if (cut_offs.empty()) return noise;
-  std::nth_element(cut_offs.begin(), cut_offs.begin() + static_cast<std::ptrdiff_t>(cut_offs.size() / 2), cut_offs.end());
-  const double median = cut_offs[cut_offs.size() / 2];
-  return median > 0.0 ? correlation::smooth(correlation, noise, median) : noise;
+  Eigen::Index unknowns = 0;
+  for (const auto& face : observation.faces) unknowns += face.dic->cameras().unknowns();
+  Eigen::MatrixXd all(unknowns, draws);
+  unknowns = 0;
+  for (const auto& face : observation.faces) {
+    const auto& cameras = face.dic->cameras();
+    Eigen::MatrixXd noise = correlation::noise_draws(cameras, noise_of_pair(observation, face), draws, face.dic->held());
+    if (auto cut_offs = face.driving_cut_off; !cut_offs.empty()) {
+      std::nth_element(cut_offs.begin(), cut_offs.begin() + static_cast<std::ptrdiff_t>(cut_offs.size() / 2), cut_offs.end());
+      if (const double median = cut_offs[cut_offs.size() / 2]; median > 0.0) noise = correlation::smooth(cameras, noise, median, face.dic->held());
+    }
+    all.middleRows(unknowns, cameras.unknowns()) = noise;
+    unknowns += cameras.unknowns();
+  }
+  return all;
 }
 
+namespace {
+
+/// `part` on the diagonal of `whole`, from its row `first` on.
+void put(const Eigen::SparseMatrix<double>& part, Eigen::Index first, std::vector<Eigen::Triplet<double>>& whole) {
+  for (int column = 0; column < part.outerSize(); ++column)
+    for (Eigen::SparseMatrix<double>::InnerIterator entry(part, column); entry; ++entry)
+      whole.emplace_back(static_cast<int>(first + entry.row()), static_cast<int>(first) + column, entry.value());
+}
+
+}  // namespace
+
 identification::ImageData make_image_data(const Observation& observation, const io::Case& test) {
-  const auto& correlation = observation.dic->correlation();
   identification::ImageData data;
-  data.M = correlation.M();
-  data.noise = observation.noise * observation.dic->motion_noise();
-  data.pixels_per_length = std::sqrt(std::abs(correlation.pixels_per_length().determinant()));
-  // The splines of the frames that this rank judges are kept while they take less than 2 GB.
-  auto kept = std::make_shared<std::map<int, imaging::BSpline>>();
-  data.evaluate = [&observation, &test, kept](int t, const Eigen::VectorXd& displacement, const Communicator& group) {
-    constexpr std::size_t budget = 2'000'000'000;
-    const auto& files = test.cameras.front().images;
-    const int place = observation.places[static_cast<std::size_t>(t)];
-    imaging::BSpline fresh;
-    const imaging::BSpline* spline = nullptr;
-    if (const auto found = kept->find(t); found != kept->end()) {
-      spline = &found->second;
-    } else {
-      fresh = observation.dic->spline(imaging::read_image(files[static_cast<std::size_t>(place)]));
-      const std::size_t size = 4UL * static_cast<std::size_t>(fresh.width()) * static_cast<std::size_t>(fresh.height());
-      spline = (kept->size() + 1) * size < budget ? &kept->emplace(t, std::move(fresh)).first->second : &fresh;
+  std::vector<double> sigma;
+  for (const auto& face : observation.faces)
+    for (std::size_t c = 0; c < face.rig->views.size(); ++c) sigma.push_back(motion_noise(observation, face, c));
+  data.noise = joint(sigma);
+  // M and the scale: the trace of each camera's M over the squared scale of its image is that of the squared gradients.
+  auto weights = std::make_shared<std::vector<std::vector<double>>>();  // [faces][cameras]
+  std::vector<Eigen::Triplet<double>> entries, held;
+  Eigen::Index unknowns = 0;
+  double gradients = 0.0;
+  for (const auto& face : observation.faces) {
+    const auto& cameras = face.dic->cameras();
+    auto& own = weights->emplace_back();
+    for (int c = 0; c < cameras.size(); ++c) {
+      own.push_back(sigma.size() == 1 ? 1.0 : std::pow(data.noise / motion_noise(observation, face, static_cast<std::size_t>(c)), 2));
+      const Eigen::VectorXd diagonal = cameras[c].M().diagonal();
+      double in_plane = 0.0;
+      for (Eigen::Index i = 0; i < diagonal.size(); ++i)
+        if (i % cameras.dofs_per_node() < 2) in_plane += diagonal[i];
+      gradients += own.back() * in_plane / std::abs(cameras[c].pixels_per_length().determinant());
     }
-    const auto seen = observation.dic->correlation().evaluate(*spline, displacement, group);
-    return identification::ImageEvaluation{
-        .b = seen.b, .squares = seen.squares, .pixels = seen.pixels, .element_rms = seen.element_rms};
+    put(cameras.sum_of_M(own), unknowns, entries);
+    if (const auto continued = face.dic->held(); continued.size() > 0) put(continued, unknowns, held);
+    unknowns += cameras.unknowns();
+  }
+  data.M.resize(unknowns, unknowns);
+  data.M.setFromTriplets(entries.begin(), entries.end());
+  if (!held.empty()) {
+    data.held.resize(unknowns, unknowns);
+    data.held.setFromTriplets(held.begin(), held.end());
+  }
+  data.pixels_per_length = std::sqrt(data.M.diagonal().sum() / gradients);
+  // The splines of the frames that this rank judges are kept while they take less than 2 GB.
+  auto kept = std::make_shared<std::map<std::pair<int, int>, imaging::BSpline>>();  // of a frame and a camera
+  auto size = std::make_shared<std::size_t>(0);
+  data.evaluate = [&observation, &test, kept, size, weights, unknowns](int t, const Eigen::VectorXd& displacement, const Communicator& group) {
+    constexpr std::size_t budget = 2'000'000'000;
+    const auto place = static_cast<std::size_t>(observation.places[static_cast<std::size_t>(t)]);
+    identification::ImageEvaluation all{.b = Eigen::VectorXd::Zero(unknowns), .squares = 0.0, .pixels = 0.0, .element_rms = {}};
+    Eigen::Index first = 0;
+    for (std::size_t k = 0; k < observation.faces.size(); ++k) {
+      const auto& face = observation.faces[k];
+      const auto& cameras = face.dic->cameras();
+      Eigen::VectorXd squares = Eigen::VectorXd::Zero(cameras.elements()), pixels = squares;
+      for (int c = 0; c < cameras.size(); ++c) {
+        const int camera = face.rig->cameras[static_cast<std::size_t>(c)];
+        const double weight = (*weights)[k][static_cast<std::size_t>(c)];
+        imaging::BSpline fresh;
+        const imaging::BSpline* spline = nullptr;
+        if (const auto found = kept->find({t, camera}); found != kept->end()) {
+          spline = &found->second;
+        } else {
+          fresh = face.dic->spline(imaging::read_image(test.cameras[static_cast<std::size_t>(camera)].images[place]));
+          *size += 4UL * static_cast<std::size_t>(fresh.width()) * static_cast<std::size_t>(fresh.height());
+          spline = *size < budget ? &kept->emplace(std::pair{t, camera}, std::move(fresh)).first->second : &fresh;
+        }
+        const auto seen = cameras[c].evaluate(*spline, displacement.segment(first, cameras.unknowns()), group);
+        all.b.segment(first, cameras.unknowns()) += weight * seen.b;
+        all.squares += weight * seen.squares, all.pixels += seen.pixels;
+        squares += weight * seen.element_squares, pixels += seen.element_pixels;
+      }
+      all.element_rms.conservativeResize(all.element_rms.size() + cameras.elements());
+      all.element_rms.tail(cameras.elements()) = (squares.array() / pixels.array().max(1.0)).sqrt();
+      first += cameras.unknowns();
+    }
+    return all;
   };
   return data;
 }

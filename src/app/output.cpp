@@ -13,6 +13,7 @@
 #include "imic3d/core/log.hpp"
 #include "imic3d/io/pictures.hpp"
 #include "imic3d/io/report.hpp"
+#include "rig.hpp"
 
 namespace imic3d::app {
 
@@ -86,8 +87,15 @@ RunOutput::RunOutput(const Communicator& world, std::filesystem::path folder, co
     plan.surface = &specimen.surface.mesh;
     plan.parameters = material.information;
     file_ = io::create_results(folder_, test, plan);
-    io::draw_mesh_on_image(folder_ / "mesh_on_image.png", test.cameras.front().images[static_cast<std::size_t>(test.index_of(test.cameras.front().reference.front()))],
-                           specimen.surface.mesh, pixels_of_nodes(seen, specimen.surface.mesh));
+    for (const auto& face : seen.faces)
+      for (std::size_t c = 0; c < face.rig->views.size(); ++c) {
+        const auto& camera = test.cameras[static_cast<std::size_t>(face.rig->cameras[c])];
+        const auto& positions = face.dic->correlation(static_cast<int>(c)).positions();  // [nodes x 2]
+        std::vector<double> pixels;
+        for (Eigen::Index i = 0; i < positions.rows(); ++i) pixels.insert(pixels.end(), {positions(i, 0), positions(i, 1)});
+        io::draw_mesh_on_image(folder_ / (test.cameras.size() == 1 ? "mesh_on_image.png" : fmt::format("mesh_on_{}.png", camera.name)),
+                               camera.images[static_cast<std::size_t>(test.index_of(camera.reference.front()))], face.rig->surface, pixels);
+      }
   });
 }
 
@@ -95,12 +103,12 @@ void RunOutput::dic_frame(int place, const correlation::DicFrame& frame) {
   if (!file_) return;
   const bool known = frame.converged && !frame.lost;  // else its displacement means nothing: better none
   const Eigen::VectorXd nothing = Eigen::VectorXd::Constant(frame.displacement.size(), std::numeric_limits<double>::quiet_NaN());
-  io::write_dic_frame(*file_, static_cast<std::size_t>(place), three_components(known ? frame.displacement : nothing), frame.rms,
+  io::write_dic_frame(*file_, static_cast<std::size_t>(place), span_of(specimen_.three_components(known ? frame.displacement : nothing)), frame.rms,
                       span_of(frame.element_rms));
 }
 
 void RunOutput::noise(double sigma) {
-  if (file_) io::write_noise(*file_, sigma * seen_.dic->noise_response().level);
+  if (file_) io::write_noise(*file_, sigma * seen_.faces.front().dic->noise_response().level);
 }
 
 void RunOutput::iteration(int stage, int iteration, const identification::Iterate& at) {
@@ -140,32 +148,29 @@ void RunOutput::model(const Communicator& world, const identification::ImageData
 }
 
 void RunOutput::draw_residual(int t, const identification::Record& record, const identification::Path& shown) const {
-  const int place = seen_.places[static_cast<std::size_t>(t)];
-  const auto& correlation = seen_.dic->correlation();
-  const auto image = seen_.dic->spline(imaging::read_image(test_.cameras.front().images[static_cast<std::size_t>(place)]));
-  const auto& rows = correlation.quadrature().rows;
-  int left = std::numeric_limits<int>::max(), top = left, right = 0, bottom = 0;
-  for (const auto& row : rows) {
-    left = std::min(left, row.column), right = std::max(right, row.column + row.count);
-    top = std::min(top, row.row), bottom = std::max(bottom, row.row + 1);
-  }
-  constexpr int gap = 12;
-  const int columns = right - left, height = bottom - top;
-  const double sigma = seen_.noise * seen_.dic->noise_response().level;
-  std::vector<double> map(static_cast<std::size_t>(columns) * static_cast<std::size_t>(2 * height + gap), std::nan(""));
-  int first = 0;
-  for (const auto* displacement : {&shown.surface, &record.surface_displacement}) {
-    const std::vector<float> residual = correlation.residual(image, displacement->col(t));
-    std::size_t p = 0;
-    for (const auto& row : rows)
-      for (int i = 0; i < row.count; ++i, ++p)
-        map[static_cast<std::size_t>(first + row.row - top) * static_cast<std::size_t>(columns) + static_cast<std::size_t>(row.column - left + i)] =
-            residual[p] / sigma;
-    first = height + gap;
-  }
+  const auto place = static_cast<std::size_t>(seen_.places[static_cast<std::size_t>(t)]);
   const int number = record.frames[static_cast<std::size_t>(t)];
-  io::draw_map(folder_ / fmt::format("residual_frame_{:04d}.png", number), map, columns, 2 * height + gap,
-               {.legend = fmt::format("residual of the model (above) and of pure DIC (below), frame {} [sigma]", number), .lower = -5.0, .upper = 5.0});
+  for (std::size_t k = 0; k < seen_.faces.size(); ++k) {
+    const auto& face = specimen_.faces[k];
+    const auto& dic = *seen_.faces[k].dic;
+    for (std::size_t c = 0; c < seen_.faces[k].rig->views.size(); ++c) {
+      const auto camera = static_cast<std::size_t>(seen_.faces[k].rig->cameras[c]);
+      const auto image = dic.spline(imaging::read_image(test_.cameras[camera].images[place]));
+      const double sigma = seen_.camera_noise[camera] * dic.noise_response().level;
+      const auto map = [&](const Eigen::MatrixXd& displacement) {
+        return residual_map(dic, static_cast<int>(c), image, displacement.col(t).segment(face.first_unknown, face.unknowns()), sigma);
+      };
+      const ResidualMap above = map(shown.surface), below = map(record.surface_displacement);
+      constexpr int gap = 12;
+      std::vector<double> both = above.values;
+      both.resize(both.size() + static_cast<std::size_t>(gap * above.columns), std::nan(""));
+      both.insert(both.end(), below.values.begin(), below.values.end());
+      const std::string name = test_.cameras.size() == 1 ? "" : test_.cameras[camera].name;
+      io::draw_map(folder_ / fmt::format("residual_{}{}frame_{:04d}.png", name, name.empty() ? "" : "_", number), both, above.columns, 2 * above.rows + gap,
+                   {.legend = fmt::format("{}{}residual of the model (above) and of pure DIC (below), frame {} [sigma]", name, name.empty() ? "" : ": ", number),
+                    .lower = -5.0, .upper = 5.0});
+    }
+  }
 }
 
 void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covariance,
@@ -181,11 +186,14 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
       if (test_.identify.noise_draws == 0) continue;
       of_parameter["force"] = deviation(stage.covariance.force);
       of_parameter["boundary"] = deviation(stage.covariance.boundary);
+      of_parameter["calibration"] = deviation(stage.covariance.calibration);
     }
   }
   json["noise"] = {{"image", io::quantity(seen_.noise, "grey level")},
-                   {"smoothed_image", io::quantity(seen_.noise * seen_.dic->noise_response().level, "grey level")},
+                   {"smoothed_image", io::quantity(seen_.noise * seen_.faces.front().dic->noise_response().level, "grey level")},
                    {"image_is_measured", seen_.noise_is_measured}};
+  for (std::size_t c = 0; c < test_.cameras.size() && test_.cameras.size() > 1; ++c)
+    json["noise"]["cameras"][test_.cameras[c].name] = io::quantity(seen_.camera_noise[c], "grey level");
   json["time"] = io::quantity(seconds, "s");
   io::write_json(folder_ / "result.json", json);
   io::draw_pictures(*file_, folder_);
@@ -202,8 +210,9 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
     for (const auto& stage : stages)
       for (std::size_t j = 0; j < stage.free.size(); ++j) {
         const auto k = static_cast<Eigen::Index>(j);
-        fmt::print("    noise of {}: images {:.2g}, load record {:.2g}, driven ends {:.2g}\n", stage.free[j], std::sqrt(stage.covariance.image(k, k)),
-                   std::sqrt(stage.covariance.force(k, k)), std::sqrt(stage.covariance.boundary(k, k)));
+        fmt::print("    noise of {}: images {:.2g}, load record {:.2g}, driven ends {:.2g}, calibration {:.2g}\n", stage.free[j],
+                   std::sqrt(stage.covariance.image(k, k)), std::sqrt(stage.covariance.force(k, k)), std::sqrt(stage.covariance.boundary(k, k)),
+                   std::sqrt(stage.covariance.calibration(k, k)));
       }
   fmt::print("  {:.0f} s; report: {}\n", seconds, (folder_ / "report.html").string());
 }

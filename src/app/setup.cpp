@@ -67,8 +67,32 @@ Eigen::VectorXd of_cells(const mesh::Mesh& mesh, const std::function<double(cons
 }
 }  // namespace
 
-identification::Specimen make_specimen(const io::Case& test, const loop::MeshChange& change) {
+std::vector<int> cameras_of(const io::Case& test, bool back) {
+  std::vector<int> found;
+  for (std::size_t c = 0; c < test.cameras.size(); ++c)
+    if ((test.cameras[c].face == "back") == back) found.push_back(static_cast<int>(c));
+  return found;
+}
+
+std::vector<identification::SeenFace> seen_faces(const io::Case& test) {
+  std::vector<identification::SeenFace> faces;
+  for (const bool back : {false, true}) {
+    const auto cameras = cameras_of(test, back);
+    const bool perspective = std::any_of(cameras.begin(), cameras.end(), [&](int c) { return test.cameras[static_cast<std::size_t>(c)].model == "pinhole"; });
+    if (!cameras.empty() || (!back && test.cameras.empty())) faces.push_back({.back = back, .components = cameras.size() > 1 && perspective ? 3 : 2});
+  }
+  if (test.specimen.plane_stress())
+    for (const auto& face : faces)
+      if (face.back || face.components == 3)
+        throw InputError("cameras", face.back ? "a camera at the back" : "cameras that see the motion along z", "kinematics: 3d, or cameras of the front in its plane");
+  return faces;
+}
+
+identification::Specimen make_specimen(const io::Case& test, bool all_components, const loop::MeshChange& change) {
   const auto& declared = test.specimen;
+  auto faces = seen_faces(test);
+  for (auto& face : faces)
+    if (all_components) face.components = 3;
   mesh::Mesh mesh = mesh::read(declared.mesh);
   if (change.place)
     for (auto node : mesh.nodes.rowwise()) {
@@ -95,7 +119,7 @@ identification::Specimen make_specimen(const io::Case& test, const loop::MeshCha
     mesh.initial_axis = declared.axis == "x" ? 0 : 1;
   }
   return identification::make_specimen(std::move(mesh), declared.held, declared.loaded, declared.axis == "x" ? 0 : 1,
-                                       declared.mid_plane_symmetry && !declared.plane_stress());
+                                       declared.mid_plane_symmetry && !declared.plane_stress(), "specimen", faces);
 }
 
 std::filesystem::path output_folder(const io::Case& test, const CommandOptions& options, const Communicator& world) {

@@ -16,38 +16,16 @@
 #include "imic3d/app/setup.hpp"
 #include "imic3d/core/log.hpp"
 #include "imic3d/correlation/global_dic.hpp"
-#include "imic3d/imaging/calibration.hpp"
-#include "imic3d/imaging/noise.hpp"
 #include "imic3d/io/pictures.hpp"
 #include "imic3d/io/report.hpp"
 #include "imic3d/io/run_results.hpp"
-#include "placement.hpp"
+#include "rig.hpp"
 
 namespace imic3d::app {
 namespace {
 
 using correlation::DicFrame;
 using correlation::GlobalDic;
-
-mesh::Mesh surface_of(const io::Case& test) {
-  mesh::Mesh mesh = mesh::read(test.specimen.mesh);
-  for (int i = 0; i < test.specimen.refine; ++i) mesh = mesh::refine(mesh);
-  if (mesh.type == mesh::CellType::quad4) return mesh;
-  if (mesh.node_groups.contains(test.specimen.front)) mesh::choose_front(mesh, test.specimen.front);
-  return mesh::front_surface(mesh).mesh;
-}
-
-imaging::PinholeCamera pinhole(const io::CameraCase& declared, const imaging::Image& reference) {
-  const auto cameras = imaging::read_calibration(declared.calibration);
-  if (declared.index >= static_cast<int>(cameras.size()))
-    throw InputError("cameras." + declared.name + ".index", fmt::format("{}", declared.index),
-                     fmt::format("0 to {}: {} has {} cameras", cameras.size() - 1, declared.calibration.string(), cameras.size()));
-  const auto& camera = cameras[static_cast<std::size_t>(declared.index)];
-  if (camera.width > 0 && (camera.width != reference.width || camera.height != reference.height))
-    throw InputError("cameras." + declared.name, fmt::format("images of {} x {} pixels", reference.width, reference.height),
-                     fmt::format("{} x {} as calibrated", camera.width, camera.height));
-  return camera.camera();
-}
 
 /// What the specimen did as a whole.
 struct Motion {
@@ -91,26 +69,6 @@ Motion motion_of(const mesh::Mesh& surface, const Eigen::VectorXd& U, int dofs) 
   return motion;
 }
 
-/// The residual of one camera at one frame, in sigma of its noise.
-void draw_residual(const std::filesystem::path& picture, const GlobalDic& dic, int camera, const imaging::Image& image, const DicFrame& frame,
-                   double sigma, const std::string& legend) {
-  const auto& correlation = dic.correlation(camera);
-  const auto& rows = correlation.quadrature().rows;
-  int left = std::numeric_limits<int>::max(), top = left, right = 0, bottom = 0;
-  for (const auto& row : rows) {
-    left = std::min(left, row.column), right = std::max(right, row.column + row.count);
-    top = std::min(top, row.row), bottom = std::max(bottom, row.row + 1);
-  }
-  const int columns = right - left, height = bottom - top;
-  std::vector<double> map(static_cast<std::size_t>(columns) * static_cast<std::size_t>(height), std::nan(""));
-  const std::vector<float> residual = correlation.residual(dic.spline(image), frame.displacement);
-  std::size_t p = 0;
-  for (const auto& row : rows)
-    for (int i = 0; i < row.count; ++i, ++p)
-      map[static_cast<std::size_t>(row.row - top) * static_cast<std::size_t>(columns) + static_cast<std::size_t>(row.column - left + i)] = residual[p] / sigma;
-  io::draw_map(picture, map, columns, height, {.legend = legend, .lower = -5.0, .upper = 5.0});
-}
-
 /// The displacement through the surface of one frame.
 void draw_out_of_plane(const std::filesystem::path& picture, const mesh::Mesh& surface, const Eigen::VectorXd& U, const std::string& legend) {
   std::vector<double> positions, values;
@@ -128,30 +86,6 @@ std::vector<double> all_components(const Eigen::VectorXd& U, int dofs) {
   return all;
 }
 
-/// Finds the specimen in front of the pinhole cameras; `which` views they are.
-void place_specimen(Rig& rig, const io::Case& test, const std::vector<correlation::RigView>& pinholes, const std::vector<std::size_t>& which,
-                    correlation::PoseOptions options) {
-  const auto& place = *test.specimen.place;
-  std::vector<correlation::PlacedPoint> points;
-  for (const auto& [x, y, column, row] : place.points) points.push_back({x, y, column, row});
-  options.point_deviation = place.deviation, options.cameras = place.refine_cameras, options.shape = place.shape;
-  auto& pose = rig.pose = correlation::find_pose(rig.surface, pinholes, points, options);
-  for (std::size_t k = 0; k < which.size(); ++k) rig.views[which[k]].camera = std::make_shared<imaging::PinholeCamera>(pose.cameras[k]);
-  rig.surface.nodes.col(2) += pose.shape;
-  spdlog::info("points of the mesh: rms {:.2f} px", pose.points_rms);
-  if (pinholes.size() > 1) {
-    const std::string unit = test.units.length;
-    spdlog::info("{} of {} patches of {} found in the other cameras lie on a plane, rms {:.3g} {}", pose.matched, pose.patches,
-                 pinholes[static_cast<std::size_t>(options.camera)].name, pose.plane_rms, unit);
-    spdlog::info("difference of the references on the mesh (normalised): {:.3f}, {:.3f} with the pose refined", pose.rms_start, pose.rms_pose);
-    for (std::size_t k = 1; k < pinholes.size() && options.cameras; ++k)
-      spdlog::info("{:.3f} with the cameras refined: {} turned by {:.4f} degrees, moved by {:.4f} {}", pose.rms_cameras, pinholes[k].name,
-                   pose.camera_change[k].head<3>().norm(), pose.camera_change[k].tail<3>().norm(), unit);
-    if (options.shape > 0.0)
-      spdlog::info("{:.3f} with the shape: from {:.4g} to {:.4g} {} off the plane", pose.rms_shape, pose.shape.minCoeff(), pose.shape.maxCoeff(), unit);
-  }
-}
-
 nlohmann::json numbers(const auto& values) { return std::vector<double>(values.data(), values.data() + values.size()); }
 
 }  // namespace
@@ -160,57 +94,15 @@ bool several_cameras(const io::Case& test) {
   return test.cameras.size() > 1 || std::any_of(test.cameras.begin(), test.cameras.end(), [](const auto& camera) { return camera.model == "pinhole"; });
 }
 
-void require_one_telecentric(const io::Case& test, const std::string& command) {
-  if (several_cameras(test))
-    throw InputError("cameras", fmt::format("{} cameras, the first is {}", test.cameras.size(), test.cameras.front().model),
-                     "one telecentric camera for imic3d " + command + " (imic3d dic takes any number, and pinhole cameras)");
-}
+namespace {
 
-int unknowns_per_node(const io::Case& test) {
-  const bool perspective = std::any_of(test.cameras.begin(), test.cameras.end(), [](const auto& camera) { return camera.model == "pinhole"; });
-  return test.cameras.size() > 1 && perspective ? 3 : 2;
-}
-
-Rig make_rig(const io::Case& test) {
-  Rig rig;
-  rig.surface = surface_of(test);
-  std::vector<correlation::RigView> pinholes;
-  std::vector<std::size_t> which;
-  std::vector<std::vector<imaging::Image>> references;
-  correlation::PoseOptions options;
-  for (const auto& declared : test.cameras) {
-    std::vector<imaging::Image> images;
-    for (int number : declared.reference) images.push_back(imaging::read_image(declared.images[static_cast<std::size_t>(test.index_of(number))]));
-    correlation::View view{.camera = nullptr, .reference = imaging::average(images), .noise = declared.noise.value_or(0.0), .place = "cameras." + declared.name};
-    rig.references.push_back(static_cast<int>(images.size()));
-    if (declared.model == "pinhole") {
-      if (test.specimen.place->camera == declared.name) options.camera = static_cast<int>(pinholes.size());
-      pinholes.push_back({pinhole(declared, view.reference), view.reference, declared.name});
-      which.push_back(rig.views.size());
-    } else {
-      view.camera = std::make_shared<imaging::TelecentricCamera>(place_camera(declared, rig.surface, view.reference));
-    }
-    rig.views.push_back(std::move(view));
-    references.push_back(std::move(images));
-  }
-  if (!pinholes.empty()) place_specimen(rig, test, pinholes, which, options);
-  for (std::size_t c = 0; c < rig.views.size(); ++c) {  // on the specimen: the dark background has another noise
-    correlation::View& view = rig.views[c];
-    if (view.noise == 0.0 && references[c].size() > 1) {
-      const correlation::Correlation seen(rig.surface, view.camera, imaging::BSpline(view.reference), {.quadrature = {.clip = true, .place = view.place}});
-      const auto mask = correlation::footprint(seen.quadrature(), view.reference.width, view.reference.height);
-      view.noise = imaging::noise_of_static_frames(references[c], &mask);
-    }
-    rig.noise_is_measured.push_back(view.noise > 0.0);
-  }
-  return rig;
-}
-
-void dic_with_several(const Communicator& world, const CommandOptions& options, const io::Case& test) {
+void dic_of_face(const Communicator& world, const io::Case& test, const identification::SeenFace& face, const std::filesystem::path& folder) {
   const auto start = std::chrono::steady_clock::now();
-  const Rig rig = make_rig(test);
+  Rig rig = make_rig(test, face.back, surface_of(test, face.back));
   const auto count = rig.views.size();
-  const int dofs = unknowns_per_node(test);
+  const int dofs = face.components;
+  std::vector<const io::CameraCase*> cameras;
+  for (const int c : rig.cameras) cameras.push_back(&test.cameras[static_cast<std::size_t>(c)]);
   const GlobalDic dic(rig.surface, rig.views, dofs,
                       {.pyramid_levels = test.dic.pyramid_levels,
                        .max_iterations = test.dic.max_iterations,
@@ -228,7 +120,7 @@ void dic_with_several(const Communicator& world, const CommandOptions& options, 
   for (int place = last + 1; place < static_cast<int>(test.frames.size()); ++place) places.push_back(place);
   if (places.empty()) throw InputError("cameras.reference", "no frame comes after the reference", "frames before the last one");
 
-  const std::filesystem::path folder = output_folder(test, options, world);
+  for (std::size_t c = 0; c < count; ++c) measure_noise(rig, c, dic.correlation(static_cast<int>(c)).quadrature());
   std::optional<io::ResultsFile> file;
   collectively(world, [&] {
     if (!world.is_root()) return;
@@ -242,7 +134,7 @@ void dic_with_several(const Communicator& world, const CommandOptions& options, 
         const Eigen::Vector2d pixel = rig.views[c].camera->project(rig.surface.nodes.row(i).transpose());
         pixels.insert(pixels.end(), {pixel[0], pixel[1]});
       }
-      const auto& declared = test.cameras[c];
+      const auto& declared = *cameras[c];
       io::draw_mesh_on_image(folder / fmt::format("mesh_on_{}.png", declared.name), declared.images[static_cast<std::size_t>(test.index_of(declared.reference.front()))],
                              rig.surface, pixels);
     }
@@ -251,7 +143,7 @@ void dic_with_several(const Communicator& world, const CommandOptions& options, 
 
   std::vector<std::vector<std::filesystem::path>> images(count);
   for (std::size_t c = 0; c < count; ++c)
-    for (int place : places) images[c].push_back(test.cameras[c].images[static_cast<std::size_t>(place)]);
+    for (int place : places) images[c].push_back(cameras[c]->images[static_cast<std::size_t>(place)]);
   const std::vector<DicFrame> frames = dic.run(world, images, [&](int t, const DicFrame& frame) {
     std::vector<double> rms;
     for (const auto& own : frame.cameras) rms.push_back(own.rms);
@@ -266,8 +158,8 @@ void dic_with_several(const Communicator& world, const CommandOptions& options, 
     double smallest = INFINITY;
     for (const DicFrame& frame : frames)
       if (frame.converged && !frame.lost) smallest = std::min(smallest, frame.cameras[c].rms);
-    const double left = smallest / (dic.noise_response().level * std::sqrt(1.0 + 1.0 / rig.references[c]));
-    noise.push_back({rig.noise_is_measured[c] ? rig.views[c].noise : left, rig.references[c]});
+    const double left = smallest / (dic.noise_response().level * std::sqrt(1.0 + 1.0 / rig.references(c)));
+    noise.push_back({rig.noise_is_measured[c] ? rig.views[c].noise : left, rig.references(c)});
   }
   if (std::none_of(noise.begin(), noise.end(), [](const auto& one) { return std::isfinite(one.sigma); }))
     throw ConvergenceError("no frame could be correlated with the reference");
@@ -280,7 +172,7 @@ void dic_with_several(const Communicator& world, const CommandOptions& options, 
 
   nlohmann::json json, table = nlohmann::json::array();
   std::string csv = "frame,converged,iterations";
-  for (const auto& camera : test.cameras) csv += ",rms_" + camera.name;
+  for (const auto* camera : cameras) csv += ",rms_" + camera->name;
   csv += ",tx,ty,tz,rx_degree,ry_degree,rz_degree,E_xx,E_yy,E_xy,mean_u_z,bending_u_z\n";
   fmt::print("\n{}\n  residual [grey level], motion of the middle [{}], rotation [degree], mean Green-Lagrange strain [1e-6], u_z beyond the rigid motion\n",
              test.title, test.units.length);
@@ -309,10 +201,12 @@ void dic_with_several(const Communicator& world, const CommandOptions& options, 
       draw_out_of_plane(folder / fmt::format("out_of_plane_frame_{:04d}.png", number), rig.surface, frame.displacement,
                         fmt::format("displacement through the surface, frame {} [{}]", number, test.units.length));
     if (frames.size() <= 12 || t + 1 == frames.size())
-      for (std::size_t c = 0; c < count; ++c)
-        draw_residual(folder / fmt::format("residual_{}_frame_{:04d}.png", test.cameras[c].name, number), dic, static_cast<int>(c), imaging::read_image(images[c][t]),
-                      frame, noise[c].sigma * dic.noise_response().level * std::sqrt(1.0 + 1.0 / noise[c].references),
-                      fmt::format("{}: f - g(x + u), frame {} [its noise]", test.cameras[c].name, number));
+      for (std::size_t c = 0; c < count; ++c) {
+        const auto map = residual_map(dic, static_cast<int>(c), dic.spline(imaging::read_image(images[c][t])), frame.displacement,
+                                      noise[c].sigma * dic.noise_response().level * std::sqrt(1.0 + 1.0 / noise[c].references));
+        io::draw_map(folder / fmt::format("residual_{}_frame_{:04d}.png", cameras[c]->name, number), map.values, map.columns, map.rows,
+                     {.legend = fmt::format("{}: f - g(x + u), frame {} [its noise]", cameras[c]->name, number), .lower = -5.0, .upper = 5.0});
+      }
   }
   fmt::print("  standard deviation of a node by the noise: {:.3g} {} in the plane{}\n", in_plane, test.units.length,
              dofs == 3 ? fmt::format(", {:.3g} {} through it", out_of_plane, test.units.length) : std::string());
@@ -321,8 +215,8 @@ void dic_with_several(const Communicator& world, const CommandOptions& options, 
   json["frame_table"] = table;
   json["standard_deviation"] = {{"in_plane", io::quantity(in_plane, test.units.length)}, {"out_of_plane", io::quantity(dofs == 3 ? out_of_plane : std::nan(""), test.units.length)}};
   for (std::size_t c = 0; c < count; ++c)
-    json["noise"][test.cameras[c].name] = {{"image", io::quantity(noise[c].sigma, "grey level")}, {"image_is_measured", static_cast<bool>(rig.noise_is_measured[c])}};
-  if (test.specimen.place) {
+    json["noise"][cameras[c]->name] = {{"image", io::quantity(noise[c].sigma, "grey level")}, {"image_is_measured", static_cast<bool>(rig.noise_is_measured[c])}};
+  if (rig.placed) {
     const auto& pose = rig.pose;
     json["placement"] = {{"points_rms", io::quantity(pose.points_rms, "px")}, {"patches", pose.patches}, {"patches_on_plane", pose.matched},
                          {"patches_rms", io::quantity(pose.plane_rms, test.units.length)}, {"difference_of_references_start", pose.rms_start},
@@ -344,6 +238,20 @@ void dic_with_several(const Communicator& world, const CommandOptions& options, 
   io::draw_pictures(*file, folder);
   io::write_report(folder / "report.html", *file, io::pictures_in(folder));
   fmt::print("  {:.0f} s; report: {}\n", seconds, (folder / "report.html").string());
+}
+
+}  // namespace
+
+void dic_with_several(const Communicator& world, const CommandOptions& options, const io::Case& test) {
+  const std::filesystem::path folder = output_folder(test, options, world);
+  const auto faces = seen_faces(test);
+  for (const auto& face : faces) {
+    const auto own = faces.size() == 1 ? folder : folder / (face.back ? "back" : "front");
+    collectively(world, [&] {
+      if (world.is_root()) std::filesystem::create_directories(own);
+    });
+    dic_of_face(world, test, face, own);
+  }
 }
 
 }  // namespace imic3d::app

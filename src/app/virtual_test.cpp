@@ -1,7 +1,9 @@
-// imic3d virtual: Sec. 4, a virtual test. Simulation -> images by the inverse mapping (Eq. 17) -> loads.csv, truth.json.
+// imic3d virtual: Sec. 4, a virtual test. Simulation -> images of every camera by the inverse mapping (Eq. 17) -> loads.csv,
+// truth.json and the calibrations.
 
 #include <fmt/format.h>
 
+#include <Eigen/Geometry>
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <random>
@@ -10,9 +12,10 @@
 #include "imic3d/app/program.hpp"
 #include "imic3d/app/simulation.hpp"
 #include "imic3d/core/log.hpp"
+#include "imic3d/imaging/calibration.hpp"
 #include "imic3d/imaging/placement.hpp"
 #include "imic3d/imaging/synthesis.hpp"
-#include "several_cameras.hpp"
+#include "calibration_error.hpp"
 
 namespace imic3d::app {
 
@@ -31,64 +34,165 @@ class Gaussian {
   std::mt19937_64 random_;
 };
 
-imaging::PixelPoints in_pixels(const imaging::TelecentricCamera& camera, const mesh::Mesh& surface, const Eigen::VectorXd& displacement) {
-  imaging::PixelPoints pixels(surface.nodes.rows(), 2);
-  for (Eigen::Index i = 0; i < surface.nodes.rows(); ++i) {
-    Eigen::Vector3d point = surface.nodes.row(i).transpose();
-    point.head<2>() += displacement.segment<2>(2 * i);
-    pixels.row(i) = camera.project(point).transpose();
+using Points = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
+
+/// A camera of the test: it records one image a frame.
+struct VirtualCamera {
+  std::shared_ptr<const imaging::Camera> camera;
+  const identification::Face* face;
+  imaging::SynthesisOptions image;
+  std::filesystem::path folder;
+  std::shared_ptr<const imaging::Texture> texture;  // of the face, that of its other cameras too
+  imaging::PixelPoints texture_points;              // of the face's nodes
+  std::shared_ptr<const imaging::Speckle> background;
+};
+
+/// Where a declared pinhole camera is: it looks from `from` at `at`, y upwards but for its roll.
+imaging::PinholeCamera looking(const io::CameraCase& declared, const imaging::SynthesisOptions& image) {
+  const io::ViewCase& view = *declared.view;
+  const Eigen::Vector3d from(view.from.data()), at(view.at.data()), up = Eigen::Vector3d::UnitY();
+  const Eigen::Vector3d z = (at - from).normalized(), x = z.cross(up).normalized();
+  if (!z.allFinite() || !x.allFinite()) throw InputError("cameras." + declared.name + ".view", "no direction, or along y", "from and at that differ in x or z");
+  imaging::Pose pose;
+  pose.rotation.row(0) = x, pose.rotation.row(1) = z.cross(x), pose.rotation.row(2) = z;
+  pose.rotation = Eigen::AngleAxisd(view.roll * M_PI / 180.0, Eigen::Vector3d::UnitZ()).toRotationMatrix() * pose.rotation;
+  pose.translation = -pose.rotation * from;
+  imaging::Intrinsics lens{.fx = view.focal, .fy = view.focal, .cx = 0.5 * (image.width - 1), .cy = 0.5 * (image.height - 1)};
+  std::copy(view.distortion.begin(), view.distortion.end(), lens.distortion.begin());
+  return {lens, pose};
+}
+
+std::shared_ptr<const imaging::Camera> make_camera(const io::CameraCase& declared, const imaging::SynthesisOptions& image) {
+  if (declared.model == "pinhole") {
+    if (!declared.view) throw InputError("cameras." + declared.name + ".view", "not given", "{focal: …, from: [x, y, z], at: [x, y, z]}");
+    return std::make_shared<imaging::PinholeCamera>(looking(declared, image));
   }
-  return pixels;
+  if (!declared.place.origin || declared.pixel_size <= 0.0)
+    throw InputError("cameras.place", "not an origin with a pixel_size", "place: {origin: [column, row]} and pixel_size");
+  const auto& place = declared.place;
+  return std::make_shared<imaging::TelecentricCamera>(imaging::camera_from_pose(
+      declared.pixel_size, Eigen::Vector2d((*place.origin)[0], (*place.origin)[1]), place.rotation, place.flip != (declared.face == "back")));
+}
+
+/// The speckle of a face is painted in the pixels of its first camera, a perspective one's being those of the face's middle.
+imaging::PixelPoints painted(const imaging::Camera& camera, const mesh::Mesh& surface) {
+  const Eigen::Vector3d middle = surface.nodes.colwise().mean();
+  const Eigen::Matrix<double, 2, 3> J = camera.jacobian(middle);
+  imaging::PixelPoints points(surface.nodes.rows(), 2);
+  for (Eigen::Index i = 0; i < surface.nodes.rows(); ++i) {
+    const Eigen::Vector3d X = surface.nodes.row(i).transpose();
+    points.row(i) = (camera.affine() ? camera.project(X) : Eigen::Vector2d(J * (X - middle))).transpose();
+  }
+  return points;
+}
+
+std::vector<VirtualCamera> make_cameras(const io::Case& test, const identification::Specimen& specimen, const std::filesystem::path& folder) {
+  const io::VirtualCase& declared = *test.virtual_test;
+  const double dynamic = declared.depth == 16 ? 65535.0 : 255.0;
+  std::vector<VirtualCamera> cameras(test.cameras.size());
+  for (const auto& face : specimen.faces) {
+    const VirtualCamera* first = nullptr;
+    for (const int c : cameras_of(test, face.back)) {
+      const auto& view = test.cameras[static_cast<std::size_t>(c)];
+      VirtualCamera& camera = cameras[static_cast<std::size_t>(c)];
+      const auto size = view.size.value_or(declared.size);
+      camera.image = {.width = size[0], .height = size[1], .depth = declared.depth, .noise = declared.noise, .seed = declared.seed + 1000 * static_cast<unsigned>(c)};
+      camera.folder = folder / (test.cameras.size() == 1 ? "images" : "images_" + view.name);
+      camera.face = &face;
+      camera.camera = make_camera(view, camera.image);
+      camera.background = std::make_shared<imaging::Speckle>(imaging::dark_background(camera.image));
+      if (first == nullptr) {
+        first = &camera;
+        camera.texture_points = painted(*camera.camera, face.surface.mesh);
+        if (declared.texture)
+          camera.texture = std::make_shared<imaging::ImageTexture>(imaging::read_image(*declared.texture));
+        else
+          camera.texture = std::make_shared<imaging::Speckle>(
+              camera.texture_points.colwise().minCoeff().transpose(), camera.texture_points.colwise().maxCoeff().transpose(),
+              imaging::SpeckleOptions{.diameter = declared.speckle_size, .paint = 0.75 * dynamic, .disk = 0.2 * dynamic, .seed = camera.image.seed});
+      } else {
+        camera.texture = first->texture, camera.texture_points = first->texture_points;
+      }
+    }
+  }
+  return cameras;
+}
+
+/// The pinhole cameras of each face: a file that `calibration` takes, in the frame of the first of them, and points that
+/// specimen.place takes; returns these by the camera's name.
+nlohmann::json write_calibrations(const io::Case& test, const std::vector<VirtualCamera>& cameras, const identification::Specimen& specimen,
+                                  const std::filesystem::path& folder) {
+  nlohmann::json places;
+  for (const auto& face : specimen.faces) {
+    std::vector<imaging::CalibratedCamera> rig;
+    Eigen::VectorXd variances;  // of all numbers of the rig
+    imaging::Pose to_specimen;
+    for (const int c : cameras_of(test, face.back)) {
+      const auto& view = test.cameras[static_cast<std::size_t>(c)];
+      const auto* camera = dynamic_cast<const imaging::PinholeCamera*>(cameras[static_cast<std::size_t>(c)].camera.get());
+      if (camera == nullptr) continue;
+      if (rig.empty()) {
+        const Eigen::Matrix3d back = camera->pose().rotation.transpose();
+        to_specimen = {back, -back * camera->pose().translation};
+        const mesh::Mesh& surface = face.surface.mesh;
+        const Eigen::RowVector3d low = surface.nodes.colwise().minCoeff(), high = surface.nodes.colwise().maxCoeff();
+        const auto& image = cameras[static_cast<std::size_t>(c)].image;
+        bool inside = false;
+        for (double part = 0.8; !inside && part > 0.1; part *= 0.8) {  // the largest corners that the camera sees
+          inside = true;
+          auto& points = places[view.name] = nlohmann::json::array();
+          for (const auto& [right, top] : {std::pair{0.0, 0.0}, {1.0, 0.0}, {1.0, 1.0}, {0.0, 1.0}}) {
+            const double x = part * (low[0] + right * (high[0] - low[0])), y = part * (low[1] + top * (high[1] - low[1]));
+            const Eigen::Vector2d pixel = camera->project({x, y, low[2]});
+            inside = inside && pixel.minCoeff() > 0.0 && pixel[0] < image.width - 1.0 && pixel[1] < image.height - 1.0;
+            points.push_back({x, y, 0.01 * std::round(100.0 * pixel[0]), 0.01 * std::round(100.0 * pixel[1])});
+          }
+        }
+      }
+      const auto& image = cameras[static_cast<std::size_t>(c)].image;
+      rig.push_back({.name = view.name, .width = image.width, .height = image.height, .intrinsics = camera->intrinsics(), .pose = camera->pose() * to_specimen, .covariance = {}});
+      const Eigen::VectorXd deviations = calibration_deviations(view);
+      variances.conservativeResize(variances.size() + deviations.size());
+      variances.tail(deviations.size()) = deviations.cwiseAbs2();
+    }
+    for (std::size_t k = 0; k < rig.size() && variances.sum() > 0.0; ++k) {
+      const Eigen::MatrixXd all = variances.asDiagonal();
+      rig[k].covariance = all.middleRows(imaging::camera_numbers * static_cast<Eigen::Index>(k), imaging::camera_numbers);
+    }
+    if (!rig.empty()) imaging::write_calibration(folder / fmt::format("calibration_{}.yaml", face.back ? "back" : "front"), rig, test.units.length);
+  }
+  return places;
 }
 
 }  // namespace
 
 void virtual_test(const Communicator& world, const CommandOptions& options) {
   const io::Case test = read_case(options, {"material", "simulate", "virtual", "cameras"}, false);
-  require_one_telecentric(test, "virtual");
   const io::VirtualCase& declared = *test.virtual_test;
   const Material material = make_material(test);
-  const identification::Specimen specimen = make_specimen(test);
-  const auto& view = test.cameras.front();
-  if (!view.place.origin || view.pixel_size <= 0.0)
-    throw InputError("cameras.place", "not an origin with a pixel_size", "place: {origin: [column, row]} and pixel_size");
-  const auto camera = imaging::camera_from_pose(view.pixel_size, Eigen::Vector2d((*view.place.origin)[0], (*view.place.origin)[1]),
-                                                view.place.rotation, view.place.flip);
+  const identification::Specimen specimen = make_specimen(test, true);
   const auto folder = options.output.empty() ? declared.directory : options.output;
+  const std::vector<VirtualCamera> cameras = make_cameras(test, specimen, folder);
   collectively(world, [&] {
-    if (world.is_root()) std::filesystem::create_directories(folder / "images");
+    for (const auto& camera : cameras)
+      if (world.is_root()) std::filesystem::create_directories(camera.folder);
   });
   SimulationOutput output(world, folder, test, specimen);
-
-  imaging::SynthesisOptions options_of_images;
-  options_of_images.width = declared.size[0];
-  options_of_images.height = declared.size[1];
-  options_of_images.depth = declared.depth;
-  options_of_images.noise = declared.noise;
-  options_of_images.seed = declared.seed;
-  const double dynamic = declared.depth == 16 ? 65535.0 : 255.0;
-  const auto& surface = specimen.surface.mesh;
-  const Eigen::VectorXd still = Eigen::VectorXd::Zero(2 * surface.nodes.rows());
-  const imaging::PixelPoints reference = in_pixels(camera, surface, still);
-  std::unique_ptr<imaging::Texture> texture;
-  if (declared.texture)
-    texture = std::make_unique<imaging::ImageTexture>(imaging::read_image(*declared.texture));
-  else
-    texture = std::make_unique<imaging::Speckle>(
-        reference.colwise().minCoeff().transpose(), reference.colwise().maxCoeff().transpose(),
-        imaging::SpeckleOptions{.diameter = declared.speckle_size, .paint = 0.75 * dynamic, .disk = 0.2 * dynamic, .seed = declared.seed});
-  const imaging::Speckle background = imaging::dark_background(options_of_images);
 
   // Rank 0 writes; the images of the frames are shared out over the ranks as they come.
   Gaussian load_noise(declared.seed + 77);
   std::string loads = fmt::format("frame,time_{},force_{}\n", test.units.time, test.units.force);
-  int images = 0;
+  int images = 0, turn = 0;
+  const Eigen::VectorXd still = Eigen::VectorXd::Zero(specimen.projection.rows());
   const auto image = [&](const Eigen::VectorXd& displacement, double time, double force) {
     loads += fmt::format("{},{:.6g},{:.4f}\n", images, time, force + declared.load_noise * load_noise());
-    if (images % world.size() == world.rank()) {
-      const imaging::InverseMapping mapping(reference, in_pixels(camera, surface, displacement), surface.cells);
-      imaging::write_image(imaging::record(imaging::render(mapping, *texture, background, options_of_images), images, options_of_images),
-                           folder / "images" / fmt::format("frame_{:03}.png", images));
+    for (const auto& camera : cameras) {
+      if (turn++ % world.size() != world.rank()) continue;
+      const mesh::Mesh& surface = camera.face->surface.mesh;
+      const Points moved = surface.nodes + Eigen::Map<const Points>(displacement.data() + camera.face->first_unknown, surface.nodes.rows(), 3);
+      const imaging::InverseMapping mapping(*camera.camera, camera.texture_points, moved, surface.cells);
+      imaging::write_image(imaging::record(imaging::render(mapping, *camera.texture, *camera.background, camera.image), images, camera.image),
+                           camera.folder / fmt::format("frame_{:03}.png", images));
     }
     ++images;
   };
@@ -105,11 +209,12 @@ void virtual_test(const Communicator& world, const CommandOptions& options) {
   io::write_text_file(folder / "loads.csv", loads);
   nlohmann::json truth;
   for (std::size_t j = 0; j < material.values.size(); ++j) truth[material.information[j].name] = material.values[j];
-  truth["noise"] = {{"value", declared.noise * dynamic}, {"unit", "grey level"}};
+  truth["noise"] = {{"value", declared.noise * (declared.depth == 16 ? 65535.0 : 255.0)}, {"unit", "grey level"}};
   truth["force_noise"] = {{"value", declared.load_noise}, {"unit", test.units.force}};
   truth["static_frames"] = declared.static_frames;
+  if (const auto places = write_calibrations(test, cameras, specimen, folder); !places.is_null()) truth["place_points"] = places;
   io::write_json(folder / "truth.json", truth);
-  fmt::print("{}\n  {} images, loads.csv and truth.json in {}\n", test.title, images, folder.string());
+  fmt::print("{}\n  {} images of {} camera{}, loads.csv and truth.json in {}\n", test.title, images, cameras.size(), cameras.size() == 1 ? "" : "s", folder.string());
 }
 
 }  // namespace imic3d::app

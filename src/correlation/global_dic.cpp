@@ -164,6 +164,11 @@ void GlobalDic::build(const mesh::Mesh& surface, const std::vector<View>& views,
   }
 }
 
+Eigen::SparseMatrix<double> GlobalDic::held() const {
+  if (!continued_) return {};
+  return levels_.front().smoothing - levels_.front().chosen;
+}
+
 imaging::BSpline GlobalDic::spline(const imaging::Image& image) const {
   return imaging::BSpline(imaging::low_pass(image, options_.low_pass));
 }

@@ -71,30 +71,37 @@ double smoothing_weight(const Correlation& correlation, double cut_off) {
   return correlation.mean_square_gradient() * scale * scale * std::pow(cut_off / (2.0 * M_PI), 4);
 }
 
-Eigen::MatrixXd smooth(const Correlation& correlation, const Eigen::MatrixXd& U, double cut_off) {
-  const Eigen::SparseMatrix<double> M = correlation.M();
+namespace {
+Eigen::SparseMatrix<double> optical(const Cameras& cameras, const Eigen::SparseMatrix<double>& held) {
+  Eigen::SparseMatrix<double> M = cameras.M();
+  if (held.size() > 0) M += held;
+  return M;
+}
+}  // namespace
+
+Eigen::MatrixXd smooth(const Cameras& cameras, const Eigen::MatrixXd& U, double cut_off, const Eigen::SparseMatrix<double>& held) {
+  const Eigen::SparseMatrix<double> M = optical(cameras, held);
   const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(
-      M + smoothing_weight(correlation, cut_off) * curvature_energy(correlation.surface(), correlation.dofs_per_node()));
+      M + cameras.smoothing_weight(cut_off) * curvature_energy(cameras.surface(), cameras.dofs_per_node()));
   return factor.solve(M * U);
 }
 
-Eigen::MatrixXd noise_draws(const Correlation& correlation, double sigma, int draws) {
-  const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> optical(correlation.M());  // P M P^T = L D L^T
+Eigen::MatrixXd noise_draws(const Cameras& cameras, double sigma, int draws, const Eigen::SparseMatrix<double>& held) {
+  const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(optical(cameras, held));  // P M P^T = L D L^T
   std::mt19937_64 random(1);
   std::normal_distribution<double> normal;
-  Eigen::MatrixXd noise(correlation.unknowns(), draws);
+  Eigen::MatrixXd noise(cameras.unknowns(), draws);
   for (double& value : noise.reshaped()) value = normal(random);
-  noise = sigma * optical.vectorD().cwiseMax(1e-300).cwiseSqrt().cwiseInverse().asDiagonal() * noise;
-  return optical.permutationPinv() * Eigen::MatrixXd(optical.matrixU().solve(noise));
+  noise = sigma * factor.vectorD().cwiseMax(1e-300).cwiseSqrt().cwiseInverse().asDiagonal() * noise;
+  return factor.permutationPinv() * Eigen::MatrixXd(factor.matrixU().solve(noise));
 }
 
-Eigen::MatrixXd smoothed_within_noise(const Correlation& correlation, const Eigen::MatrixXd& U,
-                                      const std::vector<int>& nodes, double sigma, double longest,
-                                      std::vector<double>* cut_offs) {
+Eigen::MatrixXd smoothed_within_noise(const Cameras& cameras, const Eigen::MatrixXd& U, const std::vector<int>& nodes, double sigma,
+                                      double longest, std::vector<double>* cut_offs, const Eigen::SparseMatrix<double>& held) {
   constexpr int draws = 50;
   constexpr double allowed = 1.5;
-  const int dofs = correlation.dofs_per_node();
-  const Eigen::MatrixXd noise = noise_draws(correlation, sigma, draws);
+  const int dofs = cameras.dofs_per_node();
+  const Eigen::MatrixXd noise = noise_draws(cameras, sigma, draws, held);
   const auto mean_square_at_nodes = [&](const Eigen::MatrixXd& field) -> Eigen::RowVectorXd {
     Eigen::RowVectorXd sum = Eigen::RowVectorXd::Zero(field.cols());
     for (int node : nodes) sum += field.middleRows(dofs * node, dofs).colwise().squaredNorm();
@@ -103,9 +110,9 @@ Eigen::MatrixXd smoothed_within_noise(const Correlation& correlation, const Eige
   Eigen::MatrixXd result = U;
   if (cut_offs != nullptr) cut_offs->assign(static_cast<std::size_t>(U.cols()), 0.0);
   for (double cut_off = longest / 16.0; cut_off < 1.01 * longest; cut_off *= std::sqrt(2.0)) {
-    const Eigen::MatrixXd smoothed = smooth(correlation, U, cut_off);
+    const Eigen::MatrixXd smoothed = smooth(cameras, U, cut_off, held);
     const Eigen::RowVectorXd lost = mean_square_at_nodes(smoothed - U);
-    const double lost_noise = mean_square_at_nodes(smooth(correlation, noise, cut_off) - noise).mean();
+    const double lost_noise = mean_square_at_nodes(smooth(cameras, noise, cut_off, held) - noise).mean();
     for (Eigen::Index t = 0; t < U.cols(); ++t) {
       if (lost[t] > allowed * lost_noise) continue;
       result.col(t) = smoothed.col(t);

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <Eigen/Dense>
+#include <Eigen/Geometry>
 #include <Eigen/SparseCholesky>
 #include <algorithm>
 #include <cmath>
@@ -44,9 +45,9 @@ Control control_of_images(const GaussNewtonOptions& options) {
   return options.alpha > 0.0 ? Control::images : Control::force;
 }
 
-/// A simulation under forces alone does not fix its rigid motion: the images are asked afterwards.
+/// What the simulation leaves open of its rigid motion: the images are asked afterwards.
 void settle(Path& path, const ForwardModel& model, const ImageData& images, const Eigen::MatrixXd& dic, const GaussNewtonOptions& options) {
-  if (control_of_images(options) == Control::force) fit_rigid_motion(model.specimen().surface.mesh, images.M, dic, path);
+  fit_rigid_motion(model.specimen(), control_of_images(options), images.M, dic, path);
 }
 
 Linearisation linearise(ForwardModel& model, const ImageData& images, const std::vector<double>& parameters,
@@ -61,6 +62,7 @@ Linearisation linearise(ForwardModel& model, const ImageData& images, const std:
   if (options.functional == Functional::displacement_driven) {
     paths = model.simulate(Control::displacement, sets, frames);
     driven = paths;
+    for (auto& path : paths) settle(path, model, images, model.record().surface_displacement, options);
   } else {
     const auto distribution = model.distribute_forces({{.parameters = parameters}}, frames, driven);  // Sec. 3.4
     for (auto& set : sets) set.forces = &distribution.front();
@@ -202,10 +204,11 @@ Iterate describe(const NormalEquations& normal, const std::vector<double>& param
           .message = {}};
 }
 
-/// Noise of b_DIC: columns of standard deviation one, b b^T = M on average [2n x columns].
+/// Noise of b_DIC: columns of standard deviation one, b b^T = M on average [unknowns x columns].
 class OpticalNoise {
  public:
-  OpticalNoise(const Eigen::SparseMatrix<double>& M, unsigned seed) : factor_(M), random_(seed) {}  // P M P^T = L D L^T
+  // P M P^T = L D L^T
+  OpticalNoise(const ImageData& images, unsigned seed) : factor_(images.held.size() > 0 ? Eigen::SparseMatrix<double>(images.M + images.held) : images.M), random_(seed) {}
   Eigen::MatrixXd b(Eigen::Index columns) {
     Eigen::MatrixXd white(factor_.rows(), columns);
     for (double& value : white.reshaped()) value = normal_(random_);
@@ -246,7 +249,7 @@ Covariance covariance(ForwardModel& model, const ImageData& images, const Linear
     return column;
   };
   const Eigen::MatrixXd none = Eigen::MatrixXd::Zero(unknowns, unknowns);
-  Covariance result{.image = none, .force = none, .boundary = none, .total = none};
+  Covariance result{.image = none, .force = none, .boundary = none, .calibration = none, .total = none};
 
   Eigen::MatrixXd of_frames = none, common = Eigen::MatrixXd::Zero(at.nominal.surface.rows(), unknowns);
   for (int t : frames) {
@@ -265,62 +268,92 @@ Covariance covariance(ForwardModel& model, const ImageData& images, const Linear
   }
 
   // Draws: noise of b, of the DIC displacement on the ends that follows from it, and of the force.
-  OpticalNoise draw(images.M, noise.seed);
+  OpticalNoise draw(images, noise.seed);
   const auto draws = static_cast<std::size_t>(noise.draws);
   const int last = at.nominal.frames;
-  std::vector<Eigen::MatrixXd> b(draws), dic(draws), driving(draws);
+  const auto& record = model.record();
+  std::vector<Eigen::MatrixXd> b(draws), moved(draws);
   std::vector<Eigen::VectorXd> force(draws);
   for (std::size_t d = 0; d < draws; ++d) {
     const Eigen::MatrixXd of_reference = draw.b(1) / std::sqrt(noise.references);
     b[d] = noise.image * (draw.b(last).colwise() + of_reference.col(0));
-    const Eigen::MatrixXd moved = draw.displacement(b[d]);
-    dic[d] = model.record().surface_displacement.leftCols(last) + moved;
-    driving[d] = model.record().driving.leftCols(last) + (noise.driving ? noise.driving(moved) : moved);
-    force[d] = model.record().force.head(last);
+    moved[d] = draw.displacement(b[d]);
+    force[d] = record.force.head(last);
     for (double& value : force[d]) value += noise.force * draw.scalar();
   }
 
   // Run 0 is the undisturbed one of each series, so that all take the same increments.
   const Control control = control_of_images(options);
-  std::vector<Run> ends(1 + draws, Run{.parameters = parameters}), loads = ends;
-  for (std::size_t d = 0; d < draws; ++d) ends[1 + d].driving = &driving[d];
-  std::vector<Path> driven, moved_by_ends, moved_by_force;
-  if (control == Control::displacement) {
-    driven = moved_by_ends = model.simulate(control, ends, last);
-  } else {
-    const auto distributions = model.distribute_forces(ends, last, driven);
-    for (std::size_t d = 0; d <= draws; ++d) ends[d].forces = &distributions[d], loads[d].forces = &distributions.front();
-    for (std::size_t d = 0; d < draws; ++d) loads[1 + d].resultant = &force[d];
-    moved_by_ends = model.simulate(control, ends, last);
-    moved_by_force = model.simulate(control, loads, last);
-    for (std::size_t d = 0; d <= draws; ++d) {
-      settle(moved_by_ends[d], model, images, d > 0 ? dic[d - 1] : model.record().surface_displacement, options);
-      settle(moved_by_force[d], model, images, model.record().surface_displacement, options);
-    }
-  }
-  for (const auto* series : {&driven, &moved_by_ends, &moved_by_force})
-    for (const Path& path : *series)
+  const auto require_all = [&](const std::vector<Path>& paths) {
+    for (const Path& path : paths)
       if (path.frames < last) throw ConvergenceError("the noise of the parameters: " + path.message);
+  };
+  std::vector<ForceDistribution> distributions;
+  /// -(w S^T M dU + v s dR) of an error of the measured displacement that drives the ends, draw by draw.
+  const auto through_the_ends = [&](const std::vector<Eigen::MatrixXd>& errors) {
+    std::vector<Run> ends(1 + errors.size(), Run{.parameters = parameters});
+    std::vector<Eigen::MatrixXd> driving;
+    for (const auto& error : errors) driving.push_back(record.driving.leftCols(last) + (noise.driving ? noise.driving(error) : error));
+    for (std::size_t d = 0; d < errors.size(); ++d) ends[1 + d].driving = &driving[d];
+    std::vector<Path> driven, paths;
+    if (control == Control::displacement) {
+      paths = driven = model.simulate(control, ends, last);
+    } else {
+      distributions = model.distribute_forces(ends, last, driven);
+      for (std::size_t d = 0; d < ends.size(); ++d) ends[d].forces = &distributions[d];
+      paths = model.simulate(control, ends, last);
+    }
+    require_all(driven), require_all(paths);
+    Eigen::MatrixXd by(unknowns, static_cast<Eigen::Index>(errors.size()));
+    for (std::size_t d = 0; d < paths.size(); ++d) {
+      const Eigen::MatrixXd dic = record.surface_displacement.leftCols(last);
+      settle(paths[d], model, images, d > 0 ? Eigen::MatrixXd(dic + errors[d - 1]) : dic, options);
+      if (d == 0) continue;
+      Eigen::VectorXd sum = Eigen::VectorXd::Zero(unknowns);
+      for (int t : frames) {
+        sum -= w * (images.M * S(t)).transpose() * (paths[d].surface.col(t) - paths[0].surface.col(t));
+        sum -= v * s(t) * (driven[d].reaction[t] - driven[0].reaction[t]);
+      }
+      by.col(static_cast<Eigen::Index>(d) - 1) = inverse * sum;
+    }
+    return by;
+  };
 
-  Eigen::MatrixXd by_image(unknowns, noise.draws), by_ends = by_image, by_force = by_image;
+  Eigen::MatrixXd by_image(unknowns, noise.draws), by_force = by_image;
+  const Eigen::MatrixXd by_ends = through_the_ends(moved);
+  std::vector<Path> moved_by_force;
+  if (control != Control::displacement) {
+    std::vector<Run> loads(1 + draws, Run{.parameters = parameters, .forces = &distributions.front()});
+    for (std::size_t d = 0; d < draws; ++d) loads[1 + d].resultant = &force[d];
+    moved_by_force = model.simulate(control, loads, last);
+    require_all(moved_by_force);
+    for (Path& path : moved_by_force) settle(path, model, images, record.surface_displacement, options);
+  }
   for (Eigen::Index d = 0; d < noise.draws; ++d) {
     const auto k = static_cast<std::size_t>(d);
-    Eigen::VectorXd image = Eigen::VectorXd::Zero(unknowns), boundary = image, load = image;
+    Eigen::VectorXd image = Eigen::VectorXd::Zero(unknowns), load = image;
     for (int t : frames) {
-      const Eigen::MatrixXd MS = images.M * S(t);
       image += w * S(t).transpose() * b[k].col(t);
-      boundary -= w * MS.transpose() * (moved_by_ends[1 + k].surface.col(t) - moved_by_ends.front().surface.col(t));
-      boundary -= v * s(t) * (driven[1 + k].reaction[t] - driven.front().reaction[t]);
       if (!moved_by_force.empty())
-        load -= w * MS.transpose() * (moved_by_force[1 + k].surface.col(t) - moved_by_force.front().surface.col(t));
-      load += v * s(t) * (force[k][t] - model.record().force[t]);
+        load -= w * (images.M * S(t)).transpose() * (moved_by_force[1 + k].surface.col(t) - moved_by_force.front().surface.col(t));
+      load += v * s(t) * (force[k][t] - record.force[t]);
     }
-    by_image.col(d) = inverse * image, by_ends.col(d) = inverse * boundary, by_force.col(d) = inverse * load;
+    by_image.col(d) = inverse * image, by_force.col(d) = inverse * load;
   }
-  const auto mean_square = [&](const Eigen::MatrixXd& x, const Eigen::MatrixXd& y) -> Eigen::MatrixXd { return x * y.transpose() / noise.draws; };
+  const auto mean_square = [&](const Eigen::MatrixXd& x, const Eigen::MatrixXd& y) -> Eigen::MatrixXd { return x * y.transpose() / static_cast<double>(x.cols()); };
   result.force = mean_square(by_force, by_force);
   result.boundary = mean_square(by_ends, by_ends);
   result.total = result.image + result.force + result.boundary + mean_square(by_image, by_ends) + mean_square(by_ends, by_image);
+
+  // An error of the cameras' numbers is the same in all frames: it moves the measured displacement that judges and that drives.
+  if (noise.calibration.empty()) return result;
+  std::vector<Eigen::MatrixXd> errors;
+  for (const auto& error : noise.calibration) errors.push_back(error.leftCols(last));
+  Eigen::MatrixXd by_cameras = through_the_ends(errors);
+  for (std::size_t d = 0; d < errors.size(); ++d)
+    for (int t : frames) by_cameras.col(static_cast<Eigen::Index>(d)) += inverse * (w * (images.M * S(t)).transpose() * errors[d].col(t));
+  result.calibration = mean_square(by_cameras, by_cameras);
+  result.total += result.calibration;
   return result;
 }
 
@@ -333,24 +366,56 @@ Functional functional_from(const std::string& name) {
   throw InputError("identify.functional", name, "force_driven, displacement_driven, combined");
 }
 
-Eigen::Matrix<double, Eigen::Dynamic, 3> rigid_modes(const mesh::Mesh& surface, const Eigen::VectorXd& displacement) {
-  Eigen::Matrix<double, Eigen::Dynamic, 3> modes(displacement.size(), 3);
-  for (Eigen::Index i = 0; i < surface.nodes.rows(); ++i) {
-    const Eigen::Vector2d x = surface.nodes.row(i).head<2>().transpose() + displacement.segment<2>(2 * i);
-    modes.row(2 * i) << 1.0, 0.0, -x[1];
-    modes.row(2 * i + 1) << 0.0, 1.0, x[0];
-  }
+Eigen::MatrixXd rigid_modes(const Specimen& specimen, Control control, const Eigen::VectorXd& displacement) {
+  const bool in_plane = control == Control::force, through = control != Control::images && specimen.out_of_plane();
+  const Eigen::Index first = in_plane ? 3 : 0;
+  Eigen::MatrixXd modes = Eigen::MatrixXd::Zero(displacement.size(), first + (through ? 3 : 0));
+  const double middle = specimen.surface.mesh.nodes.col(2).mean();  // where a rotation moves the ends least that drive the simulation
+  for (const Face& face : specimen.faces)
+    for (Eigen::Index i = 0; i < face.nodes(); ++i) {
+      const Eigen::Index row = face.first_unknown + face.components * i;
+      Eigen::Vector3d x = face.surface.mesh.nodes.row(i).transpose();
+      x.head(face.components) += displacement.segment(row, face.components);
+      if (in_plane) {
+        modes.row(row).head<3>() << 1.0, 0.0, -x[1];
+        modes.row(row + 1).head<3>() << 0.0, 1.0, x[0];
+      }
+      if (!through) continue;
+      const double z = x[2] - middle;
+      modes(row, first + 2) = z;
+      modes(row + 1, first + 1) = -z;
+      if (face.components == 3) modes.row(row + 2).tail<3>() << 1.0, x[1], -x[0];
+    }
   return modes;
 }
 
-void fit_rigid_motion(const mesh::Mesh& surface, const Eigen::SparseMatrix<double>& M, const Eigen::MatrixXd& dic,
+void fit_rigid_motion(const Specimen& specimen, Control control, const Eigen::SparseMatrix<double>& M, const Eigen::MatrixXd& dic,
                       Path& path) {
+  const bool through = specimen.out_of_plane(), in_plane = control == Control::force;
+  const Eigen::Vector3d pivot(0.0, 0.0, specimen.surface.mesh.nodes.col(2).mean());
   for (int t = 0; t < path.frames; ++t) {
-    const auto modes = rigid_modes(surface, path.surface.col(t));
-    const Eigen::MatrixXd weighted = M * modes;
-    const Eigen::Vector3d motion = (modes.transpose() * weighted).ldlt().solve(
-        weighted.transpose() * (dic.col(t) - path.surface.col(t)));
-    path.surface.col(t) += modes * motion;
+    for (int iteration = 0; iteration < (through ? 3 : 1); ++iteration) {
+      const Eigen::MatrixXd modes = rigid_modes(specimen, control, path.surface.col(t));
+      if (modes.cols() == 0) return;
+      const Eigen::MatrixXd weighted = M * modes;
+      const Eigen::MatrixXd normal = modes.transpose() * weighted;
+      const Eigen::VectorXd motion = normal.ldlt().solve(weighted.transpose() * (dic.col(t) - path.surface.col(t)));
+      if (!through) {
+        path.surface.col(t) += modes * motion;
+        continue;
+      }
+      const Eigen::Vector3d leaning = motion.tail<3>();  // along z, about x and y
+      const Eigen::Vector3d turned(leaning[1], leaning[2], in_plane ? motion[2] : 0.0), moved(in_plane ? motion[0] : 0.0, in_plane ? motion[1] : 0.0, leaning[0]);
+      const Eigen::Matrix3d R = Eigen::AngleAxisd(turned.norm(), turned.stableNormalized()).toRotationMatrix();
+      for (const Face& face : specimen.faces)
+        for (Eigen::Index i = 0; i < face.nodes(); ++i) {
+          auto u = path.surface.col(t).segment(face.first_unknown + face.components * i, face.components);
+          Eigen::Vector3d x = face.surface.mesh.nodes.row(i).transpose();
+          for (int a = 0; a < face.components; ++a) x[a] += u[a];
+          const Eigen::Vector3d change = (R - Eigen::Matrix3d::Identity()) * (x - pivot) + moved;
+          for (int a = 0; a < face.components; ++a) u[a] += change[a];
+        }
+    }
   }
 }
 

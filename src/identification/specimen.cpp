@@ -86,38 +86,107 @@ Eigen::SparseMatrix<double> interpolation(const mesh::Mesh& quads,
   return matrix;
 }
 
-Eigen::SparseMatrix<double> two_components(const Eigen::SparseMatrix<double>& scalar) {
+namespace {
+
+/// The faces one after the other as one mesh.
+mesh::Surface joined(const std::vector<Face>& faces) {
+  if (faces.size() == 1) return faces.front().surface;
+  mesh::Surface all;
+  all.mesh.type = mesh::CellType::quad4;
+  Eigen::Index nodes = 0, cells = 0;
+  for (const Face& face : faces) nodes += face.nodes(), cells += face.surface.mesh.cells.rows();
+  all.mesh.nodes.resize(nodes, 3);
+  all.mesh.cells.resize(cells, 4);
+  std::vector<Eigen::Triplet<double>> weights;
+  for (const Face& face : faces) {
+    const mesh::Mesh& own = face.surface.mesh;
+    all.mesh.nodes.middleRows(face.first_node, own.nodes.rows()) = own.nodes;
+    all.mesh.cells.middleRows(face.first_cell, own.cells.rows()) = own.cells.array() + static_cast<int>(face.first_node);
+    for (const auto& [name, members] : own.node_groups)
+      for (const int node : members) all.mesh.node_groups[name].push_back(node + static_cast<int>(face.first_node));
+    for (int i = 0; i < face.surface.weights.outerSize(); ++i)
+      for (decltype(face.surface.weights)::InnerIterator entry(face.surface.weights, i); entry; ++entry)
+        weights.emplace_back(static_cast<int>(face.first_node) + i, static_cast<int>(entry.col()), entry.value());
+  }
+  all.weights.resize(nodes, faces.front().surface.weights.cols());
+  all.weights.setFromTriplets(weights.begin(), weights.end());
+  return all;
+}
+
+/// Faces and P of Eq. 15. With mid-plane symmetry the back moves as the front does, z turned.
+void see(Specimen& specimen, const std::vector<SeenFace>& seen, bool mid_plane_symmetry) {
+  const double mid_plane = specimen.volume.nodes.col(2).minCoeff();
   std::vector<Eigen::Triplet<double>> entries;
-  for (int column = 0; column < scalar.outerSize(); ++column)
-    for (Eigen::SparseMatrix<double>::InnerIterator entry(scalar, column); entry; ++entry)
-      for (int i = 0; i < 2; ++i)
-        entries.emplace_back(2 * static_cast<int>(entry.row()) + i, 2 * column + i, entry.value());
-  Eigen::SparseMatrix<double> matrix(2 * scalar.rows(), 2 * scalar.cols());
+  Eigen::Index nodes = 0, cells = 0, unknowns = 0;
+  for (const SeenFace& which : seen) {
+    const bool mirrored = which.back && mid_plane_symmetry;
+    Face face{which, which.back && !mirrored ? mesh::back_surface(specimen.volume) : mesh::front_surface(specimen.volume), nodes, cells, unknowns};
+    if (mirrored) face.surface.mesh.nodes.col(2) = 2.0 * mid_plane - face.surface.mesh.nodes.col(2).array();
+    for (int i = 0; i < face.surface.weights.outerSize(); ++i)
+      for (decltype(face.surface.weights)::InnerIterator entry(face.surface.weights, i); entry; ++entry)
+        for (int component = 0; component < face.components; ++component)
+          entries.emplace_back(static_cast<int>(unknowns) + face.components * i + component, 3 * static_cast<int>(entry.col()) + component,
+                               mirrored && component == 2 ? -entry.value() : entry.value());
+    nodes += face.nodes(), cells += face.surface.mesh.cells.rows(), unknowns += face.unknowns();
+    specimen.faces.push_back(std::move(face));
+  }
+  specimen.surface = joined(specimen.faces);
+  specimen.projection.resize(unknowns, 3 * specimen.volume.nodes.rows());
+  specimen.projection.setFromTriplets(entries.begin(), entries.end());
+}
+
+/// Displacement of `dofs` from that of the seen surface.
+Eigen::SparseMatrix<double> from_surface(const Specimen& specimen, const std::vector<int>& dofs, bool mid_plane_symmetry) {
+  const auto& nodes = specimen.volume.nodes;
+  Eigen::Matrix<double, Eigen::Dynamic, 2> points(static_cast<Eigen::Index>(dofs.size()), 2);
+  for (std::size_t i = 0; i < dofs.size(); ++i) points.row(static_cast<Eigen::Index>(i)) = nodes.row(dofs[i] / 3).head<2>();
+  const double front = nodes.col(2).maxCoeff(), back = nodes.col(2).minCoeff();
+  std::vector<Eigen::Triplet<double>> entries;
+  for (const Face& face : specimen.faces) {
+    const auto weights = interpolation(face.surface.mesh, points);
+    for (int column = 0; column < weights.outerSize(); ++column)
+      for (Eigen::SparseMatrix<double>::InnerIterator entry(weights, column); entry; ++entry) {
+        const int dof = dofs[static_cast<std::size_t>(entry.row())], component = dof % 3;
+        if (component > 1) continue;
+        const double depth = mid_plane_symmetry ? 0.5 : (front - nodes(dof / 3, 2)) / (front - back);
+        const double share = specimen.faces.size() == 1 ? 1.0 : face.back ? depth : 1.0 - depth;
+        if (share != 0.0)
+          entries.emplace_back(static_cast<int>(entry.row()), static_cast<int>(face.first_unknown) + face.components * column + component, share * entry.value());
+      }
+  }
+  Eigen::SparseMatrix<double> matrix(static_cast<Eigen::Index>(dofs.size()), specimen.projection.rows());
   matrix.setFromTriplets(entries.begin(), entries.end());
   return matrix;
 }
 
+}  // namespace
+
 Eigen::VectorXd Specimen::project(const Eigen::VectorXd& displacement) const { return projection * displacement; }
 
+bool Specimen::out_of_plane() const {
+  return std::any_of(faces.begin(), faces.end(), [](const Face& face) { return face.components == 3; });
+}
+
+Eigen::VectorXd Specimen::three_components(const Eigen::VectorXd& displacement, double unseen) const {
+  Eigen::VectorXd all = Eigen::VectorXd::Constant(3 * surface.mesh.nodes.rows(), unseen);
+  for (const Face& face : faces)
+    for (Eigen::Index i = 0; i < face.nodes(); ++i)
+      all.segment(3 * (face.first_node + i), face.components) = displacement.segment(face.first_unknown + face.components * i, face.components);
+  return all;
+}
+
 Specimen make_specimen(mesh::Mesh volume, const std::string& held, const std::string& loaded, int axis,
-                       bool mid_plane_symmetry, const std::string& case_place) {
+                       bool mid_plane_symmetry, const std::string& case_place, const std::vector<SeenFace>& seen) {
   Specimen specimen;
   specimen.volume = std::move(volume);
-  specimen.surface = mesh::front_surface(specimen.volume);
-  std::vector<Eigen::Triplet<double>> seen;
-  for (int i = 0; i < specimen.surface.weights.outerSize(); ++i)
-    for (decltype(specimen.surface.weights)::InnerIterator entry(specimen.surface.weights, i); entry; ++entry)
-      for (int component = 0; component < 2; ++component)
-        seen.emplace_back(2 * i + component, 3 * static_cast<int>(entry.col()) + component, entry.value());
-  specimen.projection.resize(2 * specimen.surface.mesh.nodes.rows(), 3 * specimen.volume.nodes.rows());
-  specimen.projection.setFromTriplets(seen.begin(), seen.end());
+  see(specimen, seen, mid_plane_symmetry);
   specimen.axis = axis;
   specimen.section_factor = mid_plane_symmetry ? 2.0 : 1.0;
   const auto& nodes = specimen.volume.nodes;
   specimen.held = group(specimen.volume, held, case_place + ".held");
   specimen.loaded = group(specimen.volume, loaded, case_place + ".loaded");
 
-  // Nodes for the supports: the ends of the held edge on the camera's face, and the middle of the loaded one.
+  // Nodes for the supports: the ends of the held edge on the front, and the middle of the loaded one.
   const int across = 1 - axis;
   const double front = nodes.col(2).maxCoeff();
   const auto extreme = [&](const std::vector<int>& candidates, auto measure) {
@@ -149,26 +218,12 @@ Specimen make_specimen(mesh::Mesh volume, const std::string& held, const std::st
   }
   specimen.displacement_dofs.assign(displacement_dofs.begin(), displacement_dofs.end());
   specimen.force_dofs.assign(force_dofs.begin(), force_dofs.end());
-  for (int dof : force_dofs)  // one camera sees every motion in its plane
-    if (dof % 3 == 2) specimen.images_dofs.push_back(dof);
+  for (int dof : force_dofs)  // one camera sees every motion in its plane, several see those through it too
+    if (dof % 3 == 2 && (mid_plane_symmetry || !specimen.out_of_plane())) specimen.images_dofs.push_back(dof);
 
-  for (Control control : {Control::displacement, Control::force, Control::images}) {
-    const auto& dofs = specimen.dofs(control);
-    Eigen::Matrix<double, Eigen::Dynamic, 2> points(static_cast<Eigen::Index>(dofs.size()), 2);
-    for (std::size_t i = 0; i < dofs.size(); ++i) points.row(static_cast<Eigen::Index>(i)) = nodes.row(dofs[i] / 3).head<2>();
-    const auto weights = interpolation(specimen.surface.mesh, points);
-    std::vector<Eigen::Triplet<double>> entries;
-    for (int column = 0; column < weights.outerSize(); ++column)
-      for (Eigen::SparseMatrix<double>::InnerIterator entry(weights, column); entry; ++entry) {
-        const int component = dofs[static_cast<std::size_t>(entry.row())] % 3;
-        if (component < 2) entries.emplace_back(static_cast<int>(entry.row()), 2 * column + component, entry.value());
-      }
-    auto& matrix = control == Control::displacement ? specimen.displacement_from_surface
-                   : control == Control::force      ? specimen.force_from_surface
-                                                    : specimen.images_from_surface;
-    matrix.resize(static_cast<Eigen::Index>(dofs.size()), 2 * specimen.surface.mesh.nodes.rows());
-    matrix.setFromTriplets(entries.begin(), entries.end());
-  }
+  specimen.displacement_from_surface = from_surface(specimen, specimen.displacement_dofs, mid_plane_symmetry);
+  specimen.force_from_surface = from_surface(specimen, specimen.force_dofs, mid_plane_symmetry);
+  specimen.images_from_surface = from_surface(specimen, specimen.images_dofs, mid_plane_symmetry);
   return specimen;
 }
 

@@ -48,7 +48,10 @@ void fill_buckets(const std::vector<std::pair<int, int>>& pairs, std::size_t buc
 
 // ---------------------------------------------------------------------------------------------------------------------
 
-InverseMapping::InverseMapping(const PixelPoints& reference, const PixelPoints& deformed, const Quads& quads) {
+InverseMapping::InverseMapping(const PixelPoints& reference, const PixelPoints& deformed, const Quads& quads)
+    : InverseMapping(reference, deformed, quads, 1e-6) {}
+
+InverseMapping::InverseMapping(const PixelPoints& reference, const PixelPoints& deformed, const Quads& quads, double margin) {
   if (reference.rows() != deformed.rows() || quads.cols() != 4 || quads.rows() == 0 || quads.minCoeff() < 0 ||
       quads.maxCoeff() >= reference.rows())
     throw InputError(
@@ -89,8 +92,8 @@ InverseMapping::InverseMapping(const PixelPoints& reference, const PixelPoints& 
   for (const auto& edge : seen)
     if (!twice.contains(edge)) boundary_.emplace_back(deformed.row(edge.first), deformed.row(edge.second));
 
-  low_ = deformed.colwise().minCoeff();
-  const Vector2d extent = Vector2d(deformed.colwise().maxCoeff()) - low_;
+  low_ = Vector2d(deformed.colwise().minCoeff()).array() - margin;
+  const Vector2d extent = Vector2d(deformed.colwise().maxCoeff()).array() + margin - low_.array();
   bucket_ = std::max(std::sqrt(extent.prod() / static_cast<double>(count)), 1e-6 * extent.maxCoeff());
   columns_ = static_cast<int>(extent.x() / bucket_) + 1;
   rows_ = static_cast<int>(extent.y() / bucket_) + 1;
@@ -103,20 +106,53 @@ InverseMapping::InverseMapping(const PixelPoints& reference, const PixelPoints& 
       most = most.cwiseMax(at);
     }
     const auto bucket = [&](double place, int last) { return std::clamp(static_cast<int>(place / bucket_), 0, last); };
-    for (int j = bucket(least.y() - low_.y() - 1e-6, rows_ - 1); j <= bucket(most.y() - low_.y() + 1e-6, rows_ - 1);
+    for (int j = bucket(least.y() - low_.y() - margin, rows_ - 1); j <= bucket(most.y() - low_.y() + margin, rows_ - 1);
          ++j)
-      for (int i = bucket(least.x() - low_.x() - 1e-6, columns_ - 1);
-           i <= bucket(most.x() - low_.x() + 1e-6, columns_ - 1); ++i)
+      for (int i = bucket(least.x() - low_.x() - margin, columns_ - 1);
+           i <= bucket(most.x() - low_.x() + margin, columns_ - 1); ++i)
         pairs.emplace_back(j * columns_ + i, static_cast<int>(q));
   }
   fill_buckets(pairs, static_cast<std::size_t>(columns_) * static_cast<std::size_t>(rows_), first_, members_);
 }
 
+namespace {
+
+PixelPoints projections(const Camera& camera, const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>& points) {
+  PixelPoints pixels(points.rows(), 2);
+  for (Eigen::Index i = 0; i < points.rows(); ++i) pixels.row(i) = camera.project(points.row(i).transpose()).transpose();
+  return pixels;
+}
+
+}  // namespace
+
+InverseMapping::InverseMapping(const Camera& camera, const PixelPoints& reference,
+                               const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>& deformed, const Quads& quads)
+    : InverseMapping(reference, projections(camera, deformed), quads, camera.affine() ? 1e-6 : 0.5) {
+  if (camera.affine()) return;  // what is bilinear in space is bilinear in the image
+  camera_ = &camera;
+  Eigen::Matrix4d shapes;  // of the corners' values: constant, along xi, along eta, twist
+  shapes << 1, -1, -1, 1, 1, 1, -1, -1, 1, 1, 1, 1, 1, -1, 1, -1;
+  for (Eigen::Index q = 0; q < quads.rows(); ++q) {
+    Eigen::Matrix<double, 3, 4> corners;
+    for (int k = 0; k < 4; ++k) corners.col(k) = deformed.row(quads(q, k)).transpose();
+    space_.emplace_back(0.25 * corners * shapes);
+  }
+}
+
 bool InverseMapping::solve(int quad, const Vector2d& deformed, Vector2d& parent) const {
   const Bilinear& map = deformed_[static_cast<std::size_t>(quad)];
   for (int iteration = 0; iteration < 30; ++iteration) {
-    const Vector2d residual = deformed - map(parent);
-    const Vector2d a = map.xi + map.twist * parent.y(), b = map.eta + map.twist * parent.x();
+    Vector2d residual, a, b;
+    if (camera_ != nullptr) {
+      const auto& space = space_[static_cast<std::size_t>(quad)];
+      const Eigen::Vector3d point = space * Eigen::Vector4d(1.0, parent.x(), parent.y(), parent.x() * parent.y());
+      const Eigen::Matrix<double, 2, 3> J = camera_->jacobian(point);
+      residual = deformed - camera_->project(point);
+      a = J * (space.col(1) + space.col(3) * parent.y()), b = J * (space.col(2) + space.col(3) * parent.x());
+    } else {
+      residual = deformed - map(parent);
+      a = map.xi + map.twist * parent.y(), b = map.eta + map.twist * parent.x();
+    }
     const double determinant = a.x() * b.y() - a.y() * b.x();
     const Vector2d step((b.y() * residual.x() - b.x() * residual.y()) / determinant,
                         (a.x() * residual.y() - a.y() * residual.x()) / determinant);

@@ -190,27 +190,32 @@ class CaseReader {
 
   /// Pinhole cameras have a calibration, and the specimen a place in front of them.
   void check_pinholes() {
-    std::string names;
+    std::string names, face;
     bool found = false;
     const auto sections = root_.list("cameras");
     for (std::size_t i = 0; i < case_.cameras.size(); ++i) {
       const auto& camera = case_.cameras[i];
       if (camera.model != "pinhole") {
-        for (const char* key : {"calibration", "index"})
+        for (const char* key : {"calibration", "index", "view", "frame"})
           if (sections[i].has(key)) mistake(sections[i].path(key), "given for a telecentric camera", "only with model: pinhole");
         continue;
       }
-      names += (names.empty() ? "" : ", ") + camera.name;
-      found = found || !case_.specimen.place || case_.specimen.place->camera.empty() || case_.specimen.place->camera == camera.name;
       for (const char* key : {"place", "pixel_size"})
         if (sections[i].has(key)) mistake(sections[i].path(key), "given for a pinhole camera", "only with model: telecentric (specimen.place places the specimen)");
+      if (camera.view && camera.images.empty()) continue;  // of a virtual test: it needs nothing else
       if (camera.calibration.empty())
         mistake(sections[i].path("calibration"), "not given", "a calibration file (VIC-3D, DICe, MatchID, OpenCV)");
       else if (!exists(camera.calibration))
         mistake(sections[i].path("calibration"), fmt::format("no such file: {}", camera.calibration.string()), "a calibration file");
+      if (camera.frame == "specimen") continue;
+      names += (names.empty() ? "" : ", ") + camera.name;
+      if (!face.empty() && camera.face != face)
+        mistake(sections[i].path("face"), camera.face, "the face of the other pinhole cameras, " + face + ": specimen.place places one rig (or frame: specimen)");
+      face = camera.face;
+      found = found || !case_.specimen.place || case_.specimen.place->camera.empty() || case_.specimen.place->camera == camera.name;
     }
     if (names.empty()) {
-      if (case_.specimen.place) mistake("specimen.place", "given without a pinhole camera", "only with cameras of model: pinhole");
+      if (case_.specimen.place) mistake("specimen.place", "given without a pinhole camera", "only with cameras of model: pinhole that have a calibration in the rig's frame");
       return;
     }
     if (!case_.specimen.place) mistake("specimen.place", "not given", "{points: …}: where the specimen lies in front of the pinhole cameras");
@@ -287,6 +292,24 @@ class CaseReader {
       auto& camera = case_.cameras.emplace_back();
       section.get("name", camera.name);
       section.get("model", camera.model);
+      section.get("face", camera.face);
+      section.get("frame", camera.frame);
+      if (std::array<int, 2> size{}; section.has("size")) {
+        section.get("size", size);
+        camera.size = size;
+      }
+      if (section.has("view")) {
+        const auto declared = section.group("view");
+        auto& view = camera.view.emplace();
+        declared.get("focal", view.focal);
+        declared.get("from", view.from);
+        declared.get("at", view.at);
+        declared.get("roll", view.roll);
+        declared.get("distortion", view.distortion);
+      }
+      const auto deviations = section.group("calibration_sd");
+      for (const auto& [number, value] : deviations.json().items())
+        if (value.is_number()) camera.calibration_sd[number] = value;
       section.get("calibration", camera.calibration);
       int before = 0;  // cameras of the same file
       for (const auto& other : case_.cameras) before += !camera.calibration.empty() && other.calibration == camera.calibration;

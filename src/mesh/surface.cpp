@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <numeric>
@@ -204,6 +205,28 @@ Surface front_surface(const Mesh& volume) {
     if (!group.empty()) quads.cell_groups[name] = std::move(group);
   }
   return surface;
+}
+
+Surface back_surface(const Mesh& volume) {
+  Mesh turned = volume;
+  if (volume.node_groups.contains("back")) {
+    choose_front(turned, "back");
+  } else {
+    const Facets boundary = boundary_facets(volume);
+    std::vector<Eigen::Index> rows;
+    for (Eigen::Index f = 0; dimension(volume.type) == 3 && f < boundary.nodes.rows(); ++f) {
+      const auto at = [&](int k) -> Eigen::Vector3d { return volume.nodes.row(boundary.nodes(f, k)).transpose(); };
+      const Eigen::Vector3d normal = (at(2) - at(0)).cross(at(3) - at(1)).normalized();
+      if (normal[2] < -std::cos(M_PI / 6.0)) rows.push_back(f);
+    }
+    turned.front = boundary.nodes(rows, Eigen::all);
+  }
+  if (turned.front.rows() == 0)
+    throw InputError("mesh", "no face that a camera at the back sees", "boundary quadrilaterals that face -z, or a named back group");
+  const Eigen::VectorXi second = turned.front.col(1);
+  turned.front.col(1) = turned.front.col(3);
+  turned.front.col(3) = second;
+  return front_surface(turned);
 }
 
 std::vector<std::vector<int>> contours(const Mesh& quads) {

@@ -132,7 +132,7 @@ TEST(GlobalDic, NoiseOfTheDisplacementIsTheOnePredictedWithSmoothedImages) { noi
 TEST(Smoothing, GoesAsFarAsTheNoiseHidesIt) {
   const Speckle speckle(150, 150, 1.7, 5);
   const mesh::Mesh quads = rectangle(15, 15, 135, 135, 12, 12);
-  const Correlation correlation(quads, camera(), imaging::BSpline(photograph(speckle, 150, 150)), {});
+  const Cameras correlation({std::make_shared<Correlation>(quads, camera(), imaging::BSpline(photograph(speckle, 150, 150)))});
   constexpr double sigma = 0.02 * 65535;
   std::vector<int> nodes;
   for (int i = 0; i <= 12; ++i) nodes.push_back(i), nodes.push_back(12 * 13 + i);

@@ -38,16 +38,21 @@ struct Plate {
   ImageData images;
 
   /// The record of a specimen with the true parameters whose top moves by `stretch` [mm] in each frame.
-  explicit Plate(const std::vector<double>& stretch, Communicator world = {}) {
+  explicit Plate(const std::vector<double>& stretch, Communicator world = {}) { pull(stretch, world); }
+  /// The same with faces as the cameras see them.
+  Plate(const std::vector<double>& stretch, Specimen seen) : specimen(std::move(seen)) { pull(stretch, {}); }
+
+ private:
+  void pull(const std::vector<double>& stretch, Communicator world) {
     const auto frames = static_cast<Eigen::Index>(stretch.size());
-    const auto& surface = specimen.surface.mesh;
     record.time = Eigen::VectorXd::LinSpaced(frames, 1.0, static_cast<double>(frames));
     record.force.setZero(frames);
-    record.surface_displacement.setZero(2 * surface.nodes.rows(), frames);
+    record.surface_displacement.setZero(specimen.projection.rows(), frames);
     for (Eigen::Index t = 0; t < frames; ++t) {
       record.frames.push_back(static_cast<int>(t) + 1);
-      for (Eigen::Index i = 0; i < surface.nodes.rows(); ++i)
-        record.surface_displacement(2 * i + 1, t) = stretch[static_cast<std::size_t>(t)] * surface.nodes(i, 1) / 8.0;
+      for (const Face& face : specimen.faces)
+        for (Eigen::Index i = 0; i < face.nodes(); ++i)
+          record.surface_displacement(face.first_unknown + face.components * i + 1, t) = stretch[static_cast<std::size_t>(t)] * face.surface.mesh.nodes(i, 1) / 8.0;
     }
     record.driving = record.surface_displacement;
     ForwardModel model(world, specimen, law, record, {.with_fields = false}, 1, 1);

@@ -28,7 +28,7 @@ Paths paths_of(Plate& plate, double alpha, int increments = 1) {
   const auto distribution = model.distribute_forces({{.parameters = plate.truth}}, frames, driven).front();
   const Run run{.parameters = wrong, .forces = &distribution};
   result.forces = model.simulate(Control::force, {run}, frames).front();
-  fit_rigid_motion(plate.specimen.surface.mesh, plate.images.M, plate.record.surface_displacement, result.forces);
+  fit_rigid_motion(plate.specimen, Control::force, plate.images.M, plate.record.surface_displacement, result.forces);
   model.follow_images(plate.images, alpha, wrong);
   result.pulled = model.simulate(Control::images, {run}, frames).front();
   return result;
@@ -42,7 +42,7 @@ TEST(Alpha, TheLimitIsTheForceDrivenSimulation) {
     ASSERT_EQ(paths.pulled.frames, static_cast<int>(stretch.size())) << paths.pulled.message;
     // As alpha vanishes the turning of the specimen is left to the forces, which keep their direction; held by supports
     // it is left to the images (fit_rigid_motion). That difference is taken out.
-    fit_rigid_motion(plate.specimen.surface.mesh, plate.images.M, plate.record.surface_displacement, paths.pulled);
+    fit_rigid_motion(plate.specimen, Control::force, plate.images.M, plate.record.surface_displacement, paths.pulled);
     const double apart = (paths.pulled.surface - paths.forces.surface).norm() / paths.forces.surface.norm();
     EXPECT_LT(apart, 0.05 * before);  // proportional to alpha
     before = apart;

@@ -211,6 +211,29 @@ TEST_F(CaseFile, PinholeCamerasAndTheSpecimensPlace) {
               ::testing::AllOf(HasSubstr("only with model: pinhole"), HasSubstr("given without a pinhole camera")));
 }
 
+TEST_F(CaseFile, CamerasOfBothFaces) {
+  folder.write("cal.xml", "");
+  const std::string start = "title: faces\nspecimen: {mesh: plate.msh}\ncameras:\n";
+  const Case test = read(start +
+                         "  - {name: mono, pixel_size: 0.1, place: {auto: outline}, images: \"left/*.png\", calibration_sd: {pixel_size: 1e-4}}\n"
+                         "  - {name: back, model: pinhole, face: back, frame: specimen, calibration: cal.xml, images: \"left/*.png\"}\n");
+  EXPECT_EQ(test.cameras[0].face, "front");
+  EXPECT_EQ(test.cameras[0].calibration_sd.at("pixel_size"), 1e-4);
+  EXPECT_EQ(test.cameras[1].face, "back");
+  EXPECT_EQ(test.cameras[1].frame, "specimen");
+  const Case made = read(start + "  - {model: pinhole, size: [300, 200], view: {focal: 5000, from: [1, 2, -300], at: [0, 0, -4], roll: 3, distortion: [0.1]}}\n");
+  EXPECT_EQ(made.cameras[0].view->focal, 5000.0);
+  EXPECT_EQ(made.cameras[0].view->from[2], -300.0);
+  EXPECT_EQ(made.cameras[0].view->distortion, std::vector<double>{0.1});
+  EXPECT_EQ((*made.cameras[0].size)[1], 200);
+  EXPECT_THAT(mistakes(start + "  - {face: side, pixel_size: 0.1, place: {auto: outline}, images: \"left/*.png\"}\n"), HasSubstr("allowed: front, back"));
+  EXPECT_THAT(mistakes(start + "  - {frame: specimen, pixel_size: 0.1, place: {auto: outline}, images: \"left/*.png\"}\n"), HasSubstr("only with model: pinhole"));
+  EXPECT_THAT(mistakes("title: faces\nspecimen: {mesh: plate.msh, place: {points: [[0, 0, 1, 2], [10, 0, 20, 2], [0, 5, 1, 12]]}}\ncameras:\n"
+                       "  - {name: a, model: pinhole, calibration: cal.xml, images: \"left/*.png\"}\n"
+                       "  - {name: b, model: pinhole, face: back, calibration: cal.xml, images: \"left/*.png\"}\n"),
+              HasSubstr("specimen.place places one rig"));
+}
+
 TEST_F(CaseFile, NumbersAreNumbersAndTextsAreTexts) {
   EXPECT_EQ(read(changed(good_case, "8.0", "+.8e1")).specimen.thickness, 8.0);
   EXPECT_EQ(mistakes(changed(good_case, "8.0", "\"8.0\"")),

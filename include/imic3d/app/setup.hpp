@@ -28,9 +28,17 @@ struct Material {
 
 [[nodiscard]] Material make_material(const io::Case& test);
 
-/// Reads the mesh, refines it, extrudes it if it is 2D and not in plane stress, and finds the ends and the camera's face.
-/// With `change` it is made differently from what the case file says (loop::MeshChange).
-[[nodiscard]] identification::Specimen make_specimen(const io::Case& test, const loop::MeshChange& change = {});
+/// Cameras that look at the front, or at the back, as places in Case::cameras.
+[[nodiscard]] std::vector<int> cameras_of(const io::Case& test, bool back);
+
+/// The faces that cameras see. Three components where several cameras see the motion through the face, i.e. one of them is
+/// perspective, else two: telecentric ones face the specimen. Throws InputError (what plane stress does not know).
+[[nodiscard]] std::vector<identification::SeenFace> seen_faces(const io::Case& test);
+
+/// Reads the mesh, refines it, extrudes it if it is 2D and not in plane stress, and finds the ends and the cameras' faces.
+/// `all_components`: three on each face, whatever the cameras see. With `change` it is made differently from what the case
+/// file says.
+[[nodiscard]] identification::Specimen make_specimen(const io::Case& test, bool all_components = false, const loop::MeshChange& change = {});
 
 /// Creates the folder of the results and returns it. Throws InputError if that cannot be done.
 [[nodiscard]] std::filesystem::path output_folder(const io::Case& test, const CommandOptions& options,

@@ -106,6 +106,9 @@ class GlobalDic {
   [[nodiscard]] const Cameras& cameras() const { return *levels_.front().cameras; }
   [[nodiscard]] const Correlation& correlation(int camera = 0) const { return cameras()[camera]; }
   [[nodiscard]] const DicOptions& options() const { return options_; }
+  /// What is added to M so that motions of the reference that hardly any camera sees continue their neighbours' (least
+  /// curvature) [unknowns x unknowns]; empty if all are seen.
+  [[nodiscard]] Eigen::SparseMatrix<double> held() const;
   /// The spline of an image as the finest level sees it, smoothed like the reference.
   [[nodiscard]] imaging::BSpline spline(const imaging::Image& image) const;
   /// What unit noise of the images becomes there.

@@ -20,15 +20,15 @@ struct Record {
   std::vector<int> frames;              ///< frame numbers as the user knows them
   Eigen::VectorXd time;                 ///< [frames]
   Eigen::VectorXd force;                ///< measured resultant [frames, force]
-  Eigen::MatrixXd surface_displacement; ///< DIC, on the surface's nodes [2 * surface nodes x frames, length]
-  Eigen::MatrixXd driving;              ///< the same, smoothed: prescribed on the ends [2 * surface nodes x frames, length]
+  Eigen::MatrixXd surface_displacement; ///< DIC, on the seen faces (Specimen) [unknowns x frames, length]
+  Eigen::MatrixXd driving;              ///< the same, smoothed: prescribed on the ends [unknowns x frames, length]
   double start_time = 0.0;
 };
 
 /// One simulated series, what the observations need of it; the same on every rank of the world.
 struct Path {
   int frames = 0;                ///< frames that converged
-  Eigen::MatrixXd surface;       ///< in-plane displacement of the surface nodes [2 * surface nodes x frames, length]
+  Eigen::MatrixXd surface;       ///< displacement of the seen faces [unknowns x frames, length]
   Eigen::VectorXd reaction;      ///< resultant on the loaded end, whole section [frames, force]
   bool limit_point = false;
   std::string message;

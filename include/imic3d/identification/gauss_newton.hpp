@@ -29,7 +29,7 @@ struct GaussNewtonOptions {
   double force_noise = 1.0;        ///< sigma of F - R [force]: the load cell's and that of `reaction_noise`
   double perturbation = 1e-3;      ///< relative step of the perturbed simulations
   double largest_step = 0.5;       ///< largest relative change of a parameter in one iteration
-  NoiseModel noise_model;          ///< what the covariance is made of
+  NoiseModel noise_model = {};     ///< what the covariance is made of
 };
 
 /// One stage: which parameters move and which frames judge them.
@@ -65,19 +65,20 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
                          const std::function<void(const Iterate&)>& report = {});
 
 /// Noise of the reaction R of a DIC-driven simulation [force] that comes from the noise of the displacement prescribed on
-/// the ends: the rms reaction to `driving`, random displacements of the surface [2 * surface nodes x draws, length], from
+/// the ends: the rms reaction to `driving`, random displacements of the surface [unknowns x draws, length], from
 /// rest, with the law `parameters`. These are elastic; where the specimen yields its tangent is lower and so is the noise:
 /// an upper bound there. What is common to neighbouring frames (noise of the reference) counts as if it were not.
 [[nodiscard]] double reaction_noise(Communicator world, const Specimen& specimen,
                                     std::shared_ptr<const material::FiniteStrainLaw> law,
                                     const Eigen::MatrixXd& driving, const std::vector<double>& parameters);
 
-/// In-plane rigid-body modes at the deformed surface [2n x 3].
-[[nodiscard]] Eigen::Matrix<double, Eigen::Dynamic, 3> rigid_modes(const mesh::Mesh& surface,
-                                                                   const Eigen::VectorXd& displacement);
+/// The rigid motions of the deformed surface that a simulation under `control` leaves to the images [unknowns x modes]. Under
+/// forces those in the plane (2 translations, rotation), and where cameras see them also the translation along z and the
+/// rotations about x and y, at the middle of the seen faces; driven by the ends only the latter three. For small angles.
+[[nodiscard]] Eigen::MatrixXd rigid_modes(const Specimen& specimen, Control control, const Eigen::VectorXd& displacement);
 
-/// Moves a force-driven path by the rigid-body motion that brings it nearest to the DIC displacement in the norm of M.
-void fit_rigid_motion(const mesh::Mesh& surface, const Eigen::SparseMatrix<double>& M, const Eigen::MatrixXd& dic,
+/// Moves a path by the rigid motion that brings it nearest to the DIC displacement in the norm of M.
+void fit_rigid_motion(const Specimen& specimen, Control control, const Eigen::SparseMatrix<double>& M, const Eigen::MatrixXd& dic,
                       Path& path);
 
 }  // namespace imic3d::identification

@@ -1,5 +1,5 @@
 #pragma once
-// The specimen as the identification sees it: the volume, the surface that the camera sees, and its two ends.
+// The specimen as the identification sees it: the volume, the faces that cameras see, and its two ends.
 
 #include <Eigen/Core>
 #include <Eigen/SparseCore>
@@ -17,19 +17,36 @@ enum class Control {
   images         ///< the same forces and the images' pull (Eq. 7, finite alpha): held is only what no camera sees
 };
 
-/// Volume, camera surface and ends of a specimen. Degrees of freedom: 3 * node + component, natural numbering. In plane
+/// A face that cameras see, and which components of its displacement they do.
+struct SeenFace {
+  bool back = false;   ///< the face towards -z
+  int components = 2;  ///< 2: x, y; 3: x, y, z
+};
+
+/// One of the seen faces and its place among the unknowns of all.
+struct Face : SeenFace {
+  mesh::Surface surface;
+  Eigen::Index first_node = 0, first_cell = 0, first_unknown = 0;
+  [[nodiscard]] Eigen::Index nodes() const { return surface.mesh.nodes.rows(); }
+  [[nodiscard]] Eigen::Index unknowns() const { return components * nodes(); }
+};
+
+/// Volume, seen faces and ends of a specimen. The displacement of the seen surface is that of its faces one after the other,
+/// each with its components node by node: [unknowns]; with one face and two components [2 * surface nodes]. Degrees of freedom: 3 * node + component, natural numbering. In plane
 /// stress the volume is the quad mesh itself, whose nodes do not move along z.
 struct Specimen {
   mesh::Mesh volume;
-  mesh::Surface surface;            ///< the camera's face of the volume
-  Eigen::SparseMatrix<double> projection;  ///< P of Eq. 15 [2 * surface nodes x 3 * nodes]
+  mesh::Surface surface;            ///< the seen faces as one mesh
+  std::vector<Face> faces;          ///< front before back
+  Eigen::SparseMatrix<double> projection;  ///< P of Eq. 15 [unknowns x 3 * nodes]
   int axis = 1;                     ///< direction of the load: 0 (x) or 1 (y)
   double section_factor = 1.0;      ///< measured force / force on the simulated part (2 with mid-plane symmetry)
   std::vector<int> held, loaded;    ///< volume nodes of the two ends
   std::vector<int> displacement_dofs;  ///< constrained under Control::displacement, ascending
   std::vector<int> force_dofs;         ///< constrained under Control::force: a statically determinate support
   std::vector<int> images_dofs;        ///< constrained under Control::images: those of force_dofs that P does not see
-  /// Displacement of the constrained degrees from a surface displacement [2 * surface nodes]: [dofs x 2 surface nodes].
+  /// Displacement of the constrained degrees from that of the seen surface [dofs x unknowns]: x and y of the face at the same
+  /// place; where both faces are seen linear from one to the other.
   Eigen::SparseMatrix<double> displacement_from_surface, force_from_surface, images_from_surface;
   [[nodiscard]] const std::vector<int>& dofs(Control control) const {
     return control == Control::displacement ? displacement_dofs : control == Control::force ? force_dofs : images_dofs;
@@ -39,20 +56,23 @@ struct Specimen {
            : control == Control::force      ? force_from_surface
                                             : images_from_surface;
   }
-  /// In-plane displacement of the surface nodes [2 * surface nodes] out of a volume displacement [3 * nodes]: Eq. 15.
+  /// Whether cameras see how the specimen moves along z.
+  [[nodiscard]] bool out_of_plane() const;
+  /// Displacement of the seen surface [unknowns] out of a volume displacement [3 * nodes]: Eq. 15.
   [[nodiscard]] Eigen::VectorXd project(const Eigen::VectorXd& displacement) const;
+  /// Three components of every surface node [3 * surface nodes] from [unknowns]; `unseen` where no camera sees one.
+  [[nodiscard]] Eigen::VectorXd three_components(const Eigen::VectorXd& displacement, double unseen = 0.0) const;
 };
 
-/// Builds the specimen. `mid_plane_symmetry`: the volume is the camera's half, its nodes of group `back` cannot move
-/// through the thickness (not in plane stress). Throws InputError if a group is unknown or empty.
+/// Builds the specimen. `mid_plane_symmetry`: the volume is the front half, its nodes of group `back` cannot move
+/// through the thickness (not in plane stress), and the back is the front's mirror image. Throws InputError if a group is
+/// unknown or empty.
 [[nodiscard]] Specimen make_specimen(mesh::Mesh volume, const std::string& held, const std::string& loaded, int axis,
-                                     bool mid_plane_symmetry, const std::string& case_place = "specimen");
+                                     bool mid_plane_symmetry, const std::string& case_place = "specimen",
+                                     const std::vector<SeenFace>& seen = {SeenFace{}});
 
 /// Values of a quad mesh's nodal field at points [k x 2]: sparse weights [k x nodes], from the nearest element.
 [[nodiscard]] Eigen::SparseMatrix<double> interpolation(const mesh::Mesh& quads,
                                                         const Eigen::Matrix<double, Eigen::Dynamic, 2>& points);
-
-/// The same for two components per node: [2k x 2 nodes].
-[[nodiscard]] Eigen::SparseMatrix<double> two_components(const Eigen::SparseMatrix<double>& scalar);
 
 }  // namespace imic3d::identification

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "imic3d/imaging/bspline.hpp"
+#include "imic3d/imaging/camera.hpp"
 #include "imic3d/imaging/image.hpp"
 
 namespace imic3d::imaging {
@@ -30,6 +31,13 @@ class InverseMapping {
   /// if sizes do not fit or a deformed quad is turned over or not convex.
   InverseMapping(const PixelPoints& reference, const PixelPoints& deformed, const Quads& quads);
 
+  /// The same through a camera: `deformed` are the nodes' positions in space [n x 3, length], between them they are bilinear,
+  /// and P(X) of them is where the camera sees them; `reference` is any bilinear coordinate of the surface. Newton's method on
+  /// P itself, out-of-plane displacement and lens distortion included. `camera` must outlive this. Throws InputError too
+  /// if a node is not seen.
+  InverseMapping(const Camera& camera, const PixelPoints& reference, const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>& deformed,
+                 const Quads& quads);
+
   /// Finds the quad that X lies in; false if there is none. `at` is tried first.
   [[nodiscard]] bool locate(const Eigen::Vector2d& deformed, Location& at) const;
   /// x of a location.
@@ -45,7 +53,12 @@ class InverseMapping {
       return constant + xi * p.x() + eta * p.y() + twist * (p.x() * p.y());
     }
   };
+  /// `margin`: how far a quad's image may reach beyond the box of its corners [px].
+  InverseMapping(const PixelPoints& reference, const PixelPoints& deformed, const Quads& quads, double margin);
   [[nodiscard]] bool solve(int quad, const Eigen::Vector2d& deformed, Eigen::Vector2d& parent) const;
+
+  const Camera* camera_ = nullptr;                        // perspective: `space_` through it is the map
+  std::vector<Eigen::Matrix<double, 3, 4>> space_;        // constant, along xi, along eta, twist in space
 
   std::vector<Bilinear> reference_, deformed_;
   std::vector<std::pair<Eigen::Vector2d, Eigen::Vector2d>> boundary_;

@@ -65,11 +65,24 @@ struct PlaceCase {
   bool flip = false;                            ///< the image is mirrored
 };
 
+/// A pinhole camera of a virtual test, in the specimen's frame.
+struct ViewCase {
+  double focal = 0.0;                   ///< [px]
+  std::array<double, 3> from{}, at{};   ///< its centre; the point in the middle of the image [length]
+  double roll = 0.0;                    ///< [degree]; 0: the specimen's y axis points upwards
+  std::vector<double> distortion;       ///< k1 k2 p1 p2 k3 …
+};
+
 struct CameraCase {
   std::string name = "camera";
   std::string model = "telecentric";  ///< `telecentric`, `pinhole`
+  std::string face = "front";         ///< of the specimen that it looks at: `front` (+z), `back`
   std::filesystem::path calibration;  ///< pinhole: file with its lens and its pose in the rig
   int index = 0;                      ///< which camera of that file, from 0
+  std::string frame = "rig";          ///< pinhole: of the calibration's poses; `rig`, `specimen`
+  std::optional<ViewCase> view;       ///< pinhole: for a virtual test
+  std::optional<std::array<int, 2>> size;  ///< virtual: columns, rows of its images [px]
+  std::map<std::string, double> calibration_sd;  ///< standard deviations of its numbers, by their names
   double pixel_size = 0.0;  ///< [length/px]
   PlaceCase place;
   std::vector<std::filesystem::path>

@@ -118,6 +118,11 @@ struct Surface {
 };
 [[nodiscard]] Surface front_surface(const Mesh& volume);
 
+/// The other side of a hex mesh: its surface group `back` if there is one, else the boundary quads whose outward normal is
+/// within 30 degrees of -z. Like the front it is counter-clockwise in x and y, i.e. seen through the specimen. Throws
+/// InputError (no such face).
+[[nodiscard]] Surface back_surface(const Mesh& volume);
+
 /// Edges that belong to one cell only, as node numbers in order around each contour of a quad mesh
 /// (outer contour counter-clockwise first, then the holes, clockwise). The last node is joined to the first.
 [[nodiscard]] std::vector<std::vector<int>> contours(const Mesh& quads);

@@ -1,0 +1,139 @@
+#include "rig.hpp"
+
+#include <fmt/format.h>
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "imic3d/app/setup.hpp"
+#include "imic3d/core/log.hpp"
+#include "imic3d/imaging/calibration.hpp"
+#include "imic3d/imaging/noise.hpp"
+#include "placement.hpp"
+
+namespace imic3d::app {
+namespace {
+
+imaging::PinholeCamera pinhole(const io::CameraCase& declared, const imaging::Image& reference) {
+  const auto cameras = imaging::read_calibration(declared.calibration);
+  if (declared.index >= static_cast<int>(cameras.size()))
+    throw InputError("cameras." + declared.name + ".index", fmt::format("{}", declared.index),
+                     fmt::format("0 to {}: {} has {} cameras", cameras.size() - 1, declared.calibration.string(), cameras.size()));
+  const auto& camera = cameras[static_cast<std::size_t>(declared.index)];
+  if (camera.width > 0 && (camera.width != reference.width || camera.height != reference.height))
+    throw InputError("cameras." + declared.name, fmt::format("images of {} x {} pixels", reference.width, reference.height),
+                     fmt::format("{} x {} as calibrated", camera.width, camera.height));
+  return camera.camera();
+}
+
+/// Finds the specimen in front of the pinhole cameras; `which` views they are. That is done in a frame of the face, its origin in
+/// the face and z towards the cameras.
+void place_specimen(Rig& rig, const io::Case& test, const std::vector<correlation::RigView>& pinholes, const std::vector<std::size_t>& which,
+                    correlation::PoseOptions options) {
+  const auto& place = *test.specimen.place;
+  const double side = rig.back ? -1.0 : 1.0;
+  imaging::Pose to_face;
+  to_face.rotation = Eigen::Vector3d(side, 1.0, side).asDiagonal();
+  to_face.translation[2] = -side * rig.surface.nodes.col(2).mean();
+  mesh::Mesh face = rig.surface;
+  for (Eigen::Index i = 0; i < face.nodes.rows(); ++i)
+    face.nodes.row(i) = (to_face.rotation * rig.surface.nodes.row(i).transpose() + to_face.translation).transpose();
+  std::vector<correlation::PlacedPoint> points;
+  for (const auto& [x, y, column, row] : place.points) points.push_back({side * x, y, column, row});
+  options.point_deviation = place.deviation, options.cameras = place.refine_cameras, options.shape = place.shape;
+  auto& pose = rig.pose = correlation::find_pose(face, pinholes, points, options);
+  for (std::size_t k = 0; k < which.size(); ++k) rig.views[which[k]].camera = std::make_shared<imaging::PinholeCamera>(pose.cameras[k].intrinsics(), pose.cameras[k].pose() * to_face);
+  rig.surface.nodes.col(2) += side * pose.shape;
+  rig.placed = true;
+  spdlog::info("points of the mesh: rms {:.2f} px", pose.points_rms);
+  if (pinholes.size() > 1) {
+    const std::string unit = test.units.length;
+    spdlog::info("{} of {} patches of {} found in the other cameras lie on a plane, rms {:.3g} {}", pose.matched, pose.patches,
+                 pinholes[static_cast<std::size_t>(options.camera)].name, pose.plane_rms, unit);
+    spdlog::info("difference of the references on the mesh (normalised): {:.3f}, {:.3f} with the pose refined", pose.rms_start, pose.rms_pose);
+    for (std::size_t k = 1; k < pinholes.size() && options.cameras; ++k)
+      spdlog::info("{:.3f} with the cameras refined: {} turned by {:.4f} degrees, moved by {:.4f} {}", pose.rms_cameras, pinholes[k].name,
+                   pose.camera_change[k].head<3>().norm(), pose.camera_change[k].tail<3>().norm(), unit);
+    if (options.shape > 0.0)
+      spdlog::info("{:.3f} with the shape: from {:.4g} to {:.4g} {} off the plane", pose.rms_shape, pose.shape.minCoeff(), pose.shape.maxCoeff(), unit);
+  }
+}
+
+}  // namespace
+
+mesh::Mesh surface_of(const io::Case& test, bool back) {
+  mesh::Mesh mesh = mesh::read(test.specimen.mesh);
+  for (int i = 0; i < test.specimen.refine; ++i) mesh = mesh::refine(mesh);
+  if (mesh.type == mesh::CellType::quad4) {
+    if (back) mesh.nodes.col(2).array() -= test.specimen.thickness;
+    return mesh;
+  }
+  if (back) return mesh::back_surface(mesh).mesh;
+  if (mesh.node_groups.contains(test.specimen.front)) mesh::choose_front(mesh, test.specimen.front);
+  return mesh::front_surface(mesh).mesh;
+}
+
+void measure_noise(Rig& rig, std::size_t view, const correlation::PixelQuadrature& seen) {
+  auto& at = rig.views[view];
+  if (rig.noise_is_measured[view] || rig.statics[view].size() < 2) return;
+  const auto mask = correlation::footprint(seen, at.reference.width, at.reference.height);  // the dark background has another noise
+  at.noise = imaging::noise_of_static_frames(rig.statics[view], &mask);
+  rig.noise_is_measured[view] = at.noise > 0.0;
+}
+
+Rig make_rig(const io::Case& test, bool back, mesh::Mesh surface) {
+  Rig rig;
+  rig.back = back, rig.surface = std::move(surface), rig.cameras = cameras_of(test, back);
+  std::vector<correlation::RigView> pinholes;
+  std::vector<std::size_t> which;
+  correlation::PoseOptions options;
+  for (const int c : rig.cameras) {
+    const auto& declared = test.cameras[static_cast<std::size_t>(c)];
+    auto& images = rig.statics.emplace_back();
+    for (int number : declared.reference) images.push_back(imaging::read_image(declared.images[static_cast<std::size_t>(test.index_of(number))]));
+    correlation::View view{.camera = nullptr, .reference = imaging::average(images), .noise = declared.noise.value_or(0.0),
+                           .place = test.cameras.size() == 1 && declared.model != "pinhole" ? "cameras.place" : "cameras." + declared.name};
+    if (declared.model != "pinhole") {
+      view.camera = std::make_shared<imaging::TelecentricCamera>(place_camera(declared, rig.surface, view.reference));
+    } else if (const auto camera = pinhole(declared, view.reference); declared.frame == "specimen") {
+      view.camera = std::make_shared<imaging::PinholeCamera>(camera);
+    } else {
+      if (test.specimen.place->camera == declared.name) options.camera = static_cast<int>(pinholes.size());
+      pinholes.push_back({camera, view.reference, declared.name});
+      which.push_back(rig.views.size());
+    }
+    rig.noise_is_measured.push_back(view.noise > 0.0);
+    rig.views.push_back(std::move(view));
+  }
+  if (!pinholes.empty()) place_specimen(rig, test, pinholes, which, options);
+  for (std::size_t c = 0; c < rig.views.size() && rig.views.size() > 1; ++c) {
+    if (rig.noise_is_measured[c] || rig.statics[c].size() < 2) continue;
+    const auto& view = rig.views[c];
+    measure_noise(rig, c, correlation::Correlation(rig.surface, view.camera, imaging::BSpline(view.reference), {.quadrature = {.clip = true, .place = view.place}}).quadrature());
+  }
+  return rig;
+}
+
+ResidualMap residual_map(const correlation::GlobalDic& dic, int camera, const imaging::BSpline& image, const Eigen::VectorXd& displacement,
+                         double sigma) {
+  const auto& correlation = dic.correlation(camera);
+  const auto& rows = correlation.quadrature().rows;
+  int left = std::numeric_limits<int>::max(), top = left, right = 0, bottom = 0;
+  for (const auto& row : rows) {
+    left = std::min(left, row.column), right = std::max(right, row.column + row.count);
+    top = std::min(top, row.row), bottom = std::max(bottom, row.row + 1);
+  }
+  ResidualMap map{.columns = right - left, .rows = bottom - top, .values = {}};
+  map.values.assign(static_cast<std::size_t>(map.columns) * static_cast<std::size_t>(map.rows), std::nan(""));
+  const std::vector<float> residual = correlation.residual(image, displacement);
+  std::size_t p = 0;
+  for (const auto& row : rows)
+    for (int i = 0; i < row.count; ++i, ++p)
+      map.values[static_cast<std::size_t>(row.row - top) * static_cast<std::size_t>(map.columns) + static_cast<std::size_t>(row.column - left + i)] =
+          residual[p] / sigma;
+  return map;
+}
+
+}  // namespace imic3d::app

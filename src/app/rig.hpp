@@ -1,0 +1,41 @@
+#pragma once
+// The cameras that look at one face of the specimen.
+
+#include <vector>
+
+#include "imic3d/correlation/global_dic.hpp"
+#include "imic3d/correlation/specimen_pose.hpp"
+#include "imic3d/io/case.hpp"
+
+namespace imic3d::app {
+
+/// What the cameras of one face see of it.
+struct Rig {
+  bool back = false;
+  mesh::Mesh surface;  ///< with its measured shape
+  std::vector<int> cameras;  ///< places in Case::cameras
+  std::vector<correlation::View> views;
+  std::vector<std::vector<imaging::Image>> statics;  ///< of each view, averaged to its reference
+  std::vector<bool> noise_is_measured;
+  correlation::SpecimenPose pose;  ///< of the face in front of its pinhole cameras; its frame has z towards them
+  bool placed = false;             ///< by specimen.place
+  [[nodiscard]] int references(std::size_t view) const { return static_cast<int>(statics[view].size()); }
+};
+/// Reads the references of the face's cameras, places them; `surface` is the face, counter-clockwise in x and y. With several
+/// views their noise is measured, for their weights. Throws InputError.
+[[nodiscard]] Rig make_rig(const io::Case& test, bool back, mesh::Mesh surface);
+/// The face that `imic3d dic` works on, without a volume: quadrilaterals lie at z = 0, their back at -thickness.
+[[nodiscard]] mesh::Mesh surface_of(const io::Case& test, bool back);
+/// Measures the noise of a view on the pixels of the specimen, where it is not declared and there are several reference frames.
+void measure_noise(Rig& rig, std::size_t view, const correlation::PixelQuadrature& seen);
+
+/// The residual of one camera at a displacement of its face in units of its noise `sigma` [grey level], as a map of `columns` x `rows`
+/// pixels with NaN off the specimen.
+struct ResidualMap {
+  int columns = 0, rows = 0;
+  std::vector<double> values;
+};
+[[nodiscard]] ResidualMap residual_map(const correlation::GlobalDic& dic, int camera, const imaging::BSpline& image,
+                                       const Eigen::VectorXd& displacement, double sigma);
+
+}  // namespace imic3d::app
