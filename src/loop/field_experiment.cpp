@@ -55,6 +55,17 @@ Eigen::VectorXd elongation_of(const id::Specimen& specimen, const Eigen::MatrixX
   return result;
 }
 
+/// Weights of nodes [k x n] as weights of two components a node [2k x 2n].
+Eigen::SparseMatrix<double> two_components(const Eigen::SparseMatrix<double>& scalar) {
+  std::vector<Eigen::Triplet<double>> entries;
+  for (int column = 0; column < scalar.outerSize(); ++column)
+    for (Eigen::SparseMatrix<double>::InnerIterator entry(scalar, column); entry; ++entry)
+      for (int i = 0; i < 2; ++i) entries.emplace_back(2 * static_cast<int>(entry.row()) + i, 2 * column + i, entry.value());
+  Eigen::SparseMatrix<double> matrix(2 * scalar.rows(), 2 * scalar.cols());
+  matrix.setFromTriplets(entries.begin(), entries.end());
+  return matrix;
+}
+
 Eigen::Matrix<double, Eigen::Dynamic, 2> in_plane(const mesh::Mesh& surface) { return surface.nodes.leftCols<2>(); }
 
 /// Circle through the nodes of the largest hole: centre and radius by least squares (Kasa).
@@ -214,8 +225,8 @@ FieldExperiment::Variant& FieldExperiment::variant(const std::vector<double>& ke
     made.to_variant.setIdentity();
     made.from_variant = made.to_variant;
   } else {
-    made.to_variant = id::two_components(id::interpolation(measured_.surface, in_plane(own)));
-    made.from_variant = id::two_components(id::interpolation(own, in_plane(measured_.surface)));
+    made.to_variant = two_components(id::interpolation(measured_.surface, in_plane(own)));
+    made.from_variant = two_components(id::interpolation(own, in_plane(measured_.surface)));
   }
   const Eigen::Index before = before_test ? 1 : 0, frames = measured_.force.size() + before;
   id::Record record;
