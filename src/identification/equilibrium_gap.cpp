@@ -36,7 +36,8 @@ Sparse in_plane(const Sparse& matrix, bool rows, bool columns) {
   for (Eigen::Index column = 0; column < matrix.outerSize(); ++column)
     for (Sparse::InnerIterator entry(matrix, column); entry; ++entry)
       if ((!rows || entry.row() % 3 < 2) && (!columns || entry.col() % 3 < 2))
-        entries.emplace_back(rows ? at(entry.row()) : static_cast<int>(entry.row()), columns ? at(entry.col()) : static_cast<int>(entry.col()), entry.value());
+        entries.emplace_back(rows ? at(entry.row()) : static_cast<int>(entry.row()),
+                             columns ? at(entry.col()) : static_cast<int>(entry.col()), entry.value());
   Sparse result(rows ? 2 * matrix.rows() / 3 : matrix.rows(), columns ? 2 * matrix.cols() / 3 : matrix.cols());
   result.setFromTriplets(entries.begin(), entries.end());
   return result;
@@ -87,8 +88,8 @@ class Mechanics {
 };
 
 /// A parameter that multiplies F_int: dF/dlnLambda = n F for any displacement; here for a bent and stretched one.
-void require_ratios(Mechanics& mechanics, const Specimen& specimen, const std::vector<ParameterInfo>& information, const Stage& stage,
-                    const std::vector<double>& parameters) {
+void require_ratios(Mechanics& mechanics, const Specimen& specimen, const std::vector<ParameterInfo>& information,
+                    const Stage& stage, const std::vector<double>& parameters) {
   const auto& nodes = specimen.volume.nodes;
   const double length = nodes.leftCols<2>().maxCoeff() - nodes.leftCols<2>().minCoeff();
   Eigen::VectorXd U(2 * nodes.rows());
@@ -101,8 +102,11 @@ void require_ratios(Mechanics& mechanics, const Specimen& specimen, const std::v
     const Eigen::VectorXd f = at.f.col(static_cast<Eigen::Index>(j));
     const double share = at.F.dot(f) / at.F.squaredNorm();
     if (f.norm() > 0.0 && (f - share * at.F).norm() < 1e-6 * f.norm())
-      throw InputError("identify.stages.free", fmt::format("{} with functional: equilibrium_gap", information[static_cast<std::size_t>(stage.free[j])].name),
-                       "parameters that change ratios of stiffness, as nu: this one multiplies all internal forces, and Eq. 2 knows no force");
+      throw InputError(
+          "identify.stages.free",
+          fmt::format("{} with functional: equilibrium_gap", information[static_cast<std::size_t>(stage.free[j])].name),
+          "parameters that change ratios of stiffness, as nu: this one multiplies all internal forces, and Eq. 2 knows "
+          "no force");
   }
 }
 
@@ -110,17 +114,21 @@ void require_ratios(Mechanics& mechanics, const Specimen& specimen, const std::v
 
 EquilibriumGapResult equilibrium_gap(Communicator world, const Specimen& specimen,
                                      std::shared_ptr<const material::FiniteStrainLaw> law, const Record& record,
-                                     const ImageData& images, const std::vector<ParameterInfo>& information, const Stage& stage,
-                                     const GaussNewtonOptions& options, std::vector<double>& parameters,
+                                     const ImageData& images, const std::vector<ParameterInfo>& information,
+                                     const Stage& stage, const GaussNewtonOptions& options,
+                                     std::vector<double>& parameters,
                                      const std::function<void(const Iterate&)>& report) {
   if (mesh::dimension(specimen.volume.type) != 2)
     throw InputError("identify.functional", "equilibrium_gap in 3D", "specimen.kinematics: plane_stress");
-  if (law->plastic_strain_index() >= 0) throw InputError("identify.functional", "equilibrium_gap with law: " + law->name(), "law: elastic");
+  if (law->plastic_strain_index() >= 0)
+    throw InputError("identify.functional", "equilibrium_gap with law: " + law->name(), "law: elastic");
   const auto unknowns = static_cast<Eigen::Index>(stage.free.size());
   const auto frames = static_cast<Eigen::Index>(stage.frames.size());
   const Sparse P = in_plane(specimen.projection, false, true), M = P.transpose() * images.M * P;
   std::optional<Mechanics> mechanics;
-  collectively(world, [&] { mechanics.emplace(specimen, law), require_ratios(*mechanics, specimen, information, stage, parameters); });
+  collectively(world, [&] {
+    mechanics.emplace(specimen, law), require_ratios(*mechanics, specimen, information, stage, parameters);
+  });
 
   // m_0 and k_0, of a wave across the axis.
   const auto& nodes = specimen.volume.nodes;
@@ -152,7 +160,8 @@ EquilibriumGapResult equilibrium_gap(Communicator world, const Specimen& specime
         if (!mine(i)) continue;
         const int t = stage.frames[static_cast<std::size_t>(i)];
         const Gap at = mechanics->gap(U.col(i), parameters, stage.free);
-        const Eigen::VectorXd u = P * U.col(i), apart = record.surface_displacement.col(t) - u, Mapart = images.M * apart;
+        const Eigen::VectorXd u = P * U.col(i), apart = record.surface_displacement.col(t) - u,
+                              Mapart = images.M * apart;
         const double distance = images.distance(apart, Mapart);
         const ImageEvaluation seen = images.evaluate(t, u, Communicator{MPI_COMM_SELF});
         const Eigen::VectorXd b = P.transpose() * (std::sqrt(distance) < images.reach ? seen.b : Mapart);
@@ -183,9 +192,11 @@ EquilibriumGapResult equilibrium_gap(Communicator world, const Specimen& specime
     if (report) report(result.stage.iterates.back());
     result.stage.converged = iteration > 1 && eta < options.eta && moved < options.eta;
     if (result.stage.converged || iteration == options.max_iterations) {
-      // Noise of b through the solution, dLambda = -A_Lambda^-1 sum_t S^T b_t/m_0: of the frames, and of the common reference.
+      // Noise of b through the solution, dLambda = -A_Lambda^-1 sum_t S^T b_t/m_0: of the frames, and of the common
+      // reference.
       world.sum(std::span(G.data(), static_cast<std::size_t>(G.size())));
-      Eigen::MatrixXd of_frames = Eigen::MatrixXd::Zero(unknowns, unknowns), common = Eigen::MatrixXd::Zero(M.rows(), unknowns);
+      Eigen::MatrixXd of_frames = Eigen::MatrixXd::Zero(unknowns, unknowns),
+                      common = Eigen::MatrixXd::Zero(M.rows(), unknowns);
       for (Eigen::Index i = 0; i < frames; ++i) {
         const auto S = G.middleCols(i * unknowns, unknowns);
         of_frames += S.transpose() * (M * S);
@@ -206,7 +217,8 @@ EquilibriumGapResult equilibrium_gap(Communicator world, const Specimen& specime
     double shortened = 1.0;
     for (Eigen::Index j = 0; j < unknowns; ++j) {
       const auto k = static_cast<std::size_t>(stage.free[static_cast<std::size_t>(j)]);
-      const double room = 0.5 * (step[j] > 0.0 ? information[k].upper - parameters[k] : parameters[k] - information[k].lower);
+      const double room =
+          0.5 * (step[j] > 0.0 ? information[k].upper - parameters[k] : parameters[k] - information[k].lower);
       if (std::abs(step[j]) > room) shortened = std::min(shortened, room / std::abs(step[j]));
     }
     step *= shortened;
@@ -227,7 +239,8 @@ EquilibriumGapResult equilibrium_gap(Communicator world, const Specimen& specime
     moved = world.max(largest) / std::max(world.max(whole), 1e-300);
   }
   world.sum(std::span(result.surface.data(), static_cast<std::size_t>(result.surface.size())));
-  for (Eigen::VectorXd* part : {&result.reaction, &result.gap}) world.sum(std::span(part->data(), static_cast<std::size_t>(part->size())));
+  for (Eigen::VectorXd* part : {&result.reaction, &result.gap})
+    world.sum(std::span(part->data(), static_cast<std::size_t>(part->size())));
   result.reaction *= specimen.section_factor;
   if (!result.stage.converged) result.stage.message = "not converged";
   return result;

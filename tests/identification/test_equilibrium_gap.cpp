@@ -96,8 +96,9 @@ TEST(EquilibriumGap, ThreeDimensionsAreRefused) {
   testing::Plate plate({0.001});
   std::vector<double> parameters = {198e3, 0.25};
   const auto law = material::make_law({.law = "elastic"});
-  EXPECT_THROW(equilibrium_gap({}, plate.specimen, law, plate.record, plate.images, law->parameters(), {.free = {1}, .frames = {0}},
-                               {.alpha = 1e-3, .noise_model = {}}, parameters), InputError);
+  EXPECT_THROW(equilibrium_gap({}, plate.specimen, law, plate.record, plate.images, law->parameters(),
+                               {.free = {1}, .frames = {0}}, {.alpha = 1e-3, .noise_model = {}}, parameters),
+               InputError);
 }
 
 /// The images' noise alone, of frames and common reference, against the scatter over 200 draws; and no bias.
@@ -126,7 +127,8 @@ TEST(EquilibriumGap, CovarianceIsTheScatterOfNoiseDraws) {
     squares += (parameters[1] - 0.3) * (parameters[1] - 0.3) / draws;
   }
   const double measured = std::sqrt(squares - mean * mean);
-  std::printf("nu: standard deviation %.2e over %d draws, predicted %.2e, bias %.1e\n", measured, draws, predicted, mean);
+  std::printf("nu: standard deviation %.2e over %d draws, predicted %.2e, bias %.1e\n", measured, draws, predicted,
+              mean);
   EXPECT_NEAR(measured / predicted, 1.0, 0.15);  // 200 draws give it to 5 %
   EXPECT_LT(std::abs(mean), 4.0 * predicted / std::sqrt(draws));
 }
