@@ -13,6 +13,7 @@
 #include "imic3d/app/program.hpp"
 #include "imic3d/app/setup.hpp"
 #include "imic3d/core/log.hpp"
+#include "imic3d/identification/equilibrium_gap.hpp"
 #include "imic3d/identification/gauss_newton.hpp"
 #include "imic3d/io/run_results.hpp"
 #include "calibration_error.hpp"
@@ -75,7 +76,8 @@ void identify(const Communicator& world, const CommandOptions& options) {
                         .driving = [&](const Eigen::MatrixXd& noise) { return driving_displacement(seen, noise); },
                         .calibration = calibration_errors(seen, test, specimen, record.surface_displacement, test.identify.noise_draws),
                         .draws = test.identify.noise_draws};
-  if (solver.functional != id::Functional::force_driven) {
+  const bool gap = solver.functional == id::Functional::equilibrium_gap;
+  if (solver.functional != id::Functional::force_driven && !gap) {
     const double reaction = id::reaction_noise(world, specimen, material.law, driving_noise(seen), material.values);
     spdlog::info("noise of the reaction through the displacement of the ends: {:.4g} {}", reaction, test.units.force);
     solver.force_noise = std::hypot(solver.force_noise, reaction);
@@ -97,10 +99,20 @@ void identify(const Communicator& world, const CommandOptions& options) {
       throw InputError(fmt::format("identify.stages[{}].frames", k), "no frame after the reference", "frames after the reference");
     spdlog::info("stage {}: {} from {} frames, {}", k + 1, fmt::join(declared.free, ", "), stage.frames.size(), test.identify.functional);
     int iteration = 0;
-    const auto result = id::gauss_newton(world, model, images, material.information, stage, solver, material.values, [&](const id::Iterate& at) {
+    const auto report = [&](const id::Iterate& at) {
       say(material, stage.free, at, iteration);
       output.iteration(static_cast<int>(k), iteration++, at);
-    });
+    };
+    id::StageResult result;
+    if (gap) {
+      auto found = id::equilibrium_gap(world, specimen, material.law, record, images, material.information, stage, solver, material.values, report);
+      const int last = stage.frames.back();
+      spdlog::info("  gap {:.2e} of the internal forces, {:.6g} {} on the loaded end in the last frame ({:.6g} measured, not used)",
+                   found.gap.mean(), found.reaction[found.reaction.size() - 1], test.units.force, record.force[last]);
+      result = std::move(found.stage);
+    } else {
+      result = id::gauss_newton(world, model, images, material.information, stage, solver, material.values, report);
+    }
     if (!result.converged) spdlog::warn("  not converged: eta is still {:.2e}", result.iterates.back().eta);
     for (std::size_t i = 0; i < stage.free.size(); ++i)
       for (std::size_t j = 0; j < stage.free.size(); ++j)
@@ -113,7 +125,7 @@ void identify(const Communicator& world, const CommandOptions& options) {
   spdlog::info("the identified model on all {} frames", record.frames.size());
   const auto frames = static_cast<int>(record.frames.size());
   id::ForwardModel final_model(world, specimen, material.law, record, {.increments = test.identify.steps_per_frame}, 1, 1);
-  const bool force_driven = solver.functional != id::Functional::displacement_driven;
+  const bool force_driven = solver.functional != id::Functional::displacement_driven && !gap;
   std::vector<id::Path> driven, shown;
   id::Run run{.parameters = material.values};
   const auto fields = [&](int, int t, const mechanics::FrameState& state) { output.simulation_frame(seen.places[static_cast<std::size_t>(t)], state); };

@@ -1,6 +1,7 @@
 #include "imic3d/app/observation.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <Eigen/Dense>
 
@@ -13,6 +14,7 @@
 #include "imic3d/core/log.hpp"
 #include "imic3d/correlation/smoothing.hpp"
 #include "imic3d/imaging/noise.hpp"
+#include "imic3d/io/results_file.hpp"
 #include "rig.hpp"
 
 namespace imic3d::app {
@@ -181,6 +183,28 @@ double noise_of_pair(const Observation& observation, const ObservedFace& face) {
 
 }  // namespace
 
+namespace {
+/// The displacement of another `imic3d dic` on the same mesh at the frames of the record [2 * surface nodes x frames, length].
+Eigen::MatrixXd displacement_of_file(const io::Case& test, const std::vector<int>& places, const identification::Record& record) {
+  const auto file = io::ResultsFile::open(test.identify.driving);
+  const std::string name = "dic/displacement";
+  const Eigen::Index nodes = record.surface_displacement.rows() / 2;
+  const auto shape = file.has(name) ? file.shape(name) : std::vector<std::size_t>{};
+  if (shape.size() != 3 || shape[0] < test.frames.size() || static_cast<Eigen::Index>(shape[1]) != nodes || shape[2] != 3)
+    throw InputError("identify.driving", fmt::format("{}: {} [{}]", test.identify.driving.string(), name, fmt::join(shape, ", ")),
+                     fmt::format("{} [{}, {}, 3], of the same mesh and frames", name, test.frames.size(), nodes));
+  Eigen::MatrixXd displacement(2 * nodes, record.surface_displacement.cols());
+  for (std::size_t t = 0; t < places.size(); ++t) {
+    const auto u = file.read(name, static_cast<std::size_t>(places[t]));
+    for (Eigen::Index i = 0; i < nodes; ++i)
+      displacement.col(static_cast<Eigen::Index>(t)).segment<2>(2 * i) << u[static_cast<std::size_t>(3 * i)], u[static_cast<std::size_t>(3 * i + 1)];
+    if (!displacement.col(static_cast<Eigen::Index>(t)).allFinite())
+      throw InputError("identify.driving", fmt::format("{}: no displacement at frame {}", test.identify.driving.string(), record.frames[t]), "every frame");
+  }
+  return displacement;
+}
+}  // namespace
+
 identification::Record make_record(Observation& observation, const io::Case& test,
                                    const identification::Specimen& specimen) {
   identification::Record record;
@@ -206,14 +230,14 @@ identification::Record make_record(Observation& observation, const io::Case& tes
     high = std::max(high, specimen.volume.nodes(node, 1 - specimen.axis));
   }
   const double longest = test.identify.boundary_smoothing.value_or(0.5 * (high - low));
-  record.driving = record.surface_displacement;
+  record.driving = test.identify.driving.empty() ? record.surface_displacement : displacement_of_file(test, observation.places, record);
   if (longest > 0.0) {
     std::vector<double> cut_offs;
     for (std::size_t k = 0; k < observation.faces.size(); ++k) {
       const Face& face = specimen.faces[k];
       auto& seen = observation.faces[k];
       record.driving.middleRows(face.first_unknown, face.unknowns()) = correlation::smoothed_within_noise(
-          seen.dic->cameras(), record.surface_displacement.middleRows(face.first_unknown, face.unknowns()), nodes_of_ends(specimen, face),
+          seen.dic->cameras(), record.driving.middleRows(face.first_unknown, face.unknowns()), nodes_of_ends(specimen, face),
           noise_of_pair(observation, seen), longest, &seen.driving_cut_off, seen.dic->held());
       cut_offs.insert(cut_offs.end(), seen.driving_cut_off.begin(), seen.driving_cut_off.end());
     }

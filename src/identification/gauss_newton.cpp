@@ -363,7 +363,8 @@ Functional functional_from(const std::string& name) {
   if (name == "force_driven") return Functional::force_driven;
   if (name == "displacement_driven") return Functional::displacement_driven;
   if (name == "combined") return Functional::combined;
-  throw InputError("identify.functional", name, "force_driven, displacement_driven, combined");
+  if (name == "equilibrium_gap") return Functional::equilibrium_gap;
+  throw InputError("identify.functional", name, "force_driven, displacement_driven, combined, equilibrium_gap");
 }
 
 Eigen::MatrixXd rigid_modes(const Specimen& specimen, Control control, const Eigen::VectorXd& displacement) {

@@ -611,12 +611,23 @@ class CaseReader {
     auto& identify = case_.identify;
     section.get("functional", identify.functional);
     section.get("alpha", identify.alpha);
-    if (identify.alpha > 0.0 && identify.functional != "force_driven")
-      mistake(section.path("alpha"), fmt::format("{} with functional: {}", identify.alpha, identify.functional), "functional: force_driven, or alpha: 0");
+    const bool gap = identify.functional == "equilibrium_gap";
+    if (identify.alpha > 0.0 && identify.functional != "force_driven" && !gap)
+      mistake(section.path("alpha"), fmt::format("{} with functional: {}", identify.alpha, identify.functional),
+              "functional: force_driven or equilibrium_gap, or alpha: 0");
+    if (gap && identify.alpha == 0.0) mistake(section.path("alpha"), "not given, or 0, with functional: equilibrium_gap", "above 0, e.g. 1e-3");
+    if (gap && !case_.specimen.plane_stress())
+      mistake(section.path("functional"), "equilibrium_gap in 3D", "specimen.kinematics: plane_stress");
+    if (gap && case_.material.law != "elastic") mistake(section.path("functional"), "equilibrium_gap with law: " + case_.material.law, "law: elastic");
     section.get("eta", identify.eta);
     section.get("max_iterations", identify.max_iterations);
     section.get("noise_draws", identify.noise_draws);
     section.get("boundary_smoothing", identify.boundary_smoothing);
+    if (std::string driving; section.has("driving")) {
+      section.get("driving", driving);
+      identify.driving = (folder_ / driving).lexically_normal();
+      if (!std::filesystem::exists(identify.driving)) mistake(section.path("driving"), identify.driving.string(), "results.h5 of `imic3d dic`");
+    }
     section.get("groups", identify.groups);
     section.get("steps_per_frame", identify.steps_per_frame);
     if (section.has("held_out")) identify.held_out = frames_of(section, "held_out", case_.frames);

@@ -385,6 +385,30 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
   return status;
 }
 
+Eigen::VectorXd Equilibrium::internal_forces(const Eigen::VectorXd& U, std::span<const double> parameters,
+                                             Eigen::SparseMatrix<double>* tangent) {
+  auto& s = *impl_;
+  s.assembler.history().initialise(*s.law);
+  s.to_global(U, s.u);
+  IMIC3D_PETSC(VecZeroEntries(s.increment));
+  if (!s.assembler.assemble(s.u, 1.0, parameters, s.force, tangent != nullptr ? s.increment : nullptr, s.lifting))
+    throw ConvergenceError("the law cannot follow the displacement");
+  if (tangent == nullptr) return s.to_natural(s.force);
+  std::vector<Eigen::Triplet<double>> entries;
+  const auto natural = [&](PetscInt dof) { return 3 * s.natural_of_owned(dof / s.axes) + dof % s.axes; };
+  for (PetscInt row = 0; row < s.axes * s.partition.owned_nodes(); ++row) {
+    PetscInt size = 0;
+    const PetscInt* columns = nullptr;
+    const PetscScalar* values = nullptr;
+    IMIC3D_PETSC(MatGetRow(s.assembler.tangent(), row, &size, &columns, &values));
+    for (PetscInt k = 0; k < size; ++k) entries.emplace_back(natural(row), natural(columns[k]), values[k]);
+    IMIC3D_PETSC(MatRestoreRow(s.assembler.tangent(), row, &size, &columns, &values));
+  }
+  tangent->resize(U.size(), U.size());
+  tangent->setFromTriplets(entries.begin(), entries.end());
+  return s.to_natural(s.force);
+}
+
 double Equilibrium::internal_work(const Eigen::VectorXd& U, std::span<const double> parameters) {
   auto& s = *impl_;
   s.assembler.start();

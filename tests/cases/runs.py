@@ -15,13 +15,13 @@ def gmsh(script, output, **sizes):
     subprocess.run(command, check=True)
 
 
-def run(program, command, case, ranks=1, options=(), status=0):
-    """Runs a command of the program; ends the test if the exit status is another than expected. Returns stdout."""
+def run(program, command, case, ranks=1, options=(), status=0, errors=False):
+    """Runs a command of the program; ends the test if the exit status is another than expected. Returns stdout, or stderr."""
     line = ["mpirun", "--oversubscribe", "-n", str(ranks), program, command, str(case), *options]
     done = subprocess.run(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     if done.returncode != status:
         sys.exit(f"{' '.join(line)}\nended with {done.returncode} instead of {status}\n{done.stdout}\n{done.stderr}")
-    return done.stdout
+    return done.stderr if errors else done.stdout
 
 
 def require(condition, message):

@@ -349,6 +349,23 @@ TEST_F(CaseFile, ImagesCanBeNumberedByNameOrList) {
               HasSubstr("cameras[0].frames: 8 frames; allowed: 9, one for each image"));
 }
 
+TEST_F(CaseFile, WhatTheEquilibriumGapNeedsIsSaid) {
+  const auto gap = changed(good_case, "functional: force_driven", "functional: equilibrium_gap");
+  EXPECT_EQ(mistakes(gap),
+            "case.yaml:10 identify.alpha: not given, or 0, with functional: equilibrium_gap; allowed: above 0, e.g. 1e-3\n"
+            "case.yaml:11 identify.functional: equilibrium_gap in 3D; allowed: specimen.kinematics: plane_stress\n"
+            "case.yaml:11 identify.functional: equilibrium_gap with law: j2; allowed: law: elastic");
+  EXPECT_THAT(mistakes(changed(good_case, "force_driven", "combined\n  alpha: 0.1")),
+              HasSubstr("identify.alpha: 0.1 with functional: combined"));
+}
+
+TEST_F(CaseFile, TheDrivingDisplacementMustBeThere) {
+  const auto driven = changed(good_case, "force_driven", "force_driven\n  driving: other.h5");
+  EXPECT_THAT(mistakes(driven), HasSubstr("other.h5; allowed: results.h5 of `imic3d dic`"));
+  folder.write("other.h5", "");
+  EXPECT_EQ(read(driven).identify.driving, folder.path() / "other.h5");
+}
+
 TEST_F(CaseFile, WhatTheCommandNeedsMustBeThere) {
   EXPECT_EQ(mistakes("title: x\nspecimen: {mesh: plate.msh}\n",
                      {.parameters_of = {}, .read_mesh = {}, .sections = {"cameras", "loads"}}),

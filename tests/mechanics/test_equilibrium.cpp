@@ -62,6 +62,9 @@ TEST(Equilibrium, PatchTestOnDistortedQuadraticHexahedra) {
   patch_test(mesh::quadratic(testing::box({3, 3, 3}, {1.0, 1.2, 0.9}, 0.25)));
 }
 
+/// Four increments, none of which needs cutting: how often a longer one is cut depends on round-off, as the first iterations lie
+/// far outside of the region of convergence, and MUMPS on several ranks sums in an order that changes from run to run. The
+/// tolerance is above the round-off of the internal forces (2e-13), below which iterations say nothing.
 void newton_order(const mesh::Mesh& mesh) {
   const Communicator world;
   const mesh::Partition partition = mesh::partition(mesh, world);
@@ -69,7 +72,7 @@ void newton_order(const mesh::Mesh& mesh) {
   ends.insert(ends.end(), mesh.node_groups.at("right").begin(), mesh.node_groups.at("right").end());
   std::sort(ends.begin(), ends.end());
   const auto dofs = all_dofs(ends);
-  Equilibrium equilibrium(partition, mesh, power_linear(), dofs, {.tolerance = 1e-13});
+  Equilibrium equilibrium(partition, mesh, power_linear(), dofs, {.increments = 4, .tolerance = 1e-12});
   LoadStep step{.time = 1.0, .prescribed = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(dofs.size())), .force = {}};
   for (std::size_t i = 0; i < dofs.size(); ++i)
     if (mesh.nodes(dofs[i] / 3, 0) > 2.0) step.prescribed[static_cast<Eigen::Index>(i)] = dofs[i] % 3 == 0 ? 0.3 : 0.1;
@@ -77,6 +80,7 @@ void newton_order(const mesh::Mesh& mesh) {
     EXPECT_GT(state.plastic_strain.minCoeff(), 0.01);
   });
   ASSERT_EQ(status.frames, 1) << status.message;
+  ASSERT_EQ(status.increments, std::vector<int>{4});
   const auto& r = status.residuals;
   double order = 0.0;
   for (std::size_t i = 2; i < r.size(); ++i)

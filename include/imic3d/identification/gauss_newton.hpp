@@ -17,7 +17,8 @@ namespace imic3d::identification {
 enum class Functional {
   force_driven,         ///< images of the force-driven simulation: Eq. 16, alpha -> 0 or (`alpha` > 0) finite
   displacement_driven,  ///< images and reaction force of the DIC-driven simulation, each weighted by its noise
-  combined              ///< images of the force-driven, reaction force of the DIC-driven simulation
+  combined,             ///< images of the force-driven, reaction force of the DIC-driven simulation
+  equilibrium_gap       ///< Eq. 2: images and equilibrium at the nodes without external force (equilibrium_gap.hpp)
 };
 [[nodiscard]] Functional functional_from(const std::string& name);  ///< throws InputError
 

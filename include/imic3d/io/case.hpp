@@ -134,12 +134,13 @@ struct StageCase {
 };
 
 struct IdentifyCase {
-  std::string functional = "force_driven";  ///< `force_driven`, `displacement_driven`, `combined`
+  std::string functional = "force_driven";  ///< `force_driven`, `displacement_driven`, `combined`, `equilibrium_gap`
   double alpha = 0.0;  ///< penalty parameter of Eq. 16; 0: the limit alpha -> 0
   std::vector<StageCase> stages;
   double eta = 1e-3;  ///< Eq. 13
   int max_iterations = 20;
   std::optional<double> boundary_smoothing;  ///< longest waves that the driving displacement may lose [length]
+  std::filesystem::path driving;  ///< results.h5 of `imic3d dic`, whose displacement drives the ends; this run's own if empty
   int noise_draws = 0;      ///< simulated draws of the noise of force and driving displacement for the covariance
   Frames held_out;          ///< frames that are simulated but never fitted
   int groups = 0;           ///< concurrent groups of ranks; 0: auto

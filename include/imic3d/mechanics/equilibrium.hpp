@@ -2,6 +2,7 @@
 // The equilibrium path of a specimen over a series of frames.
 
 #include <Eigen/Core>
+#include <Eigen/SparseCore>
 #include <functional>
 #include <memory>
 #include <string>
@@ -84,6 +85,11 @@ class Equilibrium {
                  const std::function<void(int, const FrameState&)>& frame_done,
                  const std::function<const Eigen::VectorXd*(int)>& guess = {}, const std::vector<int>& increments = {},
                  const OpticalTerm* optical = nullptr);
+
+  /// Internal forces [3 * nodes] of the virgin specimen under the displacement U [3 * nodes], and if `tangent` is given K there
+  /// [3 * nodes x 3 * nodes], as if nothing were constrained. Where the communicator has one rank and `constrained_dofs` is empty.
+  [[nodiscard]] Eigen::VectorXd internal_forces(const Eigen::VectorXd& U, std::span<const double> parameters,
+                                                Eigen::SparseMatrix<double>* tangent = nullptr);
 
   /// U . F_int(U) of the virgin specimen under the displacement U [3 * nodes]: twice the elastic energy where U is small.
   [[nodiscard]] double internal_work(const Eigen::VectorXd& U, std::span<const double> parameters);
