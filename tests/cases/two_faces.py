@@ -89,7 +89,7 @@ def main():
     # The coarse mesh of hex8 alone costs about 1 % of each, noise of three elastic frames 1 to 2 % of E.
     for name, result, limit in (("three cameras", one, (0.03, 0.015)),
                                 ("three cameras, full thickness", identify("full", mono + back, half="false"), (0.03, 0.015)),
-                                ("three cameras, displacement driven", identify("driven", mono + back, "displacement_driven"), (0.03, 0.02)),
+                                ("three cameras, displacement driven", identify("driven", mono + back, "displacement_driven"), (0.03, 0.03)),
                                 ("stereo pair", identify("stereo", back), (0.03, 0.015))):
         error = values(result) / truth - 1
         require(abs(error[0]) < limit[0] and abs(error[1]) < limit[1], f"{name}: E {100 * error[0]:+.2f} %, S_y {100 * error[1]:+.2f} %")
