@@ -103,7 +103,7 @@ def curves(folder):
         u = file["dic/displacement"][:, :, 1]
         strain = (u[:, top].mean(1) - u[:, bottom].mean(1)) / (nodes[face, 1].max() - nodes[face, 1].min())
         known = numpy.isfinite(strain) & numpy.isfinite(file["residual/rms_model"][:])
-        return {"strain": strain[known], "force": file["frames/force"][:][known], "model": file["frames/force_predicted"][:][known],
+        return {"strain": strain[known], "force": file["frames/force_measured"][:][known], "model": file["frames/force_predicted"][:][known],
                 "residual": file["residual/rms_model"][:][known], "dic": file["residual/rms_dic"][:][known]}
 
 

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Sec. 5 as a virtual experiment (inputs/two_faces): images of three cameras, then Table 1 and Figs 22b and 23. Writes
-# runs/two_faces/{table1,curves}.csv, fig22b.png, fig23.png. About 8 minutes on one core.
+# runs/two_faces/{table1,curves}.csv, fig22b.png, fig23.png. 7 to 8 minutes of one core.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 tools/make_meshes.sh

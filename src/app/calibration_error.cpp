@@ -43,7 +43,7 @@ PinholeCamera disturbed(const PinholeCamera& camera, const Eigen::Vector3d& cent
   return {lens, {turned * camera.pose().rotation, turned * (camera.pose().translation - centre) + centre + error.tail<3>()}};
 }
 
-/// Standard deviations of the numbers of a face's cameras as the columns of a square root of their covariance [numbers x numbers].
+/// Standard deviations of the numbers of a face's cameras as the columns of a square root of their covariance [numbers x uncertain].
 struct Uncertainty {
   std::vector<Index> first;  // of each view's numbers: 2 (pixel size, rotation) or 23
   std::vector<Eigen::Vector3d> centre;
@@ -88,7 +88,8 @@ Uncertainty uncertainty(const io::Case& test, const Rig& rig) {
   const Eigen::VectorXd scale = covariance.diagonal().cwiseSqrt().unaryExpr([](double s) { return s > 0.0 ? s : 1.0; });
   const Eigen::MatrixXd correlation = scale.cwiseInverse().asDiagonal() * covariance * scale.cwiseInverse().asDiagonal();
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(0.5 * (correlation + correlation.transpose()));
-  result.root = scale.asDiagonal() * axes.eigenvectors() * axes.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal();
+  const Index uncertain = (axes.eigenvalues().array() > 1e-12).count();  // the last ones: ascending
+  result.root = scale.asDiagonal() * axes.eigenvectors().rightCols(uncertain) * axes.eigenvalues().tail(uncertain).cwiseSqrt().asDiagonal();
   return result;
 }
 
@@ -194,16 +195,27 @@ Eigen::VectorXd calibration_deviations(const io::CameraCase& declared) {
 
 std::vector<Eigen::MatrixXd> calibration_errors(const Observation& observation, const io::Case& test, const identification::Specimen& specimen,
                                                 const Eigen::MatrixXd& U, int draws, unsigned seed) {
+  std::vector<Uncertainty> of_face;
+  Index uncertain = 0;
+  for (const auto& face : observation.faces) {
+    of_face.push_back(uncertainty(test, *face.rig));
+    uncertain += of_face.back().root.cols();
+  }
+  if (uncertain == 0 || draws == 0) return {};
+  // With as many draws as uncertain numbers their sample covariance is made exact: the share is then that of a linear answer.
   std::mt19937_64 random(seed);
   std::normal_distribution<double> normal;
+  Eigen::MatrixXd white(draws, uncertain);
+  for (double& value : white.reshaped()) value = normal(random);
+  if (draws >= uncertain)
+    white = std::sqrt(draws) * Eigen::MatrixXd(Eigen::HouseholderQR<Eigen::MatrixXd>(white).householderQ() * Eigen::MatrixXd::Identity(draws, uncertain));
   std::vector<Eigen::MatrixXd> errors(static_cast<std::size_t>(draws), Eigen::MatrixXd::Zero(U.rows(), U.cols()));
-  bool any = false;
+  Index column = 0;
   for (std::size_t k = 0; k < observation.faces.size(); ++k) {
     const Rig& rig = *observation.faces[k].rig;
     const auto& face = specimen.faces[k];
-    const Uncertainty numbers = uncertainty(test, rig);
-    if (numbers.root.norm() == 0.0) continue;
-    any = true;
+    const Uncertainty& numbers = of_face[k];
+    if (numbers.root.cols() == 0) continue;
     Cameras truth;
     std::vector<bool> movable;
     for (std::size_t c = 0; c < rig.views.size(); ++c) {
@@ -212,10 +224,8 @@ std::vector<Eigen::MatrixXd> calibration_errors(const Observation& observation, 
       movable.push_back(declared.model == "pinhole" && declared.frame == "rig");
     }
     const Eigen::Vector3d middle = rig.surface.nodes.colwise().mean();
-    for (auto& error : errors) {
-      Eigen::VectorXd white(numbers.root.cols());
-      for (double& value : white) value = normal(random);
-      const Eigen::VectorXd drawn = numbers.root * white;
+    for (std::size_t d = 0; d < errors.size(); ++d) {
+      const Eigen::VectorXd drawn = numbers.root * white.row(static_cast<Index>(d)).segment(column, numbers.root.cols()).transpose();
       Cameras wrong;
       for (std::size_t c = 0; c < truth.size(); ++c) {
         const Index at = numbers.first[c];
@@ -226,11 +236,11 @@ std::vector<Eigen::MatrixXd> calibration_errors(const Observation& observation, 
       }
       wrong = placed(rig.surface, truth, std::move(wrong), movable);
       for (Index t = 0; t < U.cols(); ++t)
-        error.col(t).segment(face.first_unknown, face.unknowns()) =
+        errors[d].col(t).segment(face.first_unknown, face.unknowns()) =
             error_of(rig.surface, truth, wrong, U.col(t).segment(face.first_unknown, face.unknowns()), face.components);
     }
+    column += numbers.root.cols();
   }
-  if (!any) errors.clear();
   return errors;
 }
 

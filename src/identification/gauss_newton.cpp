@@ -376,7 +376,7 @@ Eigen::MatrixXd rigid_modes(const Specimen& specimen, Control control, const Eig
     for (Eigen::Index i = 0; i < face.nodes(); ++i) {
       const Eigen::Index row = face.first_unknown + face.components * i;
       Eigen::Vector3d x = face.surface.mesh.nodes.row(i).transpose();
-      x.head(face.components) += displacement.segment(row, face.components);
+      for (int a = 0; a < face.components; ++a) x[a] += displacement[row + a];
       if (in_plane) {
         modes.row(row).head<3>() << 1.0, 0.0, -x[1];
         modes.row(row + 1).head<3>() << 0.0, 1.0, x[0];
