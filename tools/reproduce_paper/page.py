@@ -143,7 +143,7 @@ class Page:
         axes[2].legend(fontsize=5)
         self.compare("Figs 6, 7", rows)
         self.say("Error: absolute mean over the starts ± standard deviation over them. The paper gives figures for the sequential identification; "
-                 "for the pairs it says \"similar\".")
+                 "for the pairs it says \"similar\". An error of E near its noise (Eq. 14, below) is that of this one draw of the images.")
         self.figure("fig6", "Error of every parameter against the initial guess.")
         for kinematics in KINEMATICS:
             for name in NAMES:
@@ -156,7 +156,8 @@ class Page:
             self.parts.append("<h3>What sets the floor: errors [%] from 90 % with one source switched off at a time</h3>")
             self.table(("", "noise, Eq. 14", "as measured", "ends driven by DIC of noise-free images", "ends driven by the true displacement",
                         "images without noise", "without noise, true ends"), floor)
-            self.say("The last column has neither noise nor boundary error: what is left is the identification's coarser mesh of other elements, and the 8 bits.")
+            self.say("The last column has neither noise nor boundary error: what is left is the identification's coarser mesh of other elements, the 8 bits, and the "
+                     "interpolation of the true displacement between the two meshes' nodes.")
 
     def convergence(self):
         self.heading("Figs 8–10: parameters against iterations")
@@ -251,7 +252,7 @@ class Page:
         if setup:
             head += (f"<p>Virtual tests of {setup['size'][0]} × {setup['size'][1]} px, {setup['frames']} loaded frames, noise of 1 % of the dynamic, 8 bits; made on a mesh of "
                      f"{setup['mesh_generate_mm'][0]}–{setup['mesh_generate_mm'][1]} mm and 40 mm length, identified on {setup['mesh_identify_mm'][0]}–{setup['mesh_identify_mm'][1]} mm, "
-                     f"24 mm and other elements. Processor time of all runs: {sum({r['kinematics'] + r['name']: r['seconds'] for r in self.runs}.values()) / 60:.0f} min.</p>")
+                     f"24 mm and other elements. Processor time of these identifications: {sum({r['kinematics'] + r['name']: r['seconds'] for r in self.runs}.values()) / 60:.0f} min.</p>")
         style = ("body{font:15px/1.45 system-ui,sans-serif;max-width:1150px;margin:2em auto;padding:0 1em;color:#222}table{border-collapse:collapse;margin:1em 0}"
                  "th,td{border:1px solid #ccc;padding:3px 9px;text-align:left;font-size:14px}th{background:#f3f3f3}.met{background:#dff2df}.missed{background:#f8dcdc}"
                  "figure{margin:1em 0}svg{max-width:100%;height:auto}figcaption{color:#555;font-size:13px}pre{background:#f6f6f6;padding:8px;overflow:auto;font-size:12px}")
