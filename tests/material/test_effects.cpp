@@ -45,6 +45,14 @@ TEST(Effects, AtTheirNullValuesAreJ2) {
   std::printf("effects at their null values against J2: stress differs by at most %.1e\n", worst);
 }
 
+TEST(Effects, AtRestTheTangentIsElastic) {
+  const Matrix6 elastic = MaterialPoint(*make_law({.law = "elastic"}), {E, nu}).at(I).tangent;
+  for (const auto& effect : testing::effect_cases()) {
+    const Case c = effect.made();
+    EXPECT_LT((MaterialPoint(*c.law, c.parameters).at(I).tangent - elastic).norm(), 1e-13 * elastic.norm()) << c.name;
+  }
+}
+
 TEST(Effects, EachOneChangesTheStress) {
   for (const auto& effect : testing::effect_cases()) {
     const Case c = effect.made();

@@ -82,6 +82,7 @@ struct Hill48 {
     const auto of_q = [&](const D& q) { return residual(constant, eta_plain, kappa_plain, q); };
     const double unrelaxed = value(sqrt(double_dot(eta_plain, constant * eta_plain)));  // q where kappa = 0
     if (!std::isfinite(unrelaxed)) return std::nullopt;
+    if (unrelaxed == 0.0) return Flow<T>{T(0.0) - 1.5 * kappa, SymmetricTensor<T>::zero()};
     double root = unrelaxed;
     if (value(kappa) > 0.0) {
       const double half_trace = value(constant.F + constant.G + constant.H), F = value(constant.F), G = value(constant.G), H = value(constant.H);
