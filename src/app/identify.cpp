@@ -67,6 +67,7 @@ void identify(const Communicator& world, const CommandOptions& options) {
   solver.eta = test.identify.eta;
   solver.max_iterations = test.identify.max_iterations;
   solver.force_noise = force_noise(seen, test);
+  for (const auto& info : material.information) solver.scale.push_back(info.effect.empty() ? 0.0 : info.scale);
   spdlog::info("noise: {:.3f} grey levels ({}), {:.4g} {} of the force", seen.noise,
                seen.noise_is_measured ? "static frames or given" : "from the DIC's residual", solver.force_noise, test.units.force);
 

@@ -457,6 +457,7 @@ class CaseReader {
     section.get("tie_initial_modulus", material.tie_initial_modulus);
     section.get("yield_stress", material.yield_stress);
     section.get("table_strain", material.table_strain);
+    section.get("effects", material.effects);
     const auto parameters = section.group("parameters");
     for (const auto& [name, value] : parameters.json().items()) {
       ParameterCase parameter;
@@ -500,7 +501,9 @@ class CaseReader {
     for (const auto& info : infos) names.push_back(info.name);
     for (const auto& info : infos) {
       const auto found = case_.material.parameters.find(info.name);
-      if (found == case_.material.parameters.end()) {
+      if (found == case_.material.parameters.end() && info.null_value) {
+        case_.material.parameters[info.name].value = *info.null_value;
+      } else if (found == case_.material.parameters.end()) {
         mistake(section.path(info.name), "not given", range_of(info));
       } else if (found->second.value < info.lower || found->second.value > info.upper) {
         mistake(section.path(info.name), fmt::format("{}", found->second.value), range_of(info));

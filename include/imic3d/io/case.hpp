@@ -99,7 +99,8 @@ struct MaterialCase {
   bool tie_initial_modulus = false;
   std::string yield_stress = "kirchhoff";  ///< what the hardening curve is compared with: kirchhoff, cauchy
   std::vector<double> table_strain;
-  std::map<std::string, ParameterCase> parameters;
+  std::vector<std::string> effects;  ///< what the law is extended by (material/effects)
+  std::map<std::string, ParameterCase> parameters;  ///< those of effects that are not given are at their null values
 };
 
 struct DicCase {
