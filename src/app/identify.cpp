@@ -15,6 +15,7 @@
 #include "imic3d/core/log.hpp"
 #include "imic3d/identification/gauss_newton.hpp"
 #include "imic3d/io/run_results.hpp"
+#include "curves.hpp"
 #include "several_cameras.hpp"
 
 namespace imic3d::app {
@@ -46,6 +47,11 @@ void say(const Material& material, const std::vector<int>& free, const id::Itera
 void identify(const Communicator& world, const CommandOptions& options) {
   const auto start = std::chrono::steady_clock::now();
   const io::Case test = read_case(options, {"cameras", "loads", "material", "identify"}, true);
+  if (!test.experiments.empty()) {
+    if (!test.cameras.empty()) throw InputError("experiments", "given beside cameras", "images or experiments, each in a case of its own");
+    identify_curves(world, options, test);
+    return;
+  }
   require_one_telecentric(test, "identify");
   Material material = make_material(test);
   const id::Specimen specimen = make_specimen(test);

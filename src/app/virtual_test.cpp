@@ -44,7 +44,7 @@ imaging::PixelPoints in_pixels(const imaging::TelecentricCamera& camera, const m
 }  // namespace
 
 void virtual_test(const Communicator& world, const CommandOptions& options) {
-  const io::Case test = read_case(options, {"material", "simulate", "virtual", "cameras"}, false);
+  const io::Case test = read_case(options, {"specimen", "material", "simulate", "virtual", "cameras"}, false);
   require_one_telecentric(test, "virtual");
   const io::VirtualCase& declared = *test.virtual_test;
   const Material material = make_material(test);

@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "imic3d/core/parameter.hpp"
+#include "imic3d/io/experiments.hpp"
 #include "imic3d/io/frames.hpp"
 #include "imic3d/io/loads.hpp"
 #include "imic3d/mesh/mesh.hpp"
@@ -103,6 +104,23 @@ struct MaterialCase {
   std::map<std::string, ParameterCase> parameters;  ///< those of effects that are not given are at their null values
 };
 
+/// Uniform tests of one kind, one file each: repetitions of each other.
+struct ExperimentCase {
+  std::string name;
+  std::vector<std::filesystem::path> files;  ///< patterns already expanded
+  CurveColumns columns;
+  bool engineering_strain = true, engineering_stress = true;  ///< else true: ln(1+e), s (1+e)
+  double strain_scale = 1.0, stress_scale = 1.0;  ///< multiply the columns; the stress then is in the case's unit
+  std::optional<double> noise;   ///< standard deviation [stress]; the scatter of the repetitions, or of the points, if not given
+  std::optional<double> rate;    ///< strain rate where there is no time column [1/time]
+  double direction = 0.0;        ///< of the bar in the material's plane, from its x axis [degree]
+  double from = 0.0;             ///< rows before this strain is reached are simulated but not judged [-]
+  bool until_maximum = false;    ///< rows after the largest force are left out
+  bool held_out = false;         ///< simulated but never fitted: all of it, or
+  Frames held_out_rows;          ///< only these rows (from 0)
+  std::vector<CurveTable> tables;  ///< one per file, as recorded
+};
+
 struct DicCase {
   std::optional<double>
       regularisation;       ///< cut-off wavelength of the elastic regularisation [length]; none if 0 or not given
@@ -164,6 +182,7 @@ struct Case {
   std::vector<CameraCase> cameras;
   LoadsCase loads;
   MaterialCase material;
+  std::vector<ExperimentCase> experiments;
   DicCase dic;
   IdentifyCase identify;
   std::optional<SimulateCase> simulate;
