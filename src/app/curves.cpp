@@ -52,10 +52,15 @@ id::Curve make_curve(const io::ExperimentCase& experiment, std::size_t file) {
       throw InputError(place(row), fmt::format("time {} after {}", curve.history.time[row], curve.history.time[row - 1]), "a time that does not decrease");
 
   bool reached = false;
+  double largest_strain = 0.0;
   for (Eigen::Index row = 0; row < rows; ++row) {
-    reached = reached || std::abs(curve.history.strain[row]) >= experiment.from;
+    double& strain = curve.history.strain[row];
+    const bool turned_back = experiment.monotonic && strain < largest_strain;
+    if (turned_back) strain = largest_strain;
+    largest_strain = std::max(largest_strain, strain);
+    reached = reached || std::abs(strain) >= experiment.from;
     const bool held = experiment.held_out || std::binary_search(experiment.held_out_rows.begin(), experiment.held_out_rows.end(), static_cast<int>(row));
-    curve.use.push_back(!reached ? id::Curve::not_judged : held ? id::Curve::held_out : id::Curve::fitted);
+    curve.use.push_back(!reached || turned_back ? id::Curve::not_judged : held ? id::Curve::held_out : id::Curve::fitted);
   }
   return curve;
 }
@@ -143,7 +148,7 @@ void identify_curves(const Communicator& world, const CommandOptions& options, c
     for (const auto* curve : members) sum += curve->deviation;
     const auto of = [&](bool fitted) {
       const auto m = id::misfit(set, predicted, experiment.name, fitted);
-      return io::CurveRun::Misfit{m.rows, m.stress, m.chi};
+      return io::CurveRun::Misfit{m.rows, m.stress, m.chi, m.typical};
     };
     run.groups.push_back({experiment.name, deviation_from(experiment), static_cast<int>(members.size()), sum / static_cast<double>(members.size()),
                           members.size() > 1 ? id::scatter(members) : std::nan(""), of(true), of(false)});
@@ -161,10 +166,10 @@ void identify_curves(const Communicator& world, const CommandOptions& options, c
     for (const auto& p : run.parameters)
       fmt::print("  {:10} {:14.6g} {:14} {}\n", p.name, p.value, p.unit,
                  p.at_bound ? "(on a bound)" : std::isfinite(p.deviation) ? fmt::format("+- {:.2g} ({:.1f} %)", p.deviation, 100.0 * relative(p.deviation, p.value)) : p.free ? "(not seen)" : "(fixed)");
-    fmt::print("  rms of measured - predicted [{}]\n    {:28} {:>6} {:>14} {:>10} {:>10}\n", run.stress_unit, "experiment", "curves", "between them", "fitted", "held out");
+    fmt::print("  measured - predicted, rms (and typical) [{}]\n    {:28} {:>6} {:>14} {:>16} {:>16}\n", run.stress_unit, "experiment", "curves", "between them", "fitted", "held out");
     for (const auto& g : run.groups) {
-      const auto shown = [](double value, bool there) { return there && std::isfinite(value) ? fmt::format("{:.3g}", value) : std::string("-"); };
-      fmt::print("    {:28} {:6} {:>14} {:>10} {:>10}\n", g.name, g.curves, shown(g.floor, true), shown(g.fitted.stress, g.fitted.rows > 0), shown(g.held_out.stress, g.held_out.rows > 0));
+      const auto misfit = [](const io::CurveRun::Misfit& m) { return m.rows > 0 ? fmt::format("{:.3g} ({:.3g})", m.stress, m.typical) : std::string("-"); };
+      fmt::print("    {:28} {:6} {:>14} {:>16} {:>16}\n", g.name, g.curves, std::isfinite(g.floor) ? fmt::format("{:.3g}", g.floor) : "-", misfit(g.fitted), misfit(g.held_out));
     }
     fmt::print("  {:.1f} s; report: {}\n", run.seconds, (folder / "report.html").string());
   });

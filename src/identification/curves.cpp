@@ -69,6 +69,16 @@ Eigen::VectorXd CurveSet::predict(const std::vector<double>& parameters, const s
   return predicted;
 }
 
+namespace {
+/// From the median of absolute values.
+double robust_deviation(std::vector<double>& sizes) {
+  if (sizes.empty()) return 0.0;
+  const auto middle = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() / 2);
+  std::nth_element(sizes.begin(), middle, sizes.end());
+  return *middle / 0.6745;
+}
+}  // namespace
+
 double point_noise(const Curve& curve) {
   std::vector<double> distance;
   const auto& x = curve.history.strain;
@@ -78,10 +88,7 @@ double point_noise(const Curve& curve) {
     const double w = before / (before + after);
     distance.push_back(std::abs(curve.stress[i] - (1.0 - w) * curve.stress[i - 1] - w * curve.stress[i + 1]) / std::sqrt(1.0 + w * w + (1.0 - w) * (1.0 - w)));
   }
-  if (distance.empty()) return 0.0;
-  const auto middle = distance.begin() + static_cast<std::ptrdiff_t>(distance.size() / 2);
-  std::nth_element(distance.begin(), middle, distance.end());
-  return *middle / 0.6745;
+  return robust_deviation(distance);
 }
 
 double scatter(const std::vector<const Curve*>& repetitions) {
@@ -268,15 +275,19 @@ CurveFit fit(const CurveSet& set, const std::vector<ParameterInfo>& information,
 
 Misfit misfit(const CurveSet& set, const Eigen::VectorXd& predicted, const std::string& group, bool fitted) {
   Misfit sum;
+  std::vector<double> sizes;
   for (Eigen::Index i = 0; i < predicted.size(); ++i) {
     const Curve& curve = set.curves()[static_cast<std::size_t>(set.places()[static_cast<std::size_t>(i)].curve)];
     if (set.is_fitted(i) != fitted || (!group.empty() && curve.group != group)) continue;
     const double gap = set.measured()[i] - predicted[i];
+    sizes.push_back(std::abs(gap));
     sum.stress += gap * gap;
     sum.chi += gap * gap / (set.standard_deviation()[i] * set.standard_deviation()[i]);
     ++sum.rows;
   }
-  if (sum.rows > 0) sum.stress = std::sqrt(sum.stress / static_cast<double>(sum.rows)), sum.chi = std::sqrt(sum.chi / static_cast<double>(sum.rows));
+  if (sum.rows == 0) return sum;
+  sum.stress = std::sqrt(sum.stress / static_cast<double>(sum.rows)), sum.chi = std::sqrt(sum.chi / static_cast<double>(sum.rows));
+  sum.typical = robust_deviation(sizes);
   return sum;
 }
 

@@ -21,7 +21,7 @@ constexpr std::array<const char*, 3> uses = {"not judged", "fitted", "held out"}
 
 nlohmann::json to_json(const CurveRun::Misfit& misfit, const std::string& unit) {
   if (misfit.rows == 0) return nullptr;
-  return {{"rows", misfit.rows}, {"rms", quantity(misfit.stress, unit)}, {"chi", quantity(misfit.chi, "-")}};
+  return {{"rows", misfit.rows}, {"rms", quantity(misfit.stress, unit)}, {"typical", quantity(misfit.typical, unit)}, {"chi", quantity(misfit.chi, "-")}};
 }
 
 nlohmann::json to_json(const CurveRun& run) {
@@ -57,7 +57,7 @@ std::string to_csv(const CurveRun& run) {
   std::string out = fmt::format("experiment,curve,row,use,time_{0},log_strain,measured_{1},predicted_{1},stress_kind\n", run.time_unit, run.stress_unit);
   for (const auto& c : run.curves)
     for (Eigen::Index i = 0; i < c.strain.size(); ++i)
-      out += fmt::format("{},{},{},{},{:.9g},{:.9g},{:.9g},{:.9g},{}\n", c.group, c.name, i, uses[static_cast<std::size_t>(c.use[static_cast<std::size_t>(i)])],
+      out += fmt::format("\"{}\",\"{}\",{},{},{:.9g},{:.9g},{:.9g},{:.9g},{}\n", c.group, c.name, i, uses[static_cast<std::size_t>(c.use[static_cast<std::size_t>(i)])],
                          c.time[i], c.strain[i], c.measured[i], c.predicted[i], c.engineering ? "engineering" : "true");
   return out;
 }
@@ -110,16 +110,16 @@ std::string page(const CurveRun& run) {
   out += fmt::format(
       "</table>\n<p class=\"note\">Standard deviation: from the scatter of whole curves where there are several (rows of one bar err together).</p>\n"
       "<h2>How well it fits</h2>\n<table>\n<tr><th>experiment</th><th>curves</th><th>noise [{0}]</th><th>from</th><th>between repetitions [{0}]</th><th>fitted, rms [{0}]</th>"
-      "<th>χ</th><th>held out, rms [{0}]</th><th>χ</th></tr>\n",
+      "<th>typical</th><th>χ</th><th>held out, rms [{0}]</th><th>typical</th><th>χ</th></tr>\n",
       escaped(run.stress_unit));
   for (const auto& g : run.groups) {
     const auto of = [](const CurveRun::Misfit& m) {
-      return m.rows > 0 ? fmt::format("<td>{}</td><td>{}</td>", shown(m.stress, 4), shown(m.chi, 3)) : std::string("<td></td><td></td>");
+      return m.rows > 0 ? fmt::format("<td>{}</td><td>{}</td><td>{}</td>", shown(m.stress, 4), shown(m.typical, 4), shown(m.chi, 3)) : std::string("<td></td><td></td><td></td>");
     };
     out += fmt::format("<tr><td>{}</td><td>{}</td><td>{}</td><td class=\"left\">{}</td><td>{}</td>{}{}</tr>\n", escaped(g.name), g.curves, shown(g.deviation, 3),
                        escaped(g.deviation_from), shown(g.floor, 3), of(g.fitted), of(g.held_out));
   }
-  out += "</table>\n<h2>Curves</h2>\n";
+  out += "</table>\n<p class=\"note\">typical: median of the absolute value over 0.6745, the rms without a few rows that are far off.</p>\n<h2>Curves</h2>\n";
   for (const auto& g : run.groups) out += plots(run, g.name);
   if (run.iterations.size() > 1) {
     std::vector<double> row;

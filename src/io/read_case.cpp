@@ -560,6 +560,7 @@ class CaseReader {
       section.get("rate", experiment.rate);
       section.get("direction", experiment.direction);
       section.get("from", experiment.from);
+      section.get("monotonic", experiment.monotonic);
       section.get("held_out", experiment.held_out);
       std::string strain_kind = "engineering", stress_kind = strain_kind, until = "end", unit = stress_unit(case_.units);
       section.get("strain_kind", strain_kind);

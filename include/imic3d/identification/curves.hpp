@@ -94,10 +94,11 @@ struct CurveFit {
                            const std::vector<int>& free, const CurveFitOptions& options = {},
                            const std::function<void(const CurveIterate&)>& report = {});
 
-/// rms of measured - predicted [stress] over some rows of a group (all groups if empty), and over their standard deviations.
+/// Of measured - predicted over some rows of a group (all groups if empty).
 struct Misfit {
   Eigen::Index rows = 0;
-  double stress = 0.0, chi = 0.0;
+  double stress = 0.0, chi = 0.0;  ///< rms [stress]; rms over the rows' standard deviations
+  double typical = 0.0;            ///< median of the absolute value / 0.6745 [stress]: the rms without a few rows that are far off
 };
 [[nodiscard]] Misfit misfit(const CurveSet& set, const Eigen::VectorXd& predicted, const std::string& group, bool fitted);
 

@@ -116,6 +116,7 @@ struct ExperimentCase {
   double direction = 0.0;        ///< of the bar in the material's plane, from its x axis [degree]
   double from = 0.0;             ///< rows before this strain is reached are simulated but not judged [-]
   bool until_maximum = false;    ///< rows after the largest force are left out
+  bool monotonic = false;        ///< a strain that turns back is noise: it stays at its largest so far, and the row is not judged
   bool held_out = false;         ///< simulated but never fitted: all of it, or
   Frames held_out_rows;          ///< only these rows (from 0)
   std::vector<CurveTable> tables;  ///< one per file, as recorded

@@ -18,7 +18,7 @@ struct CurveRun {
   };
   struct Misfit {
     Eigen::Index rows = 0;
-    double stress = 0.0, chi = 0.0;  ///< rms of measured - predicted; over the standard deviations
+    double stress = 0.0, chi = 0.0, typical = 0.0;  ///< rms of measured - predicted; over the standard deviations; robust (median)
   };
   struct Group {
     std::string name, deviation_from;  ///< `given`, `scatter of the repetitions`, `scatter of the points`
