@@ -126,7 +126,7 @@ void identify_curves(const Communicator& world, const CommandOptions& options, c
     for (std::size_t i = 0; i < free.size(); ++i) {
       const auto j = static_cast<Eigen::Index>(i);
       noise_deviation[free[i]] = std::sqrt(fit.noise_covariance(j, j));
-      deviation[free[i]] = std::isfinite(fit.covariance(j, j)) ? std::sqrt(fit.covariance(j, j)) : noise_deviation[free[i]];
+      deviation[free[i]] = std::sqrt(fit.covariance(j, j));
       all_free.insert(free[i]);
       at_bounds.erase(free[i]);
     }

@@ -257,19 +257,21 @@ CurveFit fit(const CurveSet& set, const std::vector<ParameterInfo>& information,
   const Eigen::MatrixXd scaled = J * scale.asDiagonal();
   const Eigen::MatrixXd inverse = scale.asDiagonal() * (scaled.transpose() * scaled).completeOrthogonalDecomposition().pseudoInverse() * scale.asDiagonal();
   result.noise_covariance(open, open) = inverse;
-  // Rows of one bar err together: the sandwich of whole curves' gradients.
-  std::vector<int> curves = now.curve;
-  curves.erase(std::unique(curves.begin(), curves.end()), curves.end());
-  const auto count = static_cast<double>(curves.size());
-  if (curves.size() < 2) return result;
+  // Rows of one bar err together: each bar of a group is off by the group's scatter, the same all along.
   Eigen::MatrixXd meat = Eigen::MatrixXd::Zero(J.cols(), J.cols());
-  for (const int curve : curves) {
+  for (std::size_t k = 0; k < set.curves().size(); ++k) {
+    const Curve& curve = set.curves()[k];
+    std::vector<const Curve*> repetitions;
+    for (const Curve& other : set.curves())
+      if (other.group == curve.group) repetitions.push_back(&other);
     Eigen::VectorXd sum = Eigen::VectorXd::Zero(J.cols());
     for (Eigen::Index i = 0; i < J.rows(); ++i)
-      if (now.curve[static_cast<std::size_t>(i)] == curve) sum += now.residual[i] * J.row(i).transpose();
+      if (now.curve[static_cast<std::size_t>(i)] == static_cast<int>(k)) sum += J.row(i).transpose();
+    if (repetitions.size() < 2) continue;
+    sum *= scatter(repetitions) / curve.deviation;
     meat += sum * sum.transpose();
   }
-  result.covariance(open, open) = count / (count - 1.0) * inverse * meat * inverse;
+  result.covariance(open, open) = inverse + inverse * meat * inverse;
   return result;
 }
 

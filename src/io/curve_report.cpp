@@ -108,7 +108,7 @@ std::string page(const CurveRun& run) {
                        shown_with(p.value, p.deviation), p.at_bound ? "on a bound" : p.free ? shown(p.deviation, 2) : "fixed", p.free ? shown(p.noise_deviation, 2) : "",
                        shown(p.start), escaped(p.unit), escaped(p.effect));
   out += fmt::format(
-      "</table>\n<p class=\"note\">Standard deviation: from the scatter of whole curves where there are several (rows of one bar err together).</p>\n"
+      "</table>\n<p class=\"note\">Standard deviation: repeated bars differ by their scatter, each all along its curve; with white noise alone it would be the smaller one.</p>\n"
       "<h2>How well it fits</h2>\n<table>\n<tr><th>experiment</th><th>curves</th><th>noise [{0}]</th><th>from</th><th>between repetitions [{0}]</th><th>fitted, rms [{0}]</th>"
       "<th>typical</th><th>χ</th><th>held out, rms [{0}]</th><th>typical</th><th>χ</th></tr>\n",
       escaped(run.stress_unit));

@@ -82,7 +82,7 @@ struct CurveIterate {
 struct CurveFit {
   std::vector<double> parameters;    ///< all of them
   Eigen::MatrixXd noise_covariance;  ///< of the free ones, if the rows' noise is white [free x free]
-  Eigen::MatrixXd covariance;        ///< of the free ones, from the scatter of whole curves (sandwich); NaN with one curve
+  Eigen::MatrixXd covariance;        ///< the same, and each bar of a group of repetitions off by their scatter, all along it
   std::vector<CurveIterate> iterates;
   std::vector<int> at_bounds;        ///< free parameters that ended on a bound
   bool converged = false;

@@ -30,7 +30,7 @@ struct GaussNewtonOptions {
   double perturbation = 1e-3;      ///< relative step of the perturbed simulations
   double largest_step = 0.5;       ///< largest relative change of a parameter in one iteration
   std::vector<double> scale{};     ///< usual size of each parameter, by which steps are measured where its value is smaller
-  NoiseModel noise_model;          ///< what the covariance is made of
+  NoiseModel noise_model{};        ///< what the covariance is made of
 };
 
 /// One stage: which parameters move and which frames judge them.

@@ -13,7 +13,7 @@ struct CurveRun {
   struct Parameter {
     std::string name, unit, effect;
     double start = 0.0, value = 0.0;
-    double deviation = 0.0, noise_deviation = 0.0;  ///< from the scatter of whole curves; from white noise; NaN: not free or on a bound
+    double deviation = 0.0, noise_deviation = 0.0;  ///< with the scatter of whole curves; of white noise; NaN: not free or on a bound
     bool free = false, at_bound = false;
   };
   struct Misfit {
