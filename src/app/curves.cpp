@@ -77,7 +77,7 @@ double relative(double a, double b) { return b != 0.0 ? a / std::abs(b) : std::n
 }  // namespace
 
 std::string deviation_from(const io::ExperimentCase& experiment) {
-  return experiment.noise ? "given" : experiment.files.size() > 1 ? "scatter of the repetitions" : "scatter of the points";
+  return experiment.noise ? "given" : experiment.files.size() > 1 ? "repetitions" : "points";
 }
 
 std::vector<id::Curve> make_curves(const io::Case& test) {

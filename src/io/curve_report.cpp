@@ -81,14 +81,14 @@ std::string plots(const CurveRun& run, const std::string& group) {
       if (std::find(c.use.begin(), c.use.end(), use) == c.use.end()) continue;
       bool& first = use == 1 ? first_fitted : first_held;
       const char* colour = use == 1 ? fitted_colour : held_out_colour;
-      stress.curves.push_back({first ? std::string("measured, ") + uses[static_cast<std::size_t>(use)] : "", strain, rows_of(c, c.measured, use), colour, true, false});
-      gap.curves.push_back({"", strain, rows_of(c, c.measured - c.predicted, use), colour, true, false});
+      stress.curves.push_back({first ? std::string("measured, ") + uses[static_cast<std::size_t>(use)] : "", strain, rows_of(c, c.measured, use), colour, true, false, 1.0});
+      gap.curves.push_back({"", strain, rows_of(c, c.measured - c.predicted, use), colour, true, false, 1.0});
       first = false;
     }
   }
   for (const auto& c : run.curves) {
     if (c.group != group) continue;
-    stress.curves.push_back({first_model ? "model" : "", {c.strain.data(), c.strain.data() + c.strain.size()}, {c.predicted.data(), c.predicted.data() + c.predicted.size()}, model_colour, true, false});
+    stress.curves.push_back({first_model ? "model" : "", {c.strain.data(), c.strain.data() + c.strain.size()}, {c.predicted.data(), c.predicted.data() + c.predicted.size()}, model_colour, true, false, 1.0});
     first_model = false;
   }
   return "<div class=\"plots\">\n" + svg(stress) + svg(gap) + "</div>\n";
@@ -109,8 +109,8 @@ std::string page(const CurveRun& run) {
                        shown(p.start), escaped(p.unit), escaped(p.effect));
   out += fmt::format(
       "</table>\n<p class=\"note\">Standard deviation: repeated bars differ by their scatter, each all along its curve; with white noise alone it would be the smaller one.</p>\n"
-      "<h2>How well it fits</h2>\n<table>\n<tr><th>experiment</th><th>curves</th><th>noise [{0}]</th><th>from</th><th>between repetitions [{0}]</th><th>fitted, rms [{0}]</th>"
-      "<th>typical</th><th>χ</th><th>held out, rms [{0}]</th><th>typical</th><th>χ</th></tr>\n",
+      "<h2>Measured − predicted [{0}]</h2>\n<table>\n<tr><th>experiment</th><th>curves</th><th>noise</th><th>read from</th><th>between bars</th><th>fitted: rms</th>"
+      "<th>typical</th><th>χ</th><th>held out: rms</th><th>typical</th><th>χ</th></tr>\n",
       escaped(run.stress_unit));
   for (const auto& g : run.groups) {
     const auto of = [](const CurveRun::Misfit& m) {
@@ -119,7 +119,7 @@ std::string page(const CurveRun& run) {
     out += fmt::format("<tr><td>{}</td><td>{}</td><td>{}</td><td class=\"left\">{}</td><td>{}</td>{}{}</tr>\n", escaped(g.name), g.curves, shown(g.deviation, 3),
                        escaped(g.deviation_from), shown(g.floor, 3), of(g.fitted), of(g.held_out));
   }
-  out += "</table>\n<p class=\"note\">typical: median of the absolute value over 0.6745, the rms without a few rows that are far off.</p>\n<h2>Curves</h2>\n";
+  out += "</table>\n<p class=\"note\">between bars: standard deviation of repetitions at the same strain, which no law can go below on all of them; typical: median of the absolute value over 0.6745, the rms without a few rows that are far off.</p>\n<h2>Curves</h2>\n";
   for (const auto& g : run.groups) out += plots(run, g.name);
   if (run.iterations.size() > 1) {
     std::vector<double> row;

@@ -77,7 +77,7 @@ def main():
             p = rate["parameters"][name]
             require(abs(p["value"] - truth) < 4 * max(p["standard_deviation"], p["standard_deviation_noise_alone"]) and p["standard_deviation"] < 0.15 * truth,
                     f"{name} {p['value']:.4g} +- {p['standard_deviation']:.2g}, true {truth}")
-        require(rate["experiments"]["slow held out"]["standard_deviation_from"] == "given" and rate["experiments"]["slow"]["standard_deviation_from"] == "scatter of the repetitions",
+        require(rate["experiments"]["slow held out"]["standard_deviation_from"] == "given" and rate["experiments"]["slow"]["standard_deviation_from"] == "repetitions",
                 "the noise is given or read from the repetitions")
         with open(folder / "rate" / "curves.csv", newline="") as file:
             rows = [row for row in csv.DictReader(file) if row["experiment"] == "fast" and row["curve"] == "fast_0"]

@@ -38,7 +38,11 @@ struct Plate {
   ImageData images;
 
   /// The record of a specimen with the true parameters whose top moves by `stretch` [mm] in each frame.
-  explicit Plate(const std::vector<double>& stretch, Communicator world = {}) {
+  explicit Plate(const std::vector<double>& stretch, Communicator world = {}) : Plate(stretch, nullptr, {}, world) {}
+  /// The same with another law.
+  Plate(const std::vector<double>& stretch, std::shared_ptr<const material::FiniteStrainLaw> other, std::vector<double> values,
+        Communicator world = {}) {
+    if (other) law = std::move(other), truth = std::move(values);
     const auto frames = static_cast<Eigen::Index>(stretch.size());
     const auto& surface = specimen.surface.mesh;
     record.time = Eigen::VectorXd::LinSpaced(frames, 1.0, static_cast<double>(frames));
@@ -69,9 +73,6 @@ struct Plate {
   }
 };
 
-inline const std::vector<ParameterInfo>& information(const Plate& plate) {
-  static const auto all = plate.law->parameters();
-  return all;
-}
+inline const std::vector<ParameterInfo>& information(const Plate& plate) { return plate.law->parameters(); }
 
 }  // namespace imic3d::identification::testing

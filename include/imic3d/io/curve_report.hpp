@@ -21,7 +21,7 @@ struct CurveRun {
     double stress = 0.0, chi = 0.0, typical = 0.0;  ///< rms of measured - predicted; over the standard deviations; robust (median)
   };
   struct Group {
-    std::string name, deviation_from;  ///< `given`, `scatter of the repetitions`, `scatter of the points`
+    std::string name, deviation_from;  ///< `given`, the scatter of `repetitions` or `points`
     int curves = 0;
     double deviation = 0.0;            ///< of a row [stress], mean of the curves
     double floor = 0.0;                ///< scatter between repetitions [stress]: no law can do better on all of them; NaN if there is one
