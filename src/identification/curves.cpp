@@ -11,14 +11,16 @@
 
 namespace imic3d::identification {
 
-CurveSet::CurveSet(std::shared_ptr<const material::FiniteStrainLaw> law, std::vector<Curve> curves, material::BarOptions options)
+CurveSet::CurveSet(std::shared_ptr<const material::FiniteStrainLaw> law, std::vector<Curve> curves,
+                   material::BarOptions options)
     : law_(std::move(law)), curves_(std::move(curves)), options_(options) {
   if (law_->thickness_strain_index() >= 0) throw std::invalid_argument("curves take a three-dimensional law");
   std::vector<double> measured, deviation;
   for (std::size_t k = 0; k < curves_.size(); ++k) {
     const Curve& curve = curves_[k];
     const auto rows = curve.stress.size();
-    if (curve.history.strain.size() != rows || curve.history.time.size() != rows || static_cast<Eigen::Index>(curve.use.size()) != rows)
+    if (curve.history.strain.size() != rows || curve.history.time.size() != rows ||
+        static_cast<Eigen::Index>(curve.use.size()) != rows)
       throw std::invalid_argument("curve " + curve.name + ": columns of different lengths");
     first_.push_back(static_cast<Eigen::Index>(places_.size()));
     for (Eigen::Index row = 0; row < rows; ++row) {
@@ -42,7 +44,8 @@ Eigen::VectorXd CurveSet::predict(const std::vector<double>& parameters) const {
   return predict(parameters, {}, none);
 }
 
-Eigen::VectorXd CurveSet::predict(const std::vector<double>& parameters, const std::vector<int>& free, Eigen::MatrixXd& derivatives) const {
+Eigen::VectorXd CurveSet::predict(const std::vector<double>& parameters, const std::vector<int>& free,
+                                  Eigen::MatrixXd& derivatives) const {
   Eigen::VectorXd predicted(measured_.size());
   derivatives.resize(measured_.size(), static_cast<Eigen::Index>(free.size()));
   const auto count = static_cast<int>(curves_.size());
@@ -61,11 +64,13 @@ Eigen::VectorXd CurveSet::predict(const std::vector<double>& parameters, const s
     for (Eigen::Index row = 0; row < curve.stress.size(); ++row) {
       if (curve.use[static_cast<std::size_t>(row)] == Curve::not_judged) continue;
       predicted[i] = curve.engineering ? response.engineering[row] : response.kirchhoff[row];
-      derivatives.row(i++) = (curve.engineering ? std::exp(-curve.history.strain[row]) : 1.0) * response.derivatives.row(row);
+      derivatives.row(i++) =
+          (curve.engineering ? std::exp(-curve.history.strain[row]) : 1.0) * response.derivatives.row(row);
     }
   }
   if (failed < count)
-    throw ConvergenceError(fmt::format("{}: the law cannot follow beyond row {}", curves_[static_cast<std::size_t>(failed)].name, failed_row));
+    throw ConvergenceError(fmt::format("{}: the law cannot follow beyond row {}",
+                                       curves_[static_cast<std::size_t>(failed)].name, failed_row));
   return predicted;
 }
 
@@ -86,7 +91,8 @@ double point_noise(const Curve& curve) {
     const double before = x[i] - x[i - 1], after = x[i + 1] - x[i];
     if (!(before * after > 0.0)) continue;  // at a turning point there is no line
     const double w = before / (before + after);
-    distance.push_back(std::abs(curve.stress[i] - (1.0 - w) * curve.stress[i - 1] - w * curve.stress[i + 1]) / std::sqrt(1.0 + w * w + (1.0 - w) * (1.0 - w)));
+    distance.push_back(std::abs(curve.stress[i] - (1.0 - w) * curve.stress[i - 1] - w * curve.stress[i + 1]) /
+                       std::sqrt(1.0 + w * w + (1.0 - w) * (1.0 - w)));
   }
   return robust_deviation(distance);
 }
@@ -139,7 +145,8 @@ struct Weighted {
   double squares = INFINITY;
 };
 
-Weighted weighted(const CurveSet& set, const std::vector<double>& parameters, const std::vector<int>& free, bool with_derivatives) {
+Weighted weighted(const CurveSet& set, const std::vector<double>& parameters, const std::vector<int>& free,
+                  bool with_derivatives) {
   Eigen::MatrixXd derivatives;
   const Eigen::VectorXd predicted = set.predict(parameters, with_derivatives ? free : std::vector<int>{}, derivatives);
   Weighted result;
@@ -155,13 +162,19 @@ Weighted weighted(const CurveSet& set, const std::vector<double>& parameters, co
 
 }  // namespace
 
-CurveFit fit(const CurveSet& set, const std::vector<ParameterInfo>& information, const std::vector<double>& start, const std::vector<int>& free,
-             const CurveFitOptions& options, const std::function<void(const CurveIterate&)>& report) {
+CurveFit fit(const CurveSet& set, const std::vector<ParameterInfo>& information, const std::vector<double>& start,
+             const std::vector<int>& free, const CurveFitOptions& options,
+             const std::function<void(const CurveIterate&)>& report) {
   const auto unknowns = static_cast<Eigen::Index>(free.size());
   const auto of = [&](Eigen::Index j) { return static_cast<std::size_t>(free[static_cast<std::size_t>(j)]); };
   const auto low = [&](Eigen::Index j) { return information[of(j)].lower; };
   const auto high = [&](Eigen::Index j) { return information[of(j)].upper; };
-  CurveFit result{.parameters = start, .noise_covariance = {}, .covariance = {}, .iterates = {}, .at_bounds = {}, .converged = false};
+  CurveFit result{.parameters = start,
+                  .noise_covariance = {},
+                  .covariance = {},
+                  .iterates = {},
+                  .at_bounds = {},
+                  .converged = false};
   Weighted now = weighted(set, start, free, true);
   const auto rows = static_cast<double>(now.residual.size());
   const auto note = [&](double eta) {
@@ -180,7 +193,8 @@ CurveFit fit(const CurveSet& set, const std::vector<ParameterInfo>& information,
     const Eigen::VectorXd g = now.derivatives.transpose() * now.residual;
     bool better = false;
     for (int attempt = 0; attempt < 30 && !better; ++attempt) {
-      // Damped step of the open parameters; those that it would carry over a bound stop there, and the rest is solved again.
+      // Damped step of the open parameters; those that it would carry over a bound stop there, and the rest is solved
+      // again.
       Eigen::VectorXd step = Eigen::VectorXd::Zero(unknowns);
       std::vector<Eigen::Index> open;
       for (Eigen::Index j = 0; j < unknowns; ++j)
@@ -213,7 +227,8 @@ CurveFit fit(const CurveSet& set, const std::vector<ParameterInfo>& information,
       double eta = 0.0;
       for (Eigen::Index j = 0; j < unknowns; ++j) {
         trial[of(j)] = std::clamp(trial[of(j)] + step[j], low(j), high(j));
-        const double size = std::max(std::abs(trial[of(j)]), information[of(j)].effect.empty() ? 0.0 : 1e-3 * information[of(j)].scale);
+        const double size =
+            std::max(std::abs(trial[of(j)]), information[of(j)].effect.empty() ? 0.0 : 1e-3 * information[of(j)].scale);
         if (step[j] != 0.0) eta = std::max(eta, std::abs(step[j]) / size);  // Eq. (13)
       }
       if (eta == 0.0) {
@@ -255,7 +270,9 @@ CurveFit fit(const CurveSet& set, const std::vector<ParameterInfo>& information,
   const Eigen::MatrixXd J = now.derivatives(Eigen::all, open);
   const Eigen::VectorXd scale = J.colwise().norm().cwiseInverse();
   const Eigen::MatrixXd scaled = J * scale.asDiagonal();
-  const Eigen::MatrixXd inverse = scale.asDiagonal() * (scaled.transpose() * scaled).completeOrthogonalDecomposition().pseudoInverse() * scale.asDiagonal();
+  const Eigen::MatrixXd inverse = scale.asDiagonal() *
+                                  (scaled.transpose() * scaled).completeOrthogonalDecomposition().pseudoInverse() *
+                                  scale.asDiagonal();
   result.noise_covariance(open, open) = inverse;
   // Rows of one bar err together: each bar of a group is off by the group's scatter, the same all along.
   Eigen::MatrixXd meat = Eigen::MatrixXd::Zero(J.cols(), J.cols());
@@ -288,7 +305,8 @@ Misfit misfit(const CurveSet& set, const Eigen::VectorXd& predicted, const std::
     ++sum.rows;
   }
   if (sum.rows == 0) return sum;
-  sum.stress = std::sqrt(sum.stress / static_cast<double>(sum.rows)), sum.chi = std::sqrt(sum.chi / static_cast<double>(sum.rows));
+  sum.stress = std::sqrt(sum.stress / static_cast<double>(sum.rows)),
+  sum.chi = std::sqrt(sum.chi / static_cast<double>(sum.rows));
   sum.typical = robust_deviation(sizes);
   return sum;
 }

@@ -46,16 +46,21 @@ CurveTable read_curve(const std::filesystem::path& file, const CurveColumns& col
       const auto value = parsed<double>(text);
       values[i].push_back(value.value_or(std::nan("")));
       if (std::isfinite(values[i].back())) continue;
-      mistakes.push_back({fmt::format("{}:{} column \"{}\"", file.string(), number, wanted[i]), text.empty() ? "nothing" : text, "a finite number"});
+      mistakes.push_back({fmt::format("{}:{} column \"{}\"", file.string(), number, wanted[i]),
+                          text.empty() ? "nothing" : text, "a finite number"});
     }
   }
   if (place.empty())
-    throw InputError(file.string(), fmt::format("no row with the columns \"{}\"", fmt::join(wanted, "\", \"")),
-                     first.empty() ? "a table with a header row" : fmt::format("columns of \"{}\"", fmt::join(first, "\", \"")));
-  if (mistakes.empty() && values[0].size() < 3) throw InputError(file.string(), fmt::format("{} rows", values[0].size()), "three rows or more");
+    throw InputError(
+        file.string(), fmt::format("no row with the columns \"{}\"", fmt::join(wanted, "\", \"")),
+        first.empty() ? "a table with a header row" : fmt::format("columns of \"{}\"", fmt::join(first, "\", \"")));
+  if (mistakes.empty() && values[0].size() < 3)
+    throw InputError(file.string(), fmt::format("{} rows", values[0].size()), "three rows or more");
   if (mistakes.size() > most_mistakes) mistakes.resize(most_mistakes);
   if (!mistakes.empty()) throw InputError(mistakes);
-  const auto vector = [](const std::vector<double>& list) { return Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(list.data(), static_cast<Eigen::Index>(list.size()))); };
+  const auto vector = [](const std::vector<double>& list) {
+    return Eigen::VectorXd(Eigen::Map<const Eigen::VectorXd>(list.data(), static_cast<Eigen::Index>(list.size())));
+  };
   CurveTable table{vector(values[0]), vector(values[1]), {}};
   if (wanted.size() > 2) table.time = vector(values[2]);
   return table;

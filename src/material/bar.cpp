@@ -44,7 +44,8 @@ class Bar {
     Eigen::Matrix3d slope;
     double last = INFINITY;
     for (int iteration = 0;; ++iteration) {
-      if (!law_.update(turned(gradient(strain, x)), time_increment, parameters_, old_, new_, response, true)) return false;
+      if (!law_.update(turned(gradient(strain, x)), time_increment, parameters_, old_, new_, response, true))
+        return false;
       const Matrix3 tau = back(tensor(response.kirchhoff));
       const Eigen::Vector3d r = transverse(tau);
       for (int k = 0; k < 3; ++k) slope.col(k) = transverse(rate(response, tau, strain, x, k));
@@ -90,7 +91,8 @@ class Bar {
   [[nodiscard]] Matrix3 back(const Matrix3& in_law) const { return Q_.transpose() * in_law * Q_; }
 
   /// d tau / dx_k in the bar's axes.
-  [[nodiscard]] Matrix3 rate(const Response& response, const Matrix3& tau, double strain, const Lateral& x, int k) const {
+  [[nodiscard]] Matrix3 rate(const Response& response, const Matrix3& tau, double strain, const Lateral& x,
+                             int k) const {
     const Matrix3 L = gradient_rate(x, k) * gradient(strain, x).inverse(), D = turned(0.5 * (L + L.transpose()));
     const Vector6 d(D(0, 0), D(1, 1), D(2, 2), 2 * D(0, 1), 2 * D(1, 2), 2 * D(0, 2));
     return back(tensor(response.tangent * d)) + L * tau + tau * L.transpose();
@@ -103,12 +105,14 @@ class Bar {
     for (std::size_t j = 0; j < free_.size(); ++j) {
       unit_[static_cast<std::size_t>(free_[j])] = 1.0;
       Vector6 d_tau;
-      if (!law_.directional_derivative(F, Matrix3::Zero(), time_increment, parameters_, unit_, old_, d_old_[j], d_tau, d_new_))
+      if (!law_.directional_derivative(F, Matrix3::Zero(), time_increment, parameters_, unit_, old_, d_old_[j], d_tau,
+                                       d_new_))
         throw std::runtime_error("the derivative of a step that was possible");
       const Lateral dx = -lu.solve(transverse(back(tensor(d_tau))));
       Matrix3 dF = Matrix3::Zero();
       for (int k = 0; k < 3; ++k) dF += dx[k] * gradient_rate(x, k);
-      if (!law_.directional_derivative(F, turned(dF), time_increment, parameters_, unit_, old_, d_old_[j], d_tau, d_new_))
+      if (!law_.directional_derivative(F, turned(dF), time_increment, parameters_, unit_, old_, d_old_[j], d_tau,
+                                       d_new_))
         throw std::runtime_error("the derivative of a step that was possible");
       d_stress_[static_cast<Eigen::Index>(j)] = back(tensor(d_tau))(0, 0);
       d_old_[j] = d_new_;
@@ -136,15 +140,17 @@ BarResponse pull_bar(const FiniteStrainLaw& law, std::span<const double> paramet
                      std::span<const int> free, const BarOptions& options) {
   if (law.thickness_strain_index() >= 0) throw std::invalid_argument("pull_bar: a law of plane stress");
   const Eigen::Index n = history.strain.size();
-  BarResponse response{.rows = 0,
-                       .kirchhoff = Eigen::VectorXd::Constant(n, std::nan("")),
-                       .engineering = Eigen::VectorXd::Constant(n, std::nan("")),
-                       .lateral = Eigen::MatrixXd::Constant(n, 2, std::nan("")),
-                       .plastic_strain = Eigen::VectorXd::Constant(n, std::nan("")),
-                       .derivatives = Eigen::MatrixXd::Constant(n, static_cast<Eigen::Index>(free.size()), std::nan(""))};
+  BarResponse response{
+      .rows = 0,
+      .kirchhoff = Eigen::VectorXd::Constant(n, std::nan("")),
+      .engineering = Eigen::VectorXd::Constant(n, std::nan("")),
+      .lateral = Eigen::MatrixXd::Constant(n, 2, std::nan("")),
+      .plastic_strain = Eigen::VectorXd::Constant(n, std::nan("")),
+      .derivatives = Eigen::MatrixXd::Constant(n, static_cast<Eigen::Index>(free.size()), std::nan(""))};
   Bar bar(law, parameters, history.direction, free);
   for (Eigen::Index row = 0; row < n; ++row) {
-    const double from = bar.strain(), way = history.strain[row] - from, duration = row > 0 ? history.time[row] - history.time[row - 1] : 0.0;
+    const double from = bar.strain(), way = history.strain[row] - from,
+                 duration = row > 0 ? history.time[row] - history.time[row - 1] : 0.0;
     int count = std::max(1, static_cast<int>(std::ceil(std::abs(way) / options.largest_step - 1e-9))), halvings = 0;
     for (int k = 1; k <= count;) {
       if (bar.step(k == count ? history.strain[row] : from + way * k / count, duration / count)) {

@@ -1,12 +1,12 @@
 // Stress-strain curves: closed forms as data, noise, scatter, bounds, and what the covariance says.
-#include "imic3d/identification/curves.hpp"
-
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
 #include <cmath>
 #include <numeric>
 #include <random>
+
+#include "imic3d/identification/curves.hpp"
 
 namespace imic3d::identification {
 namespace {
@@ -18,11 +18,18 @@ std::shared_ptr<const material::FiniteStrainLaw> voce(std::vector<std::string> e
   return material::make_law({.law = "j2", .hardening = "voce", .effects = std::move(effects)});
 }
 
-/// A bar in the closed form: sigma = (S_inf - (S_inf - S_y) e^{-b p}) (1 + C ln(1 + p'/rate_0)), strain = p + sigma/E, p' constant.
+/// A bar in the closed form: sigma = (S_inf - (S_inf - S_y) e^{-b p}) (1 + C ln(1 + p'/rate_0)), strain = p + sigma/E,
+/// p' constant.
 Curve bar(const std::string& group, double speed, double noise, unsigned seed, double strength = 1.0, int rows = 120) {
   std::mt19937 engine(seed);
   std::normal_distribution<double> normal;
-  Curve curve{.name = group + " " + std::to_string(seed), .group = group, .history = {}, .stress = Eigen::VectorXd(rows), .engineering = seed % 2 == 0, .deviation = noise, .use = {}};
+  Curve curve{.name = group + " " + std::to_string(seed),
+              .group = group,
+              .history = {},
+              .stress = Eigen::VectorXd(rows),
+              .engineering = seed % 2 == 0,
+              .deviation = noise,
+              .use = {}};
   curve.history.time.resize(rows), curve.history.strain.resize(rows);
   for (Eigen::Index i = 0; i < rows; ++i) {
     const double p = 1.5e-3 * static_cast<double>(i);
@@ -66,7 +73,8 @@ TEST(Curves, WithEveryEffectAtItsNullValueAreThoseOfTheDeclaredLaw) {
     const double slope = derivatives.col(static_cast<Eigen::Index>(j)).norm();
     if (info.shape) {
       EXPECT_LT(slope * info.scale, 1e-9) << info.name << ": a shape without size";
-    } else if (info.name != "dilatancy" && info.effect != "hill") {  // which a bar along axis 1 shows in its width alone
+    } else if (info.name != "dilatancy" &&
+               info.effect != "hill") {  // which a bar along axis 1 shows in its width alone
       EXPECT_GT(slope * usual_size(info, 200e3), 1e-2) << info.name << ": the signature of an effect";
     }
   }
@@ -77,28 +85,34 @@ TEST(Curves, FitFindsTheParametersWithinTheirNoise) {
   int count = 0;
   for (unsigned seed = 1; seed < 13; ++seed) {
     const CurveSet set(voce(), {bar("slow", 1e-3, 3.0, 10 * seed), bar("fast", 10.0, 3.0, 10 * seed + 1)});
-    const CurveFit result = fit(set, set.parameters(), {200e3, 0.3, 180, 600, 30, 0, 0.0, 1e-3}, free_parameters, {.eta = 1e-6});
+    const CurveFit result =
+        fit(set, set.parameters(), {200e3, 0.3, 180, 600, 30, 0, 0.0, 1e-3}, free_parameters, {.eta = 1e-6});
     ASSERT_TRUE(result.converged);
     EXPECT_NEAR(result.iterates.back().chi, 1.0, 0.2);
     EXPECT_TRUE(result.at_bounds.empty());
     Eigen::VectorXd error(4);
-    for (Eigen::Index j = 0; j < 4; ++j) error[j] = result.parameters[static_cast<std::size_t>(free_parameters[static_cast<std::size_t>(j)])] - truth[static_cast<std::size_t>(free_parameters[static_cast<std::size_t>(j)])];
+    for (Eigen::Index j = 0; j < 4; ++j)
+      error[j] = result.parameters[static_cast<std::size_t>(free_parameters[static_cast<std::size_t>(j)])] -
+                 truth[static_cast<std::size_t>(free_parameters[static_cast<std::size_t>(j)])];
     chi_squares += error.dot(result.noise_covariance.ldlt().solve(error)), count += 4;
   }
   // chi^2 with 48 degrees of freedom: 1 +- 0.204.
   EXPECT_NEAR(chi_squares / count, 1.0, 3 * std::sqrt(2.0 / count));
-  std::printf("error of the fitted parameters over their covariance: chi^2/N = %.2f over %d\n", chi_squares / count, count);
+  std::printf("error of the fitted parameters over their covariance: chi^2/N = %.2f over %d\n", chi_squares / count,
+              count);
 }
 
 TEST(Curves, CovarianceKnowsThatBarsDiffer) {
-  // Bars of strengths that scatter by 4 %: white noise alone makes S_inf far too sure, the scatter of the bars does not.
+  // Bars of strengths that scatter by 4 %: white noise alone makes S_inf far too sure, the scatter of the bars does
+  // not.
   std::mt19937 engine(3);
   std::normal_distribution<double> normal(1.0, 0.04);
   std::vector<double> S_inf;
   double between = 0.0, white = 0.0;
   for (int draw = 0; draw < 30; ++draw) {
     std::vector<Curve> curves;
-    for (unsigned k = 0; k < 8; ++k) curves.push_back(bar("bars", 1e-3, 3.0, 100U * static_cast<unsigned>(draw) + k, normal(engine), 80));
+    for (unsigned k = 0; k < 8; ++k)
+      curves.push_back(bar("bars", 1e-3, 3.0, 100U * static_cast<unsigned>(draw) + k, normal(engine), 80));
     const CurveSet set(voce(), curves);
     const CurveFit result = fit(set, set.parameters(), truth, {2, 3, 4});
     S_inf.push_back(result.parameters[3]);
@@ -108,7 +122,8 @@ TEST(Curves, CovarianceKnowsThatBarsDiffer) {
   const double scattered = std::sqrt((all.array() - all.mean()).square().sum() / 29);
   EXPECT_NEAR(std::sqrt(between) / scattered, 1.0, 0.35);
   EXPECT_LT(std::sqrt(white), 0.4 * scattered);
-  std::printf("S_inf of 30 sets of 8 bars scatters by %.2f; expected %.2f, white noise %.2f\n", scattered, std::sqrt(between), std::sqrt(white));
+  std::printf("S_inf of 30 sets of 8 bars scatters by %.2f; expected %.2f, white noise %.2f\n", scattered,
+              std::sqrt(between), std::sqrt(white));
 }
 
 TEST(Curves, BoundsHoldAndAreNamed) {

@@ -24,11 +24,15 @@ TEST(Effects, AreFoundFromTheirNullValues) {
   ForwardModel model({}, plate.specimen, law, plate.record, {.with_fields = false}, 5, 0);
   auto parameters = truth;
   parameters[2] = 270, parameters[4] = 0, parameters[7] = 1, parameters[10] = 0;
-  GaussNewtonOptions options{.functional = Functional::displacement_driven, .eta = 1e-7, .max_iterations = 40, .force_noise = 1.0};
-  for (const auto& info : law->parameters()) options.scale.push_back(info.effect.empty() ? 0.0 : usual_size(info, truth[0]));
-  const auto result = gauss_newton({}, model, plate.images, law->parameters(), {.free = {2, 4, 7, 10}, .frames = {0, 1, 2, 3, 4, 5, 6}}, options, parameters);
+  GaussNewtonOptions options{
+      .functional = Functional::displacement_driven, .eta = 1e-7, .max_iterations = 40, .force_noise = 1.0};
+  for (const auto& info : law->parameters())
+    options.scale.push_back(info.effect.empty() ? 0.0 : usual_size(info, truth[0]));
+  const auto result = gauss_newton({}, model, plate.images, law->parameters(),
+                                   {.free = {2, 4, 7, 10}, .frames = {0, 1, 2, 3, 4, 5, 6}}, options, parameters);
   EXPECT_TRUE(result.converged);
-  for (const std::size_t j : {2U, 4U, 7U, 10U}) EXPECT_NEAR(parameters[j] / truth[j], 1.0, 1e-4) << law->parameters()[j].name;
+  for (const std::size_t j : {2U, 4U, 7U, 10U})
+    EXPECT_NEAR(parameters[j] / truth[j], 1.0, 1e-4) << law->parameters()[j].name;
 }
 
 }  // namespace

@@ -16,10 +16,13 @@ BarHistory cycle(double direction = 0.0) {
 TEST(Bar, TensionFollowsTheClosedForm) {
   for (const testing::Case& c : testing::plastic_cases()) {
     if (c.name != "linear") continue;
-    const BarResponse r = pull_bar(*c.law, c.parameters, {.time = Eigen::VectorXd::LinSpaced(40, 0, 39), .strain = Eigen::VectorXd::LinSpaced(40, 0.0, 0.4)});
+    const BarResponse r =
+        pull_bar(*c.law, c.parameters,
+                 {.time = Eigen::VectorXd::LinSpaced(40, 0, 39), .strain = Eigen::VectorXd::LinSpaced(40, 0.0, 0.4)});
     ASSERT_EQ(r.rows, 40);
     for (Eigen::Index i = 1; i < 40; ++i) {
-      const double strain = 0.4 * static_cast<double>(i) / 39, E = c.parameters[0], stress = (300 + 2000 * strain) / (1 + 2000 / E);
+      const double strain = 0.4 * static_cast<double>(i) / 39, E = c.parameters[0],
+                   stress = (300 + 2000 * strain) / (1 + 2000 / E);
       EXPECT_NEAR(r.kirchhoff[i] / stress, 1.0, 1e-11);
       EXPECT_NEAR(r.engineering[i], stress * std::exp(-strain), 1e-8);
       EXPECT_NEAR(r.lateral(i, 0), -0.5 * (strain - stress / E) - c.parameters[1] * stress / E, 1e-12);
@@ -47,20 +50,24 @@ TEST(Bar, DerivativesMatchDifferencesOfTheWholePath) {
       const Eigen::VectorXd d = r.derivatives.col(static_cast<Eigen::Index>(i));
       const std::string what = c.name + " " + c.law->parameters()[i].name;
 
-      if (d.norm() * c.parameters[i] < 1e-4 * r.kirchhoff.norm() && c.law->parameters()[i].name == "nu") continue;  // a bar hardly knows it
+      if (d.norm() * c.parameters[i] < 1e-4 * r.kirchhoff.norm() && c.law->parameters()[i].name == "nu")
+        continue;  // a bar hardly knows it
       const auto errors = testing::difference_errors(stress, {d.data(), d.data() + d.size()}, c.parameters[i], 0.3);
       const auto best = errors.best();
       EXPECT_LT(errors.error[best], 1e-6) << what << errors.table();
       EXPECT_GT(errors.error[best], 0.0) << what << errors.table();
       EXPECT_GT(errors.error.back(), 1e3 * errors.error[best]) << what << errors.table();
-      EXPECT_TRUE(errors.error.front() > 10.0 * errors.error[best] || errors.error.front() < 1e-7) << what << errors.table();
+      EXPECT_TRUE(errors.error.front() > 10.0 * errors.error[best] || errors.error.front() < 1e-7)
+          << what << errors.table();
     }
   }
 }
 
 TEST(Bar, DirectionOfTheBarIsTheAngleOfTheMaterialAxisTheOtherWay) {
-  auto turned = testing::with_effects("hill", {"hill"}, {1.2, 0.85, 1.1, -35}), straight = testing::with_effects("hill", {"hill"}, {1.2, 0.85, 1.1, 0});
-  const BarResponse a = pull_bar(*turned.made().law, turned.parameters, cycle()), b = pull_bar(*straight.made().law, straight.parameters, cycle(35.0));
+  auto turned = testing::with_effects("hill", {"hill"}, {1.2, 0.85, 1.1, -35}),
+       straight = testing::with_effects("hill", {"hill"}, {1.2, 0.85, 1.1, 0});
+  const BarResponse a = pull_bar(*turned.made().law, turned.parameters, cycle()),
+                    b = pull_bar(*straight.made().law, straight.parameters, cycle(35.0));
   EXPECT_LT((a.kirchhoff - b.kirchhoff).norm(), 1e-10 * b.kirchhoff.norm());
   const BarResponse along = pull_bar(*straight.made().law, straight.parameters, cycle());
   EXPECT_GT((a.kirchhoff - along.kirchhoff).norm(), 1e-3 * b.kirchhoff.norm());
@@ -68,7 +75,9 @@ TEST(Bar, DirectionOfTheBarIsTheAngleOfTheMaterialAxisTheOtherWay) {
 
 TEST(Bar, FollowsSofteningToTheEndAndRefusesPlaneStress) {
   const auto c = testing::with_effects("heating", {"heating"}, {5e-3, 0.0});
-  const BarResponse r = pull_bar(*c.made().law, c.parameters, {.time = Eigen::VectorXd::LinSpaced(50, 0, 1), .strain = Eigen::VectorXd::LinSpaced(50, 0, 2)});
+  const BarResponse r =
+      pull_bar(*c.made().law, c.parameters,
+               {.time = Eigen::VectorXd::LinSpaced(50, 0, 1), .strain = Eigen::VectorXd::LinSpaced(50, 0, 2)});
   EXPECT_EQ(r.rows, 50);  // the loss slows down the heating: the strength tends to 0 and never gets there
   EXPECT_GT(r.kirchhoff[49], 0.0);
   EXPECT_LT(r.kirchhoff[49], 0.2 * r.kirchhoff.maxCoeff());

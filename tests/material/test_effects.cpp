@@ -16,8 +16,11 @@ TEST(Effects, AtTheirNullValuesAreJ2) {
   for (const bool plane : {false, true})
     for (const bool cauchy : {false, true})
       for (const Case& c : testing::plastic_cases()) {
-        LawChoice choice{.law = "j2", .hardening = c.name == "power_linear_tied" ? "power_linear" : c.name, .tie_initial_modulus = c.name == "power_linear_tied",
-                         .plane_stress = plane, .cauchy_yield = cauchy};
+        LawChoice choice{.law = "j2",
+                         .hardening = c.name == "power_linear_tied" ? "power_linear" : c.name,
+                         .tie_initial_modulus = c.name == "power_linear_tied",
+                         .plane_stress = plane,
+                         .cauchy_yield = cauchy};
         if (c.name == "table") choice.table_strain = {0, 0.01, 0.05, 0.2};
         const auto j2 = make_law(choice);
         const Case extended = testing::at_null(choice, c.parameters);
@@ -37,7 +40,8 @@ TEST(Effects, AtTheirNullValuesAreJ2) {
           for (int i = 0; i < 6; ++i)
             for (int j = 0; j < 6; ++j)
               if (!plane || (i != 2 && i < 4 && j != 2 && j < 4)) {
-                EXPECT_NEAR(from_j2.tangent(i, j), from_extended.tangent(i, j), 1e-10 * from_j2.tangent.norm()) << c.name << " step " << step;
+                EXPECT_NEAR(from_j2.tangent(i, j), from_extended.tangent(i, j), 1e-10 * from_j2.tangent.norm())
+                    << c.name << " step " << step;
               }
         }
         EXPECT_GT(a.plastic_strain(), 0.1) << c.name;
@@ -80,10 +84,14 @@ TEST(Effects, TangentMatchesDifferencesOfTheStressAndItsSymmetryIsAsTheLawSays) 
       ASSERT_GT(point.plastic_strain_after(F), point.plastic_strain() + 1e-3) << c.name << ": the state must yield";
       const Response response = point.at(F);
       const Matrix3 tau = testing::tensor_of(response.kirchhoff);
-      const Vector6 rate = response.tangent * testing::engineering_strain(L) + testing::vector_of(L * tau + tau * L.transpose());
-      testing::expect_v_shaped(testing::difference_errors([&](double t) { return testing::listed(point.at((I + t * L) * F).kirchhoff); }, testing::listed(rate), 1.0, 1e-3),
-                               c.name + " step " + std::to_string(step));
-      asymmetry = std::max(asymmetry, (response.tangent - response.tangent.transpose()).norm() / response.tangent.norm());
+      const Vector6 rate =
+          response.tangent * testing::engineering_strain(L) + testing::vector_of(L * tau + tau * L.transpose());
+      testing::expect_v_shaped(
+          testing::difference_errors([&](double t) { return testing::listed(point.at((I + t * L) * F).kirchhoff); },
+                                     testing::listed(rate), 1.0, 1e-3),
+          c.name + " step " + std::to_string(step));
+      asymmetry =
+          std::max(asymmetry, (response.tangent - response.tangent.transpose()).norm() / response.tangent.norm());
       point.advance(F);
     }
     if (c.law->symmetric_tangent())
@@ -105,7 +113,8 @@ TEST(Effects, RotationsOfTheSpecimenTurnTheStress) {
       F = (I + random.matrix(0.04)) * F;
       const Matrix3 Q = random.rotation();
       const Matrix3 tau = testing::tensor_of(point.advance(F).kirchhoff), expected = Q * tau * Q.transpose();
-      EXPECT_LT((testing::tensor_of(turned.advance(Q * F).kirchhoff) - expected).norm(), 1e-11 * expected.norm()) << c.name << " step " << step;
+      EXPECT_LT((testing::tensor_of(turned.advance(Q * F).kirchhoff) - expected).norm(), 1e-11 * expected.norm())
+          << c.name << " step " << step;
       anisotropy = std::max(anisotropy, (testing::tensor_of(cut.advance(F * R).kirchhoff) - tau).norm() / tau.norm());
     }
     if (effect.name == "hill" || effect.name == "all")
@@ -124,10 +133,14 @@ class Bar {
     Eigen::Vector2d lateral = lateral_;
     std::vector<double> next(point_.history().size());
     Response r;
-    const auto gradient = [&] { return Matrix3(Eigen::Vector3d(std::exp(strain), std::exp(lateral[0]), std::exp(lateral[1])).asDiagonal()); };
+    const auto gradient = [&] {
+      return Matrix3(Eigen::Vector3d(std::exp(strain), std::exp(lateral[0]), std::exp(lateral[1])).asDiagonal());
+    };
     for (int i = 0; i < 60; ++i) {
-      if (!law_->update(gradient(), time_increment, point_.parameters(), point_.history(), next, r, true)) throw std::runtime_error("the law could not follow");
-      const Eigen::Matrix2d slope = r.tangent.block<2, 2>(1, 1) + 2.0 * Eigen::Matrix2d(Eigen::Vector2d(r.kirchhoff[1], r.kirchhoff[2]).asDiagonal());
+      if (!law_->update(gradient(), time_increment, point_.parameters(), point_.history(), next, r, true))
+        throw std::runtime_error("the law could not follow");
+      const Eigen::Matrix2d slope = r.tangent.block<2, 2>(1, 1) +
+                                    2.0 * Eigen::Matrix2d(Eigen::Vector2d(r.kirchhoff[1], r.kirchhoff[2]).asDiagonal());
       const Eigen::Vector2d change = slope.partialPivLu().solve(Eigen::Vector2d(r.kirchhoff[1], r.kirchhoff[2]));
       lateral -= change;
       if (change.norm() < 1e-15) break;
@@ -144,7 +157,8 @@ class Bar {
   Eigen::Vector2d lateral_ = Eigen::Vector2d::Zero();
 };
 
-testing::EffectCase linear(std::vector<std::string> effects, const std::vector<double>& values, double S_y = 300, double H = 0) {
+testing::EffectCase linear(std::vector<std::string> effects, const std::vector<double>& values, double S_y = 300,
+                           double H = 0) {
   testing::EffectCase c{"linear", {.law = "j2", .hardening = "linear", .effects = std::move(effects)}, {E, nu, S_y, H}};
   c.parameters.insert(c.parameters.end(), values.begin(), values.end());
   return c;
@@ -160,7 +174,8 @@ TEST(KinematicHardening, UniaxialCycleFollowsTheAnalyticSolution) {
     for (const double to : {0.02, -0.02, 0.015}) {
       double stress = 0.0;
       for (int k = 1; k <= steps; ++k) stress = bar.pull(from + (to - from) * k / steps);
-      const double ep = to - stress / E, X = sign * C / gamma + (X0 - sign * C / gamma) * std::exp(-sign * gamma * (ep - ep0));
+      const double ep = to - stress / E,
+                   X = sign * C / gamma + (X0 - sign * C / gamma) * std::exp(-sign * gamma * (ep - ep0));
       worst = std::max(worst, std::abs(stress - (X + sign * S_y)) / S_y);
       ep0 = ep, X0 = X, from = to, sign = -sign;
     }
@@ -170,7 +185,8 @@ TEST(KinematicHardening, UniaxialCycleFollowsTheAnalyticSolution) {
   EXPECT_LT(finest, 1e-3);
   EXPECT_NEAR(coarse / fine, 2.0, 0.1) << "backward Euler is of first order";
   EXPECT_NEAR(fine / finest, 2.0, 0.1);
-  std::printf("Armstrong-Frederick cycle against the analytic solution: %.1e with 800 steps a branch, ratio %.3f\n", finest, fine / finest);
+  std::printf("Armstrong-Frederick cycle against the analytic solution: %.1e with 800 steps a branch, ratio %.3f\n",
+              finest, fine / finest);
 }
 
 TEST(KinematicHardening, WithoutFadingIsPrager) {
@@ -200,7 +216,8 @@ TEST(KinematicHardening, SaturatedLoopCloses) {
 
 TEST(Hill48, YieldStressesAndStrainRatiosAreThoseOfTheParameters) {
   const double R_22 = 1.15, R_33 = 0.9, R_12 = 1.05, S_y = 300;
-  const double a = 1 / (R_22 * R_22), b = 1 / (R_33 * R_33), F = 0.5 * (a + b - 1), G = 0.5 * (b - a + 1), H = 0.5 * (1 + a - b), N = 1.5 / (R_12 * R_12);
+  const double a = 1 / (R_22 * R_22), b = 1 / (R_33 * R_33), F = 0.5 * (a + b - 1), G = 0.5 * (b - a + 1),
+               H = 0.5 * (1 + a - b), N = 1.5 / (R_12 * R_12);
   for (const double degrees : {0.0, 90.0}) {
     Bar bar(linear({"hill"}, {R_22, R_33, R_12, degrees}, S_y, 0.0));
     double stress = 0.0;
@@ -209,14 +226,15 @@ TEST(Hill48, YieldStressesAndStrainRatiosAreThoseOfTheParameters) {
     EXPECT_NEAR(stress / (degrees == 0.0 ? S_y : S_y * R_22), 1.0, 1e-12);
     EXPECT_NEAR(plastic[0] / plastic[1], degrees == 0.0 ? H / G : H / F, 1e-10);  // Lankford's r_0, r_90
   }
-  // Simple shear stress in material axes: small strain, tau sqrt(3) = R_12 S_y; and at 45 degrees r = N/(F+G) - 1/2 by the
-  // flow of the yield function, written out.
+  // Simple shear stress in material axes: small strain, tau sqrt(3) = R_12 S_y; and at 45 degrees r = N/(F+G) - 1/2 by
+  // the flow of the yield function, written out.
   const auto law = make_law(linear({"hill"}, {}).choice);
   const std::vector<double> parameters = {E, nu, S_y, 0.0, R_22, R_33, R_12, 0.0};
   MaterialPoint point(*law, parameters);
   Matrix3 F_shear = I;
   F_shear(0, 1) = F_shear(1, 0) = 0.004;
-  EXPECT_NEAR(point.at(F_shear).kirchhoff[3] * std::sqrt(3.0), R_12 * S_y, 1e-4 * S_y);  // and a Poynting effect of strain^2
+  EXPECT_NEAR(point.at(F_shear).kirchhoff[3] * std::sqrt(3.0), R_12 * S_y,
+              1e-4 * S_y);            // and a Poynting effect of strain^2
   const double F1 = 0.5 * b, N1 = N;  // R_22 = 1: F = G, and no shear under tension at 45 degrees
   Bar bar(linear({"hill"}, {1.0, R_33, R_12, 45.0}, S_y, 0.0));
   double stress = 0.0;
@@ -250,7 +268,8 @@ TEST(Rate, FactorIsJohnsonAndCooks) {
   const double slow = flow_stress(1e-4), fast = flow_stress(1e2);
   EXPECT_NEAR(slow, 300 * (1 + C * std::log(1 + 1e-4 / rate_0)), 1e-8);
   EXPECT_NEAR(fast, 300 * (1 + C * std::log(1 + 1e2 / rate_0)), 1e-8);
-  EXPECT_NEAR(fast / slow, (1 + C * std::log(1e2 / rate_0)) / (1 + C * std::log(1e-4 / rate_0)), 4e-4);  // without the 1: C ln(101/100) less
+  EXPECT_NEAR(fast / slow, (1 + C * std::log(1e2 / rate_0)) / (1 + C * std::log(1e-4 / rate_0)),
+              4e-4);  // without the 1: C ln(101/100) less
   EXPECT_NEAR(Bar(linear({"rate"}, {C, rate_0})).pull(0.01, 0.0), 300, 1e-9) << "a step without duration has no rate";
 }
 

@@ -13,18 +13,21 @@ struct CurveRun {
   struct Parameter {
     std::string name, unit, effect;
     double start = 0.0, value = 0.0;
-    double deviation = 0.0, noise_deviation = 0.0;  ///< with the scatter of whole curves; of white noise; NaN: not free or on a bound
+    double deviation = 0.0,
+           noise_deviation = 0.0;  ///< with the scatter of whole curves; of white noise; NaN: not free or on a bound
     bool free = false, at_bound = false;
   };
   struct Misfit {
     Eigen::Index rows = 0;
-    double stress = 0.0, chi = 0.0, typical = 0.0;  ///< rms of measured - predicted; over the standard deviations; robust (median)
+    double stress = 0.0, chi = 0.0,
+           typical = 0.0;  ///< rms of measured - predicted; over the standard deviations; robust (median)
   };
   struct Group {
     std::string name, deviation_from;  ///< `given`, the scatter of `repetitions` or `points`
     int curves = 0;
-    double deviation = 0.0;            ///< of a row [stress], mean of the curves
-    double floor = 0.0;                ///< scatter between repetitions [stress]: no law can do better on all of them; NaN if there is one
+    double deviation = 0.0;  ///< of a row [stress], mean of the curves
+    double floor =
+        0.0;  ///< scatter between repetitions [stress]: no law can do better on all of them; NaN if there is one
     Misfit fitted, held_out;
   };
   struct Curve {

@@ -1,6 +1,6 @@
 #pragma once
-// J2 plasticity with the effects that metals and polymers show beside isotropic hardening, each with a null value at which
-// it is absent.
+// J2 plasticity with the effects that metals and polymers show beside isotropic hardening, each with a null value at
+// which it is absent.
 
 #include <array>
 #include <cmath>
@@ -14,16 +14,17 @@
 
 namespace imic3d::material {
 
-/// With s the deviator of the effective stress, xi = s - sum alpha_i, sigma_m the mean stress and p the accumulated plastic
-/// strain, at the end of the step:
+/// With s the deviator of the effective stress, xi = s - sum alpha_i, sigma_m the mean stress and p the accumulated
+/// plastic strain, at the end of the step:
 ///
-///   q(xi) + friction sigma_m = J [(sigma_y(<p - eps_L>) + Q_v (1 - exp(-b_v p))) (1 + C_rate ln(1 + p'/rate_0)) (1 - heating w) + eta p'^m]
-///   Delta Ep = dp (n + dilatancy/3 I),  n = dq/dxi,  p' = dp/dt,  stress = (1 - D) (s + sigma_m I)
+///   q(xi) + friction sigma_m = J [(sigma_y(<p - eps_L>) + Q_v (1 - exp(-b_v p))) (1 + C_rate ln(1 + p'/rate_0)) (1 -
+///   heating w) + eta p'^m] Delta Ep = dp (n + dilatancy/3 I),  n = dq/dxi,  p' = dp/dt,  stress = (1 - D) (s + sigma_m
+///   I)
 ///
-/// q is von Mises' or Hill's equivalent stress, J = 1 or, with `cauchy_yield`, the volume ratio. Everything is a function of dp
-/// alone: one scalar equation, solved in plain numbers; one Newton step in dual numbers at its root gives all derivatives.
-/// A step without duration has no rates. Parameters: E, nu, the hardening's, then those of the effects that are switched on.
-/// State: p, stored heat w, three back-stresses. At the null values it is J2 (j2.hpp).
+/// q is von Mises' or Hill's equivalent stress, J = 1 or, with `cauchy_yield`, the volume ratio. Everything is a
+/// function of dp alone: one scalar equation, solved in plain numbers; one Newton step in dual numbers at its root
+/// gives all derivatives. A step without duration has no rates. Parameters: E, nu, the hardening's, then those of the
+/// effects that are switched on. State: p, stored heat w, three back-stresses. At the null values it is J2 (j2.hpp).
 template <class Hardening>
 struct ExtendedJ2 {
   static constexpr int back_stresses = 3;
@@ -56,7 +57,8 @@ struct ExtendedJ2 {
 
   void initialise(std::span<double> state) const { std::fill(state.begin(), state.end(), 0.0); }
 
-  /// Back-stresses that fade, pressure, damage and a yield stress in Cauchy stress are not derivatives of one potential.
+  /// Back-stresses that fade, pressure, damage and a yield stress in Cauchy stress are not derivatives of one
+  /// potential.
   [[nodiscard]] bool symmetric_tangent() const {
     using enum effects::Effect;
     for (const Effect effect : {kinematic, kinematic_2, kinematic_3, pressure, damage})
@@ -82,7 +84,8 @@ struct ExtendedJ2 {
     const ParameterValues parameters(step.parameters);
     std::array<double, state_size> state;
     for (std::size_t i = 0; i < state.size(); ++i) state[i] = value(step.state[i]);
-    const ConstantStep<Dual<1>, state_size> constants({values(step.trial_strain), step.time_increment, parameters, state});
+    const ConstantStep<Dual<1>, state_size> constants(
+        {values(step.trial_strain), step.time_increment, parameters, state});
     const StrainStep<Dual<1>> constant_step = constants.step();
     const At<Dual<1>> plain(*this, constant_step);
     const auto residual = [&](const Dual<1>& dp) { return plain.residual(dp); };
@@ -91,7 +94,8 @@ struct ExtendedJ2 {
       if (doubling == 60) return false;
     const auto root = bracketed_newton(residual, 0.0, upper, value(at.trial_stress()));
     if (!root) return false;
-    if (const auto there = plain.flow(Dual<1>(*root)); !there || !(value(there->q) > 0.0)) return false;  // no strength left
+    if (const auto there = plain.flow(Dual<1>(*root)); !there || !(value(there->q) > 0.0))
+      return false;  // no strength left
     const T dp = implicit_root(*root, at.residual(T(*root)), residual(Dual<1>::variable(*root, 0)).derivative[0]);
     at.finish(dp, result);
     return true;
@@ -140,7 +144,8 @@ struct ExtendedJ2 {
       });
       if (const auto p = of(Effect::hill); !p.empty()) {
         const Tensor<T> axes = effects::Hill48::axes(p);
-        const auto found = effects::Hill48::flow(effects::Hill48::Coefficients<T>(p), pull_back(axes, eta), T((2.0 / 3.0) * beta * dp));
+        const auto found = effects::Hill48::flow(effects::Hill48::Coefficients<T>(p), pull_back(axes, eta),
+                                                 T((2.0 / 3.0) * beta * dp));
         if (!found) return std::nullopt;
         return Flow{found->q, push_forward(axes, found->n)};
       }
@@ -167,8 +172,8 @@ struct ExtendedJ2 {
     /// What q is compared with.
     [[nodiscard]] T strength(const T& dp, const SymmetricTensor<T>& n) const {
       const T strain = old_strain() + dp;
-      const auto plateau = of(Effect::plateau), voce = of(Effect::voce_term), rate = of(Effect::rate), viscosity = of(Effect::viscosity),
-                 heating = of(Effect::heating);
+      const auto plateau = of(Effect::plateau), voce = of(Effect::voce_term), rate = of(Effect::rate),
+                 viscosity = of(Effect::viscosity), heating = of(Effect::heating);
       const T hardening_strain = plateau.empty() ? strain : effects::Plateau::hardening_strain(plateau, strain);
       T stress = law.yield_stress(hardening_strain, step.parameters.subspan(2), step.parameters[0]);
       if (!voce.empty()) stress += effects::VoceTerm::stress(voce, strain);
@@ -177,7 +182,8 @@ struct ExtendedJ2 {
       if (!heating.empty()) stress *= effects::Heating::factor(heating, heat(dp, n));
       if (!viscosity.empty()) stress += effects::Viscosity::overstress(viscosity, speed);
       if (law.cauchy_yield) stress *= volume_ratio();
-      if (const auto pressure = of(Effect::pressure); !pressure.empty()) stress *= effects::Pressure::factor(pressure, mean_stress(dp), stress);
+      if (const auto pressure = of(Effect::pressure); !pressure.empty())
+        stress *= effects::Pressure::factor(pressure, mean_stress(dp), stress);
       return stress;
     }
 
@@ -206,10 +212,12 @@ struct ExtendedJ2 {
       result.state[0] = strain;
       result.state[1] = heat(dp, n);
       each_back_stress([&](std::size_t i, auto kinematic, std::span<const T> p) {
-        const SymmetricTensor<T> alpha = kinematic.fading(p, dp) * old_back_stress(i) + T((2.0 / 3.0) * kinematic.modulus(p, dp)) * result.plastic_increment;
+        const SymmetricTensor<T> alpha = kinematic.fading(p, dp) * old_back_stress(i) +
+                                         T((2.0 / 3.0) * kinematic.modulus(p, dp)) * result.plastic_increment;
         for (std::size_t k = 0; k < 6; ++k) result.state[2 + 6 * i + k] = alpha.components[k];
       });
-      if (!pressure.empty()) result.plastic_increment = add_spherical(result.plastic_increment, T((1.0 / 3.0) * pressure[1] * dp));
+      if (!pressure.empty())
+        result.plastic_increment = add_spherical(result.plastic_increment, T((1.0 / 3.0) * pressure[1] * dp));
       if (!damage.empty()) result.stress = effects::Damage::integrity(damage, strain) * result.stress;
       for (std::size_t i = 0; i < back_stresses; ++i)
         if (!law.selection.has(static_cast<Effect>(i)))
@@ -222,7 +230,8 @@ struct ExtendedJ2 {
       const auto one = [&](std::size_t i, auto kinematic) {
         if (const auto p = of(static_cast<Effect>(i)); !p.empty()) do_it(i, kinematic, p);
       };
-      one(0, effects::KinematicHardening<1>{}), one(1, effects::KinematicHardening<2>{}), one(2, effects::KinematicHardening<3>{});
+      one(0, effects::KinematicHardening<1>{}), one(1, effects::KinematicHardening<2>{}),
+          one(2, effects::KinematicHardening<3>{});
     }
   };
 };

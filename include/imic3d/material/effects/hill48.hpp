@@ -1,5 +1,6 @@
 #pragma once
-// Hill's anisotropic yield function of 1948 for a sheet: orthotropic in the plane 12, as in the isotropic case through it.
+// Hill's anisotropic yield function of 1948 for a sheet: orthotropic in the plane 12, as in the isotropic case through
+// it.
 
 #include <array>
 #include <cmath>
@@ -13,21 +14,36 @@ namespace imic3d::material::effects {
 
 /// q^2 = F (s22-s33)^2 + G (s33-s11)^2 + H (s11-s22)^2 + 2 L s23^2 + 2 M s13^2 + 2 N s12^2 = s : M s, with
 /// F = (1/R_22^2 + 1/R_33^2 - 1)/2, G = (1/R_33^2 + 1 - 1/R_22^2)/2, H = (1 + 1/R_22^2 - 1/R_33^2)/2, N = 3/(2 R_12^2),
-/// L = M = 3/2: R_ij is the yield stress in that direction (of a shear: times sqrt 3) over the one along material axis 1.
-/// Lankford: r_0 = H/G, r_90 = H/F, r_45 = N/(F+G) - 1/2. Material axis 1 lies at `hill_angle` from the x axis of the
-/// reference configuration and turns with the material.
+/// L = M = 3/2: R_ij is the yield stress in that direction (of a shear: times sqrt 3) over the one along material
+/// axis 1. Lankford: r_0 = H/G, r_90 = H/F, r_45 = N/(F+G) - 1/2. Material axis 1 lies at `hill_angle` from the x axis
+/// of the reference configuration and turns with the material.
 struct Hill48 {
   static constexpr const char* name = "hill";
   static constexpr const char* summary = "anisotropic yield of a sheet, Hill 1948";
 
   static std::vector<ParameterInfo> parameters() {
     const auto ratio = [](const char* symbol, const char* what) {
-      return ParameterInfo{.name = symbol, .unit = "-", .description = what, .lower = 0.3, .upper = 3.0, .null_value = 1.0, .effect = name, .scale = 1.0};
+      return ParameterInfo{.name = symbol,
+                           .unit = "-",
+                           .description = what,
+                           .lower = 0.3,
+                           .upper = 3.0,
+                           .null_value = 1.0,
+                           .effect = name,
+                           .scale = 1.0};
     };
     return {ratio("R_22", "yield stress across material axis 1 over the one along it"),
             ratio("R_33", "yield stress through the thickness over the one along material axis 1"),
             ratio("R_12", "yield stress in shear in the plane, times sqrt 3, over the one along material axis 1"),
-            {.name = "hill_angle", .unit = "degree", .description = "material axis 1 from the x axis, counter-clockwise", .lower = -180.0, .upper = 180.0, .null_value = 0.0, .effect = name, .shape = true, .scale = 45.0}};
+            {.name = "hill_angle",
+             .unit = "degree",
+             .description = "material axis 1 from the x axis, counter-clockwise",
+             .lower = -180.0,
+             .upper = 180.0,
+             .null_value = 0.0,
+             .effect = name,
+             .shape = true,
+             .scale = 45.0}};
   }
 
   template <Scalar T>
@@ -39,7 +55,8 @@ struct Hill48 {
     }
     /// M s
     [[nodiscard]] SymmetricTensor<T> operator*(const SymmetricTensor<T>& s) const {
-      return {{G * (s[0] - s[2]) + H * (s[0] - s[1]), F * (s[1] - s[2]) + H * (s[1] - s[0]), F * (s[2] - s[1]) + G * (s[2] - s[0]), N * s[3], 1.5 * s[4], 1.5 * s[5]}};
+      return {{G * (s[0] - s[2]) + H * (s[0] - s[1]), F * (s[1] - s[2]) + H * (s[1] - s[0]),
+               F * (s[2] - s[1]) + G * (s[2] - s[0]), N * s[3], 1.5 * s[4], 1.5 * s[5]}};
     }
   };
 
@@ -53,15 +70,18 @@ struct Hill48 {
 
   /// zeta = xi/q with (q + kappa M) zeta = eta, deviatoric.
   template <Scalar T>
-  static SymmetricTensor<T> scaled(const Coefficients<T>& M, const SymmetricTensor<T>& eta, const T& kappa, const T& q) {
-    const T a = q + kappa * (2.0 * M.G + M.H), b = kappa * (M.G - M.H), c = kappa * (M.F - M.H), d = q + kappa * (2.0 * M.F + M.H);
-    const T scale = 1.0 / (a * d - b * c), first = scale * (d * eta[0] - b * eta[1]), second = scale * (a * eta[1] - c * eta[0]);
+  static SymmetricTensor<T> scaled(const Coefficients<T>& M, const SymmetricTensor<T>& eta, const T& kappa,
+                                   const T& q) {
+    const T a = q + kappa * (2.0 * M.G + M.H), b = kappa * (M.G - M.H), c = kappa * (M.F - M.H),
+            d = q + kappa * (2.0 * M.F + M.H);
+    const T scale = 1.0 / (a * d - b * c), first = scale * (d * eta[0] - b * eta[1]),
+            second = scale * (a * eta[1] - c * eta[0]);
     const T through = q + 1.5 * kappa;
     return {{first, second, -(first + second), eta[3] / (q + kappa * M.N), eta[4] / through, eta[5] / through}};
   }
 
-  /// Equivalent stress q of the relative stress xi = eta - kappa n, n = M xi / q the direction of flow, both returned, for a
-  /// deviatoric `eta` in material axes. No value where q could not be found.
+  /// Equivalent stress q of the relative stress xi = eta - kappa n, n = M xi / q the direction of flow, both returned,
+  /// for a deviatoric `eta` in material axes. No value where q could not be found.
   template <Scalar T>
   struct Flow {
     T q;
@@ -85,11 +105,14 @@ struct Hill48 {
     if (unrelaxed == 0.0) return Flow<T>{T(0.0) - 1.5 * kappa, SymmetricTensor<T>::zero()};
     double root = unrelaxed;
     if (value(kappa) > 0.0) {
-      const double half_trace = value(constant.F + constant.G + constant.H), F = value(constant.F), G = value(constant.G), H = value(constant.H);
+      const double half_trace = value(constant.F + constant.G + constant.H), F = value(constant.F),
+                   G = value(constant.G), H = value(constant.H);
       const double determinant = 3.0 * (F * G + G * H + H * F);
       if (!(determinant > 0.0)) return std::nullopt;  // not convex
-      const double smallest = std::min({half_trace - std::sqrt(std::max(0.0, half_trace * half_trace - determinant)), value(constant.N), 1.5});
-      const auto found = bracketed_newton(of_q, -value(kappa) * smallest * (1.0 - 1e-9), unrelaxed * (1.0 + 1e-12), 1.0);
+      const double smallest = std::min(
+          {half_trace - std::sqrt(std::max(0.0, half_trace * half_trace - determinant)), value(constant.N), 1.5});
+      const auto found =
+          bracketed_newton(of_q, -value(kappa) * smallest * (1.0 - 1e-9), unrelaxed * (1.0 + 1e-12), 1.0);
       if (!found) return std::nullopt;
       root = *found;
     }

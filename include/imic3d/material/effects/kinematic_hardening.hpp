@@ -15,8 +15,21 @@ struct KinematicHardening {
   static std::vector<ParameterInfo> parameters() {
     constexpr double usual_gamma = number == 1 ? 100.0 : number == 2 ? 10.0 : 1000.0;
     const std::string n = std::to_string(number);
-    return {{.name = "C_" + n, .unit = "stress", .description = "kinematic hardening modulus", .lower = 0.0, .null_value = 0.0, .effect = name, .scale = 0.02},
-            {.name = "gamma_" + n, .unit = "-", .description = "rate at which the back-stress fades, per plastic strain", .lower = 0.0, .null_value = usual_gamma, .effect = name, .shape = true, .scale = usual_gamma}};
+    return {{.name = "C_" + n,
+             .unit = "stress",
+             .description = "kinematic hardening modulus",
+             .lower = 0.0,
+             .null_value = 0.0,
+             .effect = name,
+             .scale = 0.02},
+            {.name = "gamma_" + n,
+             .unit = "-",
+             .description = "rate at which the back-stress fades, per plastic strain",
+             .lower = 0.0,
+             .null_value = usual_gamma,
+             .effect = name,
+             .shape = true,
+             .scale = usual_gamma}};
   }
   /// What is left of the old back-stress.
   template <Scalar T>

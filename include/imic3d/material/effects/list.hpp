@@ -16,7 +16,19 @@
 
 namespace imic3d::material::effects {
 
-enum class Effect : std::size_t { kinematic, kinematic_2, kinematic_3, hill, viscosity, rate, heating, voce_term, plateau, damage, pressure };
+enum class Effect : std::size_t {
+  kinematic,
+  kinematic_2,
+  kinematic_3,
+  hill,
+  viscosity,
+  rate,
+  heating,
+  voce_term,
+  plateau,
+  damage,
+  pressure
+};
 
 struct Entry {
   const char* name;
@@ -30,16 +42,27 @@ constexpr Entry entry() {
 }
 
 /// In the order of `Effect`.
-inline constexpr std::array list = {entry<KinematicHardening<1>>(), entry<KinematicHardening<2>>(), entry<KinematicHardening<3>>(),
-                                    entry<Hill48>(), entry<Viscosity>(), entry<JohnsonCookRate>(), entry<Heating>(),
-                                    entry<VoceTerm>(), entry<Plateau>(), entry<Damage>(), entry<Pressure>()};
+inline constexpr std::array list = {entry<KinematicHardening<1>>(),
+                                    entry<KinematicHardening<2>>(),
+                                    entry<KinematicHardening<3>>(),
+                                    entry<Hill48>(),
+                                    entry<Viscosity>(),
+                                    entry<JohnsonCookRate>(),
+                                    entry<Heating>(),
+                                    entry<VoceTerm>(),
+                                    entry<Plateau>(),
+                                    entry<Damage>(),
+                                    entry<Pressure>()};
 
 /// Which effects a law has, and where their parameters stand.
 class Selection {
  public:
   Selection() { count_.fill(0), first_.fill(0); }
   /// Switches an effect on. Effects that are switched on must be placed by `place` afterwards.
-  void add(Effect effect) { count_[static_cast<std::size_t>(effect)] = static_cast<int>(list[static_cast<std::size_t>(effect)].parameters().size()); }
+  void add(Effect effect) {
+    count_[static_cast<std::size_t>(effect)] =
+        static_cast<int>(list[static_cast<std::size_t>(effect)].parameters().size());
+  }
   [[nodiscard]] bool has(Effect effect) const { return count_[static_cast<std::size_t>(effect)] > 0; }
   /// Puts the parameters behind the `first` ones of the law.
   void place(int first) {

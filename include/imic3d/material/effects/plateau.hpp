@@ -5,13 +5,20 @@
 
 namespace imic3d::material::effects {
 
-/// The hardening curve begins at the plastic strain eps_L: sigma_y(p) becomes sigma_y(max(p - eps_L, 0)). eps_L = 0: none.
+/// The hardening curve begins at the plastic strain eps_L: sigma_y(p) becomes sigma_y(max(p - eps_L, 0)). eps_L = 0:
+/// none.
 struct Plateau {
   static constexpr const char* name = "plateau";
   static constexpr const char* summary = "yield plateau (Lueders)";
 
   static std::vector<ParameterInfo> parameters() {
-    return {{.name = "eps_L", .unit = "-", .description = "plastic strain at the end of the yield plateau", .lower = 0.0, .null_value = 0.0, .effect = name, .scale = 0.01}};
+    return {{.name = "eps_L",
+             .unit = "-",
+             .description = "plastic strain at the end of the yield plateau",
+             .lower = 0.0,
+             .null_value = 0.0,
+             .effect = name,
+             .scale = 0.01}};
   }
   template <Scalar T>
   static T hardening_strain(std::span<const T> p, const T& plastic_strain) {

@@ -13,8 +13,20 @@ struct VoceTerm {
   static constexpr const char* summary = "one more saturating hardening term";
 
   static std::vector<ParameterInfo> parameters() {
-    return {{.name = "Q_v", .unit = "stress", .description = "stress at which the term saturates", .null_value = 0.0, .effect = name, .scale = 5e-4},
-            {.name = "b_v", .unit = "-", .description = "rate of saturation per plastic strain", .lower = 0.0, .null_value = 10.0, .effect = name, .shape = true, .scale = 10.0}};
+    return {{.name = "Q_v",
+             .unit = "stress",
+             .description = "stress at which the term saturates",
+             .null_value = 0.0,
+             .effect = name,
+             .scale = 5e-4},
+            {.name = "b_v",
+             .unit = "-",
+             .description = "rate of saturation per plastic strain",
+             .lower = 0.0,
+             .null_value = 10.0,
+             .effect = name,
+             .shape = true,
+             .scale = 10.0}};
   }
   template <Scalar T>
   static T stress(std::span<const T> p, const T& plastic_strain) {
