@@ -68,7 +68,7 @@ def main():
 
         declared = identify("declared", "", "", "")
         rate = identify("rate", "rate", ", C_rate: {value: 0, lower: 0, upper: 0.1}, rate_0: 1e-3", ", C_rate", 2)
-        null = identify("null", "kinematic, hill, heating", "", "")
+        null = identify("unused", "kinematic, hill, heating", "", "")
         worst = max(abs(null["parameters"][name]["value"] / declared["parameters"][name]["value"] - 1) for name in ("S_y", "S_inf", "b"))
         require(worst < 1e-6 and null["parameters"]["C_1"]["value"] == 0 and not null["parameters"]["C_1"]["free"],
                 f"effects whose parameters are not given change nothing ({worst:.1e})")
