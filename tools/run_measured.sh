@@ -14,7 +14,7 @@ export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_AL
 if [ "$case" = stereo_chessboard ]; then exec build/release/imic3d calibrate "inputs/$case/${2:-calibration}.yaml"; fi
 if [ "$case" = steel304L_rates ] || [ "$case" = steel_cyclic ]; then
   runs=()
-  for name in ${2:-case $([ "$case" = steel_cyclic ] && echo kinematic kinematic_2 || echo rate rate_heating)}; do
+  for name in ${2:-case $([ "$case" = steel_cyclic ] && echo kinematic kinematic_2 || echo rate rate_heating viscosity)}; do
     build/release/imic3d identify "inputs/$case/${name%.yaml}.yaml"
     runs+=("runs/$case/${name%.yaml}")
   done
