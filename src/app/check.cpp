@@ -11,6 +11,7 @@
 #include "imic3d/app/program.hpp"
 #include "imic3d/app/setup.hpp"
 #include "imic3d/core/log.hpp"
+#include "curves.hpp"
 #include "placement.hpp"
 #include "rig.hpp"
 #include "several_cameras.hpp"
@@ -20,6 +21,14 @@ namespace imic3d::app {
 void check(const Communicator& world, const CommandOptions& options) {
   spdlog::set_level(spdlog::level::warn);  // the plan on stdout says it all
   const io::Case test = read_case(options, {}, true);
+  if (!test.experiments.empty() && test.cameras.empty()) {
+    const auto curves = make_curves(test);
+    if (!world.is_root()) return;
+    fmt::print("{}\n", test.title);
+    print_experiments(test);
+    for (std::size_t k = 0; k < test.identify.stages.size(); ++k) fmt::print("  stage {}      {}\n", k + 1, fmt::join(test.identify.stages[k].free, ", "));
+    return;
+  }
   const bool several = several_cameras(test), simulated = !test.specimen.held.empty();
   for (const auto& face : seen_faces(test)) {
     if (!several) break;

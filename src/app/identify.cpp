@@ -17,6 +17,7 @@
 #include "imic3d/identification/gauss_newton.hpp"
 #include "imic3d/io/run_results.hpp"
 #include "calibration_error.hpp"
+#include "curves.hpp"
 
 namespace imic3d::app {
 
@@ -47,6 +48,11 @@ void say(const Material& material, const std::vector<int>& free, const id::Itera
 void identify(const Communicator& world, const CommandOptions& options) {
   const auto start = std::chrono::steady_clock::now();
   const io::Case test = read_case(options, {"cameras", "loads", "material", "identify"}, true);
+  if (!test.experiments.empty()) {
+    if (!test.cameras.empty()) throw InputError("experiments", "given beside cameras", "images or experiments, each in a case of its own");
+    identify_curves(world, options, test);
+    return;
+  }
   Material material = make_material(test);
   const id::Specimen specimen = make_specimen(test);
   Observation seen = observe(test, specimen);
@@ -67,6 +73,7 @@ void identify(const Communicator& world, const CommandOptions& options) {
   solver.eta = test.identify.eta;
   solver.max_iterations = test.identify.max_iterations;
   solver.force_noise = force_noise(seen, test);
+  for (const auto& info : material.information) solver.scale.push_back(info.effect.empty() ? 0.0 : info.scale);
   spdlog::info("noise: {:.3f} grey levels ({}), {:.4g} {} of the force", fmt::join(seen.camera_noise, ", "),
                seen.noise_is_measured ? "static frames or given" : "from the DIC's residual", solver.force_noise, test.units.force);
 

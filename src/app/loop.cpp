@@ -202,7 +202,7 @@ loop::DeclaredModel declared_model(const io::Case& test, const Material& materia
 void loop(const Communicator& world, const CommandOptions& options) {
   const auto start = std::chrono::steady_clock::now();
   const auto seconds = [&] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(); };
-  const io::Case test = read_case(options, {"cameras", "loads", "material", "identify"}, true);
+  const io::Case test = read_case(options, {"specimen", "cameras", "loads", "material", "identify"}, true);
   if (several_cameras(test))
     throw InputError("cameras", fmt::format("{} cameras, the first is {}", test.cameras.size(), test.cameras.front().model), "one telecentric camera for imic3d loop");
   const Material material = make_material(test);

@@ -17,10 +17,20 @@ material::LawChoice choice(const io::MaterialCase& declared, bool plane_stress =
           .tie_initial_modulus = declared.tie_initial_modulus,
           .plane_stress = plane_stress,
           .cauchy_yield = declared.yield_stress == "cauchy",
+          .effects = declared.effects,
           .table_strain = declared.table_strain};
 }
 
 }  // namespace
+
+std::string unit_in(std::string unit, const io::Units& units) {
+  const auto replace = [&](const std::string& word, const std::string& by) {
+    if (const auto at = unit.find(word); at != std::string::npos) unit.replace(at, word.size(), by);
+  };
+  replace("stress", io::stress_unit(units));
+  replace("time", units.time);
+  return unit;
+}
 
 int Material::index(const std::string& name) const {
   std::string names;
@@ -46,7 +56,8 @@ Material make_material(const io::Case& test) {
     const auto& declared = test.material.parameters.at(info.name);
     if (declared.lower) info.lower = std::max(info.lower, *declared.lower);
     if (declared.upper) info.upper = std::min(info.upper, *declared.upper);
-    if (info.unit == "stress") info.unit = io::stress_unit(test.units);
+    info.scale = usual_size(info, result.values.empty() ? declared.value : result.values.front());  // E is every law's first
+    info.unit = unit_in(info.unit, test.units);
     result.values.push_back(declared.value);
     result.information.push_back(std::move(info));
   }

@@ -11,7 +11,7 @@
 namespace imic3d::app {
 
 void simulate(const Communicator& world, const CommandOptions& options) {
-  const io::Case test = read_case(options, {"material", "simulate"}, false);
+  const io::Case test = read_case(options, {"specimen", "material", "simulate"}, false);
   const Material material = make_material(test);
   const identification::Specimen specimen = make_specimen(test);
   SimulationOutput output(world, output_folder(test, options, world), test, specimen);

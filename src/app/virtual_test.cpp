@@ -167,7 +167,7 @@ nlohmann::json write_calibrations(const io::Case& test, const std::vector<Virtua
 }  // namespace
 
 void virtual_test(const Communicator& world, const CommandOptions& options) {
-  const io::Case test = read_case(options, {"material", "simulate", "virtual", "cameras"}, false);
+  const io::Case test = read_case(options, {"specimen", "material", "simulate", "virtual", "cameras"}, false);
   const io::VirtualCase& declared = *test.virtual_test;
   const Material material = make_material(test);
   const identification::Specimen specimen = make_specimen(test, true);

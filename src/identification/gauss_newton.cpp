@@ -34,9 +34,16 @@ struct NormalEquations {
 
 bool has_force(Functional functional) { return functional != Functional::force_driven; }
 
+/// What changes of a parameter are measured by: its value, or a usual one where it is about to leave 0.
+double scale_of(const std::vector<double>& parameters, int j, const GaussNewtonOptions& options) {
+  const auto k = static_cast<std::size_t>(j);
+  const double usual = k < options.scale.size() ? options.scale[k] : 0.0;
+  return std::max(std::abs(parameters[k]), usual);
+}
+
 double step_of(const std::vector<double>& parameters, int j, const GaussNewtonOptions& options) {
-  const double value = std::abs(parameters[static_cast<std::size_t>(j)]);
-  return options.perturbation * (value > 0.0 ? value : 1.0);
+  const double scale = scale_of(parameters, j, options);
+  return options.perturbation * (scale > 0.0 ? scale : 1.0);
 }
 
 /// How the simulation is driven that the images judge.
@@ -151,7 +158,7 @@ Eigen::VectorXd bounded_step(const NormalEquations& normal, const std::vector<do
   Eigen::VectorXd scale(unknowns), low(unknowns), high(unknowns);
   for (Eigen::Index j = 0; j < unknowns; ++j) {
     const auto k = static_cast<std::size_t>(stage.free[static_cast<std::size_t>(j)]);
-    scale[j] = std::max(std::abs(parameters[k]), 1e-12);
+    scale[j] = std::max(scale_of(parameters, static_cast<int>(k), options), 1e-12);
     const double reach = options.largest_step * scale[j];
     // Bounds that exclude their own end (E > 0) are approached by halves.
     low[j] = std::max(-reach, 0.5 * (information[k].lower - parameters[k]) * (1.0 + 1e-12));
@@ -466,7 +473,7 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
       const auto trial = move(parameters, step);
       eta = 0.0;  // Eq. (13)
       for (std::size_t j = 0; j < stage.free.size(); ++j) {
-        const double value = std::abs(trial[static_cast<std::size_t>(stage.free[j])]);
+        const double value = scale_of(trial, stage.free[j], options);
         eta = std::max(eta, std::abs(step[static_cast<Eigen::Index>(j)]) / std::max(value, 1e-300));
       }
       linear = linearise(model, images, trial, stage, options);

@@ -4,12 +4,12 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <fstream>
 #include <map>
 #include <optional>
 
+#include "delimited.hpp"
 #include "imic3d/core/error.hpp"
 
 namespace imic3d::io {
@@ -17,66 +17,6 @@ namespace imic3d::io {
 namespace {
 
 constexpr std::size_t most_mistakes = 20;  // of one file; the rest is counted
-
-std::string trimmed(const std::string& text) {
-  const auto first = text.find_first_not_of(" \t\r");
-  if (first == std::string::npos) return {};
-  return text.substr(first, text.find_last_not_of(" \t\r") - first + 1);
-}
-
-/// The separator that stands most often in the header outside quotes.
-char separator_of(const std::string& header) {
-  std::map<char, int> count{{',', 0}, {';', 0}, {'\t', 0}};
-  bool quoted = false;
-  for (char c : header) {
-    if (c == '"') quoted = !quoted;
-    if (const auto it = count.find(c); !quoted && it != count.end()) ++it->second;
-  }
-  return std::max_element(count.begin(), count.end(), [](auto& a, auto& b) { return a.second < b.second; })->first;
-}
-
-/// Fields of one line, or nothing if a quote is not closed. "" inside quotes is one quote.
-std::optional<std::vector<std::string>> fields_of(const std::string& line, char separator) {
-  std::vector<std::string> fields;
-  std::string field;
-  bool quoted = false, was_quoted = false;
-  const auto finish = [&] {
-    fields.push_back(was_quoted ? field : trimmed(field));
-    field.clear();
-    was_quoted = false;
-  };
-  for (std::size_t i = 0; i < line.size(); ++i) {
-    const char c = line[i];
-    if (quoted) {
-      if (c != '"') {
-        field += c;
-      } else if (i + 1 < line.size() && line[i + 1] == '"') {
-        field += line[++i];
-      } else {
-        quoted = false;
-      }
-    } else if (c == '"' && trimmed(field).empty()) {
-      quoted = was_quoted = true;
-      field.clear();
-    } else if (c == separator) {
-      finish();
-    } else if (!(was_quoted && (c == ' ' || c == '\r'))) {
-      field += c;
-    }
-  }
-  if (quoted) return std::nullopt;
-  finish();
-  return fields;
-}
-
-template <class Number>
-std::optional<Number> parsed(std::string text) {
-  if (text.starts_with('+')) text.erase(0, 1);
-  Number number{};
-  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
-  if (error != std::errc() || end != text.data() + text.size() || text.empty()) return std::nullopt;
-  return number;
-}
 
 /// Reads the rows of one file and collects what is wrong with them.
 class LoadsReader {

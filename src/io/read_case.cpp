@@ -96,6 +96,12 @@ double newtons(const std::string& unit) {
   return it == values.end() ? 1.0 : it->second;
 }
 
+double pascals(const std::string& unit) {
+  static const std::map<std::string, double> values{{"Pa", 1.0}, {"kPa", 1e3}, {"MPa", 1e6}, {"GPa", 1e9}, {"psi", 6894.757293168}, {"ksi", 6894757.293168}};
+  const auto it = values.find(unit);
+  return it == values.end() ? 1.0 : it->second;
+}
+
 /// Turns a document into a Case and collects everything that is wrong with it.
 class CaseReader {
  public:
@@ -113,14 +119,16 @@ class CaseReader {
     root_.get("title", case_.title);
     case_.output = folder_ / "results";
     root_.get("output", case_.output);
+    const bool on_curves = root_.has("experiments") && std::count(checks_.sections.begin(), checks_.sections.end(), "identify") > 0;
     for (const auto& section : checks_.sections)
-      if (!root_.has(section)) mistake(section, "not given", "a section " + section);
+      if (!root_.has(section) && !(on_curves && (section == "cameras" || section == "loads"))) mistake(section, "not given", "a section " + section);
 
     read_units();
     read_specimen();
     read_loads_section();
     read_cameras();
     read_material();
+    read_experiments();
     read_dic();
     read_simulate();
     settle_frames();
@@ -165,6 +173,7 @@ class CaseReader {
     if (!specimen.plane_stress() && specimen.element.starts_with("quad"))
       mistake(section.path("element"), specimen.element + " with kinematics: 3d", "hex8, hex20; quad4, quad8 with kinematics: plane_stress");
     read_specimen_place(section);
+    if (!root_.has("specimen") && !root_.has("experiments")) mistake("specimen", "not given", "a section specimen, or experiments");
     if (!section.has("mesh")) return;  // the schema's check has said so
     for (const char* end : {"held", "loaded"})
       if (simulates() && !section.has(end)) mistake(section.path(end), "not given", "the name of a group of the mesh");
@@ -481,6 +490,7 @@ class CaseReader {
     section.get("tie_initial_modulus", material.tie_initial_modulus);
     section.get("yield_stress", material.yield_stress);
     section.get("table_strain", material.table_strain);
+    section.get("effects", material.effects);
     const auto parameters = section.group("parameters");
     for (const auto& [name, value] : parameters.json().items()) {
       ParameterCase parameter;
@@ -524,7 +534,9 @@ class CaseReader {
     for (const auto& info : infos) names.push_back(info.name);
     for (const auto& info : infos) {
       const auto found = case_.material.parameters.find(info.name);
-      if (found == case_.material.parameters.end()) {
+      if (found == case_.material.parameters.end() && info.null_value) {
+        case_.material.parameters[info.name].value = *info.null_value;
+      } else if (found == case_.material.parameters.end()) {
         mistake(section.path(info.name), "not given", range_of(info));
       } else if (found->second.value < info.lower || found->second.value > info.upper) {
         mistake(section.path(info.name), fmt::format("{}", found->second.value), range_of(info));
@@ -557,6 +569,64 @@ class CaseReader {
               fmt::format("a value between its bounds{}{}",
                           parameter.lower ? fmt::format(", from {}", *parameter.lower) : "",
                           parameter.upper ? fmt::format(", up to {}", *parameter.upper) : ""));
+    }
+  }
+
+  void read_experiments() {
+    for (const auto& section : root_.list("experiments")) {
+      auto& experiment = case_.experiments.emplace_back();
+      section.get("name", experiment.name);
+      section.get("strain", experiment.columns.strain);
+      section.get("stress", experiment.columns.stress);
+      section.get("time", experiment.columns.time);
+      section.get("strain_scale", experiment.strain_scale);
+      section.get("noise", experiment.noise);
+      section.get("rate", experiment.rate);
+      section.get("direction", experiment.direction);
+      section.get("from", experiment.from);
+      section.get("monotonic", experiment.monotonic);
+      section.get("held_out", experiment.held_out);
+      std::string strain_kind = "engineering", stress_kind = strain_kind, until = "end", unit = stress_unit(case_.units);
+      section.get("strain_kind", strain_kind);
+      section.get("stress_kind", stress_kind);
+      section.get("until", until);
+      section.get("stress_unit", unit);
+      experiment.engineering_strain = strain_kind == "engineering";
+      experiment.engineering_stress = stress_kind == "engineering";
+      experiment.until_maximum = until == "maximum_force";
+      experiment.stress_scale = pascals(unit) / pascals(stress_unit(case_.units));
+      if (!experiment.columns.time.empty() && experiment.rate) mistake(section.path("rate"), "given beside time", "one of the two");
+      if (!experiment.name.empty() && std::any_of(case_.experiments.begin(), case_.experiments.end() - 1, [&](const auto& other) { return other.name == experiment.name; }))
+        mistake(section.path("name"), experiment.name, "a name that no other experiment has");
+      read_curves(section, experiment);
+      if (section.has("held_out") && section.value("held_out").is_string()) {
+        Frames rows;
+        Eigen::Index longest = 0;
+        for (const auto& table : experiment.tables) longest = std::max(longest, table.strain.size());
+        for (int row = 0; row < longest; ++row) rows.push_back(row);
+        experiment.held_out_rows = frames_of(section, "held_out", rows);
+      }
+    }
+  }
+
+  void read_curves(const Section& section, ExperimentCase& experiment) {
+    if (!section.has("file")) return;
+    const auto& value = section.value("file");
+    std::vector<std::string> patterns;
+    if (value.is_string()) patterns.push_back(value);
+    if (value.is_array()) section.get("file", patterns);
+    for (const auto& pattern : patterns) {
+      const auto files = matching_files(folder_, pattern);
+      if (files.empty()) mistake(section.path("file"), fmt::format("no file \"{}\"", pattern), "files that exist");
+      for (const auto& file : files) {
+        if (std::find(experiment.files.begin(), experiment.files.end(), file) != experiment.files.end()) continue;
+        try {
+          experiment.tables.push_back(read_curve(file, experiment.columns));
+          experiment.files.push_back(file);
+        } catch (const InputError& error) {
+          for (const auto& one : error.mistakes()) mistakes_.push_back({document_.line(section.path("file")), one});
+        }
+      }
     }
   }
 
@@ -712,6 +782,7 @@ class CaseReader {
   }
 
   [[nodiscard]] bool simulates() const {
+    if (!root_.has("specimen")) return false;
     return root_.has("identify") || root_.has("simulate") || root_.has("virtual");
   }
 

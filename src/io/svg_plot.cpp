@@ -118,8 +118,8 @@ std::string svg(const Plot& plot) {
                             curve.colour);
     }
     if (curve.line && !path.empty())
-      out += fmt::format("<path d=\"{}\" fill=\"none\" stroke=\"{}\" stroke-width=\"1.8\"/>\n", path.substr(1),
-                         curve.colour);
+      out += fmt::format("<path d=\"{}\" fill=\"none\" stroke=\"{}\" stroke-width=\"{}\"/>\n", path.substr(1),
+                         curve.colour, curve.width);
     out += dots + "\n";
   }
   double at = right - 8;

@@ -12,6 +12,7 @@ struct Curve {
   std::vector<double> x, y;
   std::string colour = "#1f5fa8";
   bool line = true, dots = false;
+  double width = 1.8;  ///< of the line [px]
 };
 
 struct Plot {

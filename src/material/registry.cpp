@@ -1,10 +1,12 @@
 // The laws and hardenings by the names that the case file uses.
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
 #include "imic3d/core/error.hpp"
 #include "imic3d/material/elastic.hpp"
+#include "imic3d/material/extended_j2.hpp"
 #include "imic3d/material/finite_strain_law.hpp"
 #include "imic3d/material/hardening.hpp"
 #include "imic3d/material/j2.hpp"
@@ -22,15 +24,34 @@ LawPointer finite_strain(const LawChoice& choice, Law law) {
   return std::make_shared<LogStrainLaw<Law>>(std::move(law));
 }
 
+effects::Selection selected(const LawChoice& choice) {
+  effects::Selection selection;
+  std::string allowed;
+  for (const auto& effect : effects::list) allowed += (allowed.empty() ? "" : ", ") + std::string(effect.name);
+  for (const auto& name : choice.effects) {
+    const auto found = std::find_if(effects::list.begin(), effects::list.end(), [&](const auto& effect) { return name == effect.name; });
+    if (found == effects::list.end()) throw InputError("material.effects", name, allowed);
+    const auto effect = static_cast<effects::Effect>(found - effects::list.begin());
+    if (selection.has(effect)) throw InputError("material.effects", name + " twice", "each effect once");
+    selection.add(effect);
+  }
+  return selection;
+}
+
 template <class Hardening>
 LawPointer j2(const LawChoice& choice, Hardening hardening) {
+  if (!choice.effects.empty()) {
+    std::string name = "j2 " + choice.hardening;
+    for (const auto& effect : choice.effects) name += " + " + effect;
+    return finite_strain(choice, ExtendedJ2<Hardening>{std::move(hardening), name, choice.cauchy_yield, selected(choice)});
+  }
   return finite_strain(choice, J2<Hardening>{std::move(hardening), "j2 " + choice.hardening, choice.cauchy_yield});
 }
 
 Table checked_table(const LawChoice& choice) {
   const auto& strain = choice.table_strain;
   const std::string place = "material.table_strain";
-  constexpr int most = max_parameters - 2;
+  constexpr int most = 40;  // with every effect still fewer than max_parameters
   const std::string allowed =
       "2 to " + std::to_string(most) + " accumulated plastic strains [-], the first 0, each greater than the last";
   if (strain.size() < 2 || strain.size() > most)
@@ -83,7 +104,11 @@ LawPointer make_j2(const LawChoice& choice) {
 }
 
 constexpr Entry laws[] = {
-    {"elastic", [](const LawChoice& c) { return finite_strain(c, Elastic{}); }},
+    {"elastic",
+     [](const LawChoice& c) {
+       if (!c.effects.empty()) throw InputError("material.effects", c.effects.front() + " with law elastic", "effects of law j2, or none");
+       return finite_strain(c, Elastic{});
+     }},
     {"j2", make_j2},
 };
 
@@ -97,5 +122,10 @@ std::vector<ParameterInfo> isotropic_elasticity_parameters() {
 LawPointer make_law(const LawChoice& choice) { return make_from(laws, choice.law, "material.law", choice); }
 std::vector<std::string> known_laws() { return names(laws); }
 std::vector<std::string> known_hardenings() { return names(hardenings); }
+std::vector<std::string> known_effects() {
+  std::vector<std::string> list;
+  for (const auto& effect : effects::list) list.emplace_back(effect.name);
+  return list;
+}
 
 }  // namespace imic3d::material

@@ -120,8 +120,12 @@ Assembler::Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
   IMIC3D_PETSC(MatSetOptionsPrefix(tangent_, "mechanics_"));
   IMIC3D_PETSC(MatSetFromOptions(tangent_));
   IMIC3D_PETSC(MatSetPreallocationCOO(tangent_, static_cast<PetscCount>(rows.size()), rows.data(), columns.data()));
-  IMIC3D_PETSC(MatSetOption(tangent_, MAT_SYMMETRIC, PETSC_TRUE));
-  IMIC3D_PETSC(MatSetOption(tangent_, MAT_SYMMETRY_ETERNAL, PETSC_TRUE));
+  if (law_->symmetric_tangent()) {
+    IMIC3D_PETSC(MatSetOption(tangent_, MAT_SYMMETRIC, PETSC_TRUE));
+    IMIC3D_PETSC(MatSetOption(tangent_, MAT_SYMMETRY_ETERNAL, PETSC_TRUE));
+  } else {
+    IMIC3D_PETSC(MatSetOption(tangent_, MAT_STRUCTURALLY_SYMMETRIC, PETSC_TRUE));
+  }
 
   IMIC3D_PETSC(VecCreateMPI(comm, owned, PETSC_DETERMINE, &force_pattern_));
   IMIC3D_PETSC(VecSetPreallocationCOO(force_pattern_, static_cast<PetscCount>(vector_rows.size()), vector_rows.data()));
@@ -209,7 +213,8 @@ bool Assembler::evaluate_cells(double time_increment, std::span<const double> pa
         element.tangent.row(dof).setZero();
         element.tangent.col(dof).setZero();
       }
-    std::copy_n(element.tangent.data(), dofs * dofs, element_tangents_.begin() + static_cast<long>(dofs) * dofs * cell);
+    using ByRows = Eigen::Matrix<double, dofs, dofs, Eigen::RowMajor>;
+    Eigen::Map<ByRows>(element_tangents_.data() + static_cast<long>(dofs) * dofs * cell) = element.tangent;
   }
   return failed == 0;
 }

@@ -61,7 +61,8 @@ struct Equilibrium::Implementation {
   Implementation(const Implementation&) = delete;
   Implementation& operator=(const Implementation&) = delete;
 
-  /// MUMPS LDL^T on small problems, CG with GAMG and the rigid-body near-null space above; everything open to options.
+  /// MUMPS LDL^T on small problems, CG with GAMG and the rigid-body near-null space above; everything open to options. A law
+  /// without associated flow has an unsymmetric tangent: LU and GMRES then. LU does not tell the tangent's inertia.
   void make_solver() {
     IMIC3D_PETSC(KSPCreate(partition.communicator.handle, &solver));
     IMIC3D_PETSC(KSPSetOptionsPrefix(solver, options.prefix.c_str()));
@@ -69,10 +70,10 @@ struct Equilibrium::Implementation {
     IMIC3D_PETSC(KSPGetPC(solver, &preconditioner));
     if (axes * mesh.nodes.rows() <= direct_limit) {
       IMIC3D_PETSC(KSPSetType(solver, KSPPREONLY));
-      IMIC3D_PETSC(PCSetType(preconditioner, PCCHOLESKY));
+      IMIC3D_PETSC(PCSetType(preconditioner, law->symmetric_tangent() ? PCCHOLESKY : PCLU));
       IMIC3D_PETSC(PCFactorSetMatSolverType(preconditioner, MATSOLVERMUMPS));
     } else {
-      IMIC3D_PETSC(KSPSetType(solver, KSPCG));
+      IMIC3D_PETSC(KSPSetType(solver, law->symmetric_tangent() ? KSPCG : KSPGMRES));
       IMIC3D_PETSC(PCSetType(preconditioner, PCGAMG));
       IMIC3D_PETSC(KSPSetTolerances(solver, 1e-8, PETSC_DEFAULT, PETSC_DEFAULT, 1000));
       attach_near_null_space();

@@ -53,6 +53,25 @@ void stress_and_hand_tangent_plastic(benchmark::State& state) { update(state, *m
 void stress_and_dual_tangent_plastic(benchmark::State& state) {
   update(state, LogStrainLaw<J2<PowerLinear>, false>(J2<PowerLinear>{}), true, true);
 }
+/// One step from the virgin state with the given effects at their null values.
+void with_effects(benchmark::State& state, std::vector<std::string> effects, bool with_tangent) {
+  const auto law = make_law({.effects = std::move(effects)});
+  std::vector<double> parameters{198e3, 0.25, 284, 1480, 0.042, 7.16e-5}, history(static_cast<std::size_t>(law->history_size())), next(history);
+  for (std::size_t i = parameters.size(); i < law->parameters().size(); ++i) parameters.push_back(*law->parameters()[i].null_value);
+  law->initialise(history);
+  Matrix3 F;
+  F << 1.02, 0.006, -0.004, 0.002, 0.99, 0.001, -0.002, 0.005, 0.99;
+  Response response;
+  for (auto _ : state) {
+    benchmark::DoNotOptimize(F);
+    if (!law->update(F, 1.0, parameters, history, next, response, with_tangent)) std::abort();
+    benchmark::DoNotOptimize(response);
+  }
+}
+void kinematic_rate_stress_plastic(benchmark::State& state) { with_effects(state, {"kinematic", "rate"}, false); }
+void kinematic_rate_tangent_plastic(benchmark::State& state) { with_effects(state, {"kinematic", "rate"}, true); }
+void all_effects_stress_plastic(benchmark::State& state) { with_effects(state, known_effects(), false); }
+void all_effects_tangent_plastic(benchmark::State& state) { with_effects(state, known_effects(), true); }
 void parameter_derivatives_plastic(benchmark::State& state) {
   const auto law = make_law({});
   const Point point(*law, true);
@@ -85,6 +104,10 @@ BENCHMARK(stress_and_tangent_elastic);
 BENCHMARK(stress_plastic);
 BENCHMARK(stress_and_hand_tangent_plastic);
 BENCHMARK(stress_and_dual_tangent_plastic);
+BENCHMARK(kinematic_rate_stress_plastic);
+BENCHMARK(kinematic_rate_tangent_plastic);
+BENCHMARK(all_effects_stress_plastic);
+BENCHMARK(all_effects_tangent_plastic);
 BENCHMARK(parameter_derivatives_plastic);
 BENCHMARK(directional_derivative_plastic);
 BENCHMARK(eigenvalues);

@@ -39,6 +39,12 @@ struct Plate {
 
   /// The record of a specimen with the true parameters whose top moves by `stretch` [mm] in each frame.
   explicit Plate(const std::vector<double>& stretch, Communicator world = {}) { pull(stretch, world); }
+  /// The same with another law.
+  Plate(const std::vector<double>& stretch, std::shared_ptr<const material::FiniteStrainLaw> other, std::vector<double> values,
+        Communicator world = {}) {
+    law = std::move(other), truth = std::move(values);
+    pull(stretch, world);
+  }
   /// The same with faces as the cameras see them.
   Plate(const std::vector<double>& stretch, Specimen seen) : specimen(std::move(seen)) { pull(stretch, {}); }
 
@@ -74,9 +80,6 @@ struct Plate {
   }
 };
 
-inline const std::vector<ParameterInfo>& information(const Plate& plate) {
-  static const auto all = plate.law->parameters();
-  return all;
-}
+inline const std::vector<ParameterInfo>& information(const Plate& plate) { return plate.law->parameters(); }
 
 }  // namespace imic3d::identification::testing

@@ -1,5 +1,6 @@
 // Derivatives with respect to the parameters, at one step and along a path, against differences.
 #include "anisotropic_law.hpp"
+#include "effect_cases.hpp"
 #include "material_point.hpp"
 
 namespace imic3d::material {
@@ -16,6 +17,7 @@ std::vector<Case> cases_with_anisotropy() {
   cases.push_back({"anisotropic",
                    std::make_shared<LogStrainLaw<testing::AnisotropicViscous>>(testing::AnisotropicViscous{}),
                    {1000.0, 5000.0, 0.2}});
+  for (const auto& effect : testing::effect_cases()) cases.push_back(effect.made());
   return cases;
 }
 

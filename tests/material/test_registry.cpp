@@ -55,7 +55,26 @@ TEST(Registry, ParametersStandInTheDocumentedOrder) {
   }
 }
 
+TEST(Registry, EffectsBringTheirParametersInTheOrderOfTheLibrary) {
+  EXPECT_THAT(known_effects(), ElementsAre("kinematic", "kinematic_2", "kinematic_3", "hill", "viscosity", "rate", "heating", "voce_term", "plateau",
+                                           "damage", "pressure"));
+  EXPECT_THAT(parameter_names({.hardening = "linear", .effects = {"rate", "kinematic"}}),
+              ElementsAre("E", "nu", "S_y", "H", "C_1", "gamma_1", "C_rate", "rate_0"));
+  EXPECT_EQ(make_law({.hardening = "linear", .effects = {"rate", "kinematic"}})->name(), "j2 linear + rate + kinematic");
+  for (const auto& info : make_law({.effects = known_effects()})->parameters()) {
+    EXPECT_EQ(info.effect.empty(), !info.null_value.has_value()) << info.name;
+    if (info.effect.empty()) continue;
+    EXPECT_GT(info.scale, 0.0) << info.name;
+    EXPECT_GE(*info.null_value, info.lower) << info.name;
+    EXPECT_LE(*info.null_value, info.upper) << info.name;
+  }
+}
+
 TEST(Registry, NamesWhatIsAllowed) {
+  EXPECT_THAT(mistake({.effects = {"kinematics"}}), ::testing::AllOf(HasSubstr("material.effects"), HasSubstr("kinematics"), HasSubstr("kinematic_2, kinematic_3, hill")));
+  EXPECT_THAT(mistake({.effects = {"rate", "rate"}}), HasSubstr("twice"));
+  EXPECT_THAT(mistake({.law = "elastic", .effects = {"rate"}}), HasSubstr("law elastic"));
+
   EXPECT_THAT(mistake({.law = "j3"}),
               ::testing::AllOf(HasSubstr("material.law"), HasSubstr("j3"), HasSubstr("elastic, j2")));
   EXPECT_THAT(mistake({.hardening = "power"}),

@@ -65,18 +65,18 @@ TEST(Equilibrium, PatchTestOnDistortedQuadraticHexahedra) {
 /// Four increments, none of which needs cutting: how often a longer one is cut depends on round-off, as the first iterations lie
 /// far outside of the region of convergence, and MUMPS on several ranks sums in an order that changes from run to run. The
 /// tolerance is above the round-off of the internal forces (2e-13), below which iterations say nothing.
-void newton_order(const mesh::Mesh& mesh) {
+void newton_order(const mesh::Mesh& mesh, std::shared_ptr<const material::FiniteStrainLaw> law, const std::vector<double>& parameters) {
   const Communicator world;
   const mesh::Partition partition = mesh::partition(mesh, world);
   auto ends = mesh.node_groups.at("left");
   ends.insert(ends.end(), mesh.node_groups.at("right").begin(), mesh.node_groups.at("right").end());
   std::sort(ends.begin(), ends.end());
   const auto dofs = all_dofs(ends);
-  Equilibrium equilibrium(partition, mesh, power_linear(), dofs, {.increments = 4, .tolerance = 1e-12});
+  Equilibrium equilibrium(partition, mesh, std::move(law), dofs, {.increments = 4, .tolerance = 1e-12});
   LoadStep step{.time = 1.0, .prescribed = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(dofs.size())), .force = {}};
   for (std::size_t i = 0; i < dofs.size(); ++i)
     if (mesh.nodes(dofs[i] / 3, 0) > 2.0) step.prescribed[static_cast<Eigen::Index>(i)] = dofs[i] % 3 == 0 ? 0.3 : 0.1;
-  const auto status = equilibrium.run({step}, steel, 0.0, [](int, const FrameState& state) {
+  const auto status = equilibrium.run({step}, parameters, 0.0, [](int, const FrameState& state) {
     EXPECT_GT(state.plastic_strain.minCoeff(), 0.01);
   });
   ASSERT_EQ(status.frames, 1) << status.message;
@@ -91,9 +91,17 @@ void newton_order(const mesh::Mesh& mesh) {
   EXPECT_LT(r.size(), 12U);
 }
 
-TEST(Equilibrium, NewtonConvergesQuadratically) { newton_order(testing::box({4, 2, 2}, {4.0, 1.0, 1.0}, 0.2)); }
+TEST(Equilibrium, NewtonConvergesQuadratically) { newton_order(testing::box({4, 2, 2}, {4.0, 1.0, 1.0}, 0.2), power_linear(), steel); }
 TEST(Equilibrium, NewtonConvergesQuadraticallyOnQuadraticHexahedra) {
-  newton_order(mesh::quadratic(testing::box({4, 2, 2}, {4.0, 1.0, 1.0}, 0.2)));
+  newton_order(mesh::quadratic(testing::box({4, 2, 2}, {4.0, 1.0, 1.0}, 0.2)), power_linear(), steel);
+}
+TEST(Equilibrium, NewtonConvergesQuadraticallyWithAnUnsymmetricTangent) {
+  const auto law = material::make_law({.law = "j2", .hardening = "voce", .effects = {"kinematic", "hill", "rate", "heating", "damage", "pressure"}});
+  ASSERT_FALSE(law->symmetric_tangent());
+  const std::vector<double> parameters = {198e3, 0.25, 284, 400, 10, 500, 20e3, 150, 1.2, 0.9, 1.1, 20, 0.02, 1e-3, 2e-4, 0.1, 0.3, 0.01, 0.2, 0.1};
+  const auto mesh = testing::box({4, 2, 2}, {4.0, 1.0, 1.0}, 0.2);
+  newton_order(mesh, law, parameters);
+  newton_order(mesh::quadratic(mesh), law, parameters);
 }
 
 /// Plastic Cook's membrane in plane strain (Simo & Armero 1992): top corner 6.97 to 7.09 mm at convergence.

@@ -17,7 +17,7 @@ namespace imic3d::app {
 /// The declared material: law, values and bounds in the law's order.
 struct Material {
   std::shared_ptr<const material::FiniteStrainLaw> law;
-  std::vector<ParameterInfo> information;  ///< bounds narrowed by the case file
+  std::vector<ParameterInfo> information;  ///< bounds narrowed by the case file, units and scales those of the case
   std::vector<double> values;
   /// Place of a parameter in the law's order; throws InputError if the law does not have it.
   [[nodiscard]] int index(const std::string& name) const;
@@ -25,6 +25,9 @@ struct Material {
 
 /// Reads and checks a case file; `sections` must be there; `images`: so must the image files.
 [[nodiscard]] io::Case read_case(const CommandOptions& options, std::vector<std::string> sections, bool images);
+
+/// The unit of a parameter (`stress`, `1/time`, …) in the units of the case.
+[[nodiscard]] std::string unit_in(std::string unit, const io::Units& units);
 
 [[nodiscard]] Material make_material(const io::Case& test);
 

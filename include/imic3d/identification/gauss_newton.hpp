@@ -30,7 +30,8 @@ struct GaussNewtonOptions {
   double force_noise = 1.0;        ///< sigma of F - R [force]: the load cell's and that of `reaction_noise`
   double perturbation = 1e-3;      ///< relative step of the perturbed simulations
   double largest_step = 0.5;       ///< largest relative change of a parameter in one iteration
-  NoiseModel noise_model = {};     ///< what the covariance is made of
+  std::vector<double> scale{};     ///< usual size of each parameter, by which steps are measured where its value is smaller
+  NoiseModel noise_model{};        ///< what the covariance is made of
 };
 
 /// One stage: which parameters move and which frames judge them.

@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "imic3d/core/parameter.hpp"
+#include "imic3d/io/experiments.hpp"
 #include "imic3d/io/frames.hpp"
 #include "imic3d/io/loads.hpp"
 #include "imic3d/mesh/mesh.hpp"
@@ -112,7 +113,26 @@ struct MaterialCase {
   bool tie_initial_modulus = false;
   std::string yield_stress = "kirchhoff";  ///< what the hardening curve is compared with: kirchhoff, cauchy
   std::vector<double> table_strain;
-  std::map<std::string, ParameterCase> parameters;
+  std::vector<std::string> effects;  ///< what the law is extended by (material/effects)
+  std::map<std::string, ParameterCase> parameters;  ///< those of effects that are not given are at their null values
+};
+
+/// Uniform tests of one kind, one file each: repetitions of each other.
+struct ExperimentCase {
+  std::string name;
+  std::vector<std::filesystem::path> files;  ///< patterns already expanded
+  CurveColumns columns;
+  bool engineering_strain = true, engineering_stress = true;  ///< else true: ln(1+e), s (1+e)
+  double strain_scale = 1.0, stress_scale = 1.0;  ///< multiply the columns; the stress then is in the case's unit
+  std::optional<double> noise;   ///< standard deviation [stress]; the scatter of the repetitions, or of the points, if not given
+  std::optional<double> rate;    ///< strain rate where there is no time column [1/time]
+  double direction = 0.0;        ///< of the bar in the material's plane, from its x axis [degree]
+  double from = 0.0;             ///< rows before this strain is reached are simulated but not judged [-]
+  bool until_maximum = false;    ///< rows after the largest force are left out
+  bool monotonic = false;        ///< a strain that turns back is noise: it stays at its largest so far, and the row is not judged
+  bool held_out = false;         ///< simulated but never fitted: all of it, or
+  Frames held_out_rows;          ///< only these rows (from 0)
+  std::vector<CurveTable> tables;  ///< one per file, as recorded
 };
 
 struct DicCase {
@@ -187,6 +207,7 @@ struct Case {
   std::vector<CameraCase> cameras;
   LoadsCase loads;
   MaterialCase material;
+  std::vector<ExperimentCase> experiments;
   DicCase dic;
   IdentifyCase identify;
   LoopCase loop;

@@ -77,6 +77,8 @@ struct Dual {
   }
   friend Dual expm1(const Dual& x) { return x.chain(std::expm1(x.value), std::exp(x.value)); }
   friend Dual log(const Dual& x) { return x.chain(std::log(x.value), 1.0 / x.value); }
+  friend Dual sin(const Dual& x) { return x.chain(std::sin(x.value), std::cos(x.value)); }
+  friend Dual cos(const Dual& x) { return x.chain(std::cos(x.value), -std::sin(x.value)); }
   friend Dual abs(const Dual& x) { return x.value < 0.0 ? -x : x; }
   friend Dual pow(const Dual& x, double exponent) {
     const double f = std::pow(x.value, exponent);

@@ -40,6 +40,8 @@ class FiniteStrainLaw {
   /// A law of plane stress: where ln(lambda_3), the logarithmic strain through the thickness, stands in the history. Such a
   /// law is given F with F_33 = 1 and no shear out of the plane, and of its tangent the plane's components count. Else -1.
   [[nodiscard]] virtual int thickness_strain_index() const = 0;
+  /// False where flow is not associated: the tangent is then unsymmetric, and so must be the solver.
+  [[nodiscard]] virtual bool symmetric_tangent() const { return true; }
   /// Stress at the end of a step that takes the point to deformation gradient F.
   /// history_old is not changed; history_new gets the trial state (the two may not overlap).
   /// The tangent is computed if `with_tangent`. Returns false where the point cannot follow (det F <= 0, no root).
@@ -69,6 +71,7 @@ struct LawChoice {
   bool tie_initial_modulus = false;        ///< Eq. 19: eps_0 = delta S_y / (E - H) is not a parameter then
   bool plane_stress = false;               ///< no stress along axis 3
   bool cauchy_yield = false;               ///< the hardening curve is that of the Cauchy stress, not of the Kirchhoff stress
+  std::vector<std::string> effects{};      ///< what `j2` is extended by, see known_effects(); each brings its parameters
   std::vector<double> table_strain{};      ///< for `table`: accumulated plastic strain [-], from 0, ascending
 };
 
@@ -76,5 +79,7 @@ struct LawChoice {
 [[nodiscard]] std::shared_ptr<const FiniteStrainLaw> make_law(const LawChoice& choice);
 [[nodiscard]] std::vector<std::string> known_laws();
 [[nodiscard]] std::vector<std::string> known_hardenings();
+/// The effects of LawChoice::effects, in the order in which their parameters stand after those of the law.
+[[nodiscard]] std::vector<std::string> known_effects();
 
 }  // namespace imic3d::material

@@ -13,8 +13,9 @@ namespace imic3d::material {
 
 /// F = Fe Fp; trial elastic strain E = 1/2 ln(Ce), Ce = Fe^T Fe, Fe = F Fp_old^-1; second Piola-Kirchhoff stress of the
 /// intermediate configuration S = T : 2 dE/dCe; Kirchhoff stress tau = Fe S Fe^T; Fp_new = exp(Delta Ep) Fp_old.
-/// Simo (1992); Miehe, Apel, Lambrecht (2002); de Souza Neto, Peric, Owen (2008), ch. 14. Exact for isotropic laws;
-/// with a law whose T derives from an incremental energy the tangent is symmetric.
+/// Simo (1992); Miehe, Apel, Lambrecht (2002); de Souza Neto, Peric, Owen (2008), ch. 14. T need not be coaxial with E
+/// (kinematic hardening, Hill 48); the axes of anisotropy and the back-stresses are those of the intermediate configuration,
+/// which starts as the reference axes and has no plastic spin: they turn with the elastic rotation. With a law whose T derives from an incremental energy the tangent is symmetric.
 /// History: Fp^-1 by rows (9 numbers), then the law's own state.
 /// hand_tangent: use the law's `consistent_tangent` rather than dual numbers.
 template <SmallStrainLaw Law, bool hand_tangent = HasConsistentTangent<Law>>
@@ -30,6 +31,12 @@ class LogStrainLaw final : public FiniteStrainLaw {
   [[nodiscard]] int history_size() const override { return history_length; }
   [[nodiscard]] int plastic_strain_index() const override {
     return Law::plastic_strain_index < 0 ? -1 : 9 + Law::plastic_strain_index;
+  }
+  [[nodiscard]] bool symmetric_tangent() const override {
+    if constexpr (requires { law_.symmetric_tangent(); })
+      return law_.symmetric_tangent();
+    else
+      return true;
   }
   [[nodiscard]] int thickness_strain_index() const override {
     if constexpr (requires { Law::thickness_strain_index; })

@@ -41,11 +41,11 @@ struct PlaneStress {
     std::array<double, Law::state_size> state;
     for (std::size_t i = 0; i < state.size(); ++i) state[i] = value(step.state[i]);
     const StrainStep<double> plain{values(step.trial_strain), step.time_increment, parameters, state};
-    const Constants<Dual<1>> constants(plain);
+    const ConstantStep<Dual<1>, Law::state_size> constants(plain);
     double scale = 0.0;
     const auto normal_stress = [&](const Dual<1>& thickness_strain) {
       StressUpdate<Dual<1>, Law::state_size> there;
-      if (!law.update(constants.step(thickness_strain), there)) return Dual<1>(std::nan(""));
+      if (!law.update(plus(constants.step(), thickness_strain), there)) return Dual<1>(std::nan(""));
       const SymmetricTensor<double> stress = values(there.stress);
       scale = std::sqrt(double_dot(stress, stress));
       return there.stress[2];
@@ -71,6 +71,13 @@ struct PlaneStress {
     return true;
   }
 
+  [[nodiscard]] bool symmetric_tangent() const {
+    if constexpr (requires { law.symmetric_tangent(); })
+      return law.symmetric_tangent();
+    else
+      return true;
+  }
+
   [[nodiscard]] Matrix6 consistent_tangent(const StrainStep<double>& step,
                                            const StressUpdate<double, state_size>& result) const
       requires HasConsistentTangent<Law> {
@@ -84,33 +91,13 @@ struct PlaneStress {
   /// The law's step with eps_33 added to the trial strain.
   template <Scalar T>
   static StrainStep<T> with(const StrainStep<T>& step, const T& thickness_strain) {
-    StrainStep<T> other{step.trial_strain, step.time_increment, step.parameters, step.state.first(Law::state_size)};
-    other.trial_strain[2] += thickness_strain;
-    return other;
+    return plus({step.trial_strain, step.time_increment, step.parameters, step.state.first(Law::state_size)}, thickness_strain);
   }
-
-  /// A step in plain numbers as one in dual numbers of which eps_33 alone varies.
   template <Scalar T>
-  class Constants {
-   public:
-    explicit Constants(const StrainStep<double>& step) : time_increment_(step.time_increment), count_(step.parameters.size()) {
-      for (int i = 0; i < 6; ++i) strain_[i] = T(step.trial_strain[i]);
-      for (std::size_t i = 0; i < count_; ++i) parameters_[i] = T(step.parameters[i]);
-      for (std::size_t i = 0; i < state_.size(); ++i) state_[i] = T(step.state[i]);
-    }
-    [[nodiscard]] StrainStep<T> step(const T& thickness_strain) const {
-      StrainStep<T> result{strain_, time_increment_, {parameters_.data(), count_}, state_};
-      result.trial_strain[2] += thickness_strain;
-      return result;
-    }
-
-   private:
-    SymmetricTensor<T> strain_;
-    double time_increment_;
-    std::size_t count_;
-    std::array<T, max_parameters> parameters_;
-    std::array<T, Law::state_size> state_;
-  };
+  static StrainStep<T> plus(StrainStep<T> step, const T& thickness_strain) {
+    step.trial_strain[2] += thickness_strain;
+    return step;
+  }
 };
 
 }  // namespace imic3d::material

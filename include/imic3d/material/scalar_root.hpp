@@ -12,7 +12,7 @@
 namespace imic3d::material {
 
 /// Largest number of parameters of a law.
-inline constexpr int max_parameters = 48;
+inline constexpr int max_parameters = 72;
 
 /// The values alone of a list of parameters.
 class ParameterValues {

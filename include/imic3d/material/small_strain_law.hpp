@@ -22,6 +22,7 @@
 #include <vector>
 
 #include "imic3d/core/parameter.hpp"
+#include "imic3d/material/scalar_root.hpp"
 #include "imic3d/material/tensor.hpp"
 
 namespace imic3d::material {
@@ -33,6 +34,25 @@ struct StrainStep {
   double time_increment;            ///< length of the step [time]
   std::span<const T> parameters;    ///< values in the order of `parameters()`
   std::span<const T> state;         ///< the law's own state at the start of the step
+};
+
+/// A step in plain numbers as one in numbers of type T that do not vary.
+template <Scalar T, int state_size>
+class ConstantStep {
+ public:
+  explicit ConstantStep(const StrainStep<double>& step) : time_increment_(step.time_increment), count_(step.parameters.size()) {
+    for (int i = 0; i < 6; ++i) strain_[i] = T(step.trial_strain[i]);
+    for (std::size_t i = 0; i < count_; ++i) parameters_[i] = T(step.parameters[i]);
+    for (std::size_t i = 0; i < state_.size(); ++i) state_[i] = T(step.state[i]);
+  }
+  [[nodiscard]] StrainStep<T> step() const { return {strain_, time_increment_, {parameters_.data(), count_}, state_}; }
+
+ private:
+  SymmetricTensor<T> strain_;
+  double time_increment_;
+  std::size_t count_;
+  std::array<T, max_parameters> parameters_;
+  std::array<T, static_cast<std::size_t>(state_size)> state_;
 };
 
 /// What a law gives back.

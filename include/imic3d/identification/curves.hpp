@@ -1,0 +1,114 @@
+#pragma once
+// Uniform tests: stress-strain curves of bars, each a material point under mixed control, and the identification on
+// them.
+
+#include <Eigen/Core>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "imic3d/material/bar.hpp"
+#include "imic3d/material/finite_strain_law.hpp"
+
+namespace imic3d::identification {
+
+/// One bar.
+struct Curve {
+  std::string name, group;       ///< curves of a group are repetitions of each other
+  material::BarHistory history;  ///< logarithmic strain of the gauge in time [rows]
+  Eigen::VectorXd stress;        ///< measured [rows, stress]
+  bool engineering = true;       ///< the stress is force over the first section; else that times length/length_0
+  double deviation = 1.0;        ///< standard deviation of a row [stress]
+  std::vector<char> use;         ///< of each row: not_judged, fitted, held_out
+  enum Use : char { not_judged, fitted, held_out };
+};
+
+/// Row `row` of curve `curve`.
+struct CurvePlace {
+  int curve = 0;
+  Eigen::Index row = 0;
+};
+
+/// A set of curves and the law that shall predict them. All vectors hold the rows that are fitted or held out, curve
+/// after curve. Parameters stand in the law's order; a law that is made with known_effects() has all of them, at their
+/// null values until moved. Curves are simulated on the threads of OpenMP.
+class CurveSet {
+ public:
+  /// Throws std::invalid_argument for a law of plane stress or curves whose sizes do not agree.
+  CurveSet(std::shared_ptr<const material::FiniteStrainLaw> law, std::vector<Curve> curves,
+           material::BarOptions options = {});
+
+  /// Stresses at `parameters` [rows]. Throws ConvergenceError naming the curve that the law cannot follow.
+  [[nodiscard]] Eigen::VectorXd predict(const std::vector<double>& parameters) const;
+  /// The same, and d(stress)/d(parameter) of those of `free` [rows x free].
+  [[nodiscard]] Eigen::VectorXd predict(const std::vector<double>& parameters, const std::vector<int>& free,
+                                        Eigen::MatrixXd& derivatives) const;
+
+  [[nodiscard]] const Eigen::VectorXd& measured() const { return measured_; }
+  [[nodiscard]] const Eigen::VectorXd& standard_deviation() const { return deviation_; }
+  [[nodiscard]] const std::vector<CurvePlace>& places() const { return places_; }
+  [[nodiscard]] bool is_fitted(Eigen::Index i) const;
+  [[nodiscard]] const std::vector<Curve>& curves() const { return curves_; }
+  [[nodiscard]] const std::vector<ParameterInfo>& parameters() const { return law_->parameters(); }
+  [[nodiscard]] const material::FiniteStrainLaw& law() const { return *law_; }
+  /// The same curves under another law.
+  [[nodiscard]] CurveSet with(std::shared_ptr<const material::FiniteStrainLaw> law) const {
+    return {std::move(law), curves_, options_};
+  }
+
+ private:
+  std::shared_ptr<const material::FiniteStrainLaw> law_;
+  std::vector<Curve> curves_;
+  material::BarOptions options_;
+  std::vector<CurvePlace> places_;
+  std::vector<Eigen::Index> first_;  // of each curve in the vectors
+  Eigen::VectorXd measured_, deviation_;
+};
+
+/// Noise of the points of a curve [stress]: from each point's distance to the line through its neighbours, robust
+/// (median).
+[[nodiscard]] double point_noise(const Curve& curve);
+
+/// Standard deviation between repetitions [stress]: of their stresses at the same strain, rms over the strains that at
+/// least two of them reach; each curve up to where its strain first turns back. Rows that are not judged do not count.
+/// 0 if there is only one.
+[[nodiscard]] double scatter(const std::vector<const Curve*>& repetitions);
+
+struct CurveFitOptions {
+  int max_iterations = 100;
+  double eta = 1e-4;  ///< relative change of the parameters at convergence, Eq. 13
+};
+
+struct CurveIterate {
+  std::vector<double> parameters;
+  double eta = 0.0, chi = 0.0;  ///< chi: rms of the fitted rows' residuals over their standard deviations
+};
+
+struct CurveFit {
+  std::vector<double> parameters;    ///< all of them
+  Eigen::MatrixXd noise_covariance;  ///< of the free ones, if the rows' noise is white [free x free]
+  Eigen::MatrixXd covariance;  ///< the same, and each bar of a group of repetitions off by their scatter, all along it
+  std::vector<CurveIterate> iterates;
+  std::vector<int> at_bounds;  ///< free parameters that ended on a bound
+  bool converged = false;
+};
+
+/// Gauss-Newton with damping (Levenberg, Marquardt) and exact derivatives, on the rows that are fitted, from `start`
+/// within the bounds of `information`. A bound that is reached holds until the gradient leads away from it.
+[[nodiscard]] CurveFit fit(const CurveSet& set, const std::vector<ParameterInfo>& information,
+                           const std::vector<double>& start, const std::vector<int>& free,
+                           const CurveFitOptions& options = {},
+                           const std::function<void(const CurveIterate&)>& report = {});
+
+/// Of measured - predicted over some rows of a group (all groups if empty).
+struct Misfit {
+  Eigen::Index rows = 0;
+  double stress = 0.0, chi = 0.0;  ///< rms [stress]; rms over the rows' standard deviations
+  double typical =
+      0.0;  ///< median of the absolute value / 0.6745 [stress]: the rms without a few rows that are far off
+};
+[[nodiscard]] Misfit misfit(const CurveSet& set, const Eigen::VectorXd& predicted, const std::string& group,
+                            bool fitted);
+
+}  // namespace imic3d::identification

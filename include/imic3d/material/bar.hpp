@@ -1,0 +1,43 @@
+#pragma once
+// A bar pulled along its axis, with no other stress: a material point under mixed control.
+
+#include <Eigen/Core>
+#include <span>
+
+#include "imic3d/material/finite_strain_law.hpp"
+
+namespace imic3d::material {
+
+/// What is prescribed: the logarithmic strain of the gauge at times, from the virgin state at time[0].
+struct BarHistory {
+  Eigen::VectorXd time;    ///< [rows, time], not descending
+  Eigen::VectorXd strain;  ///< ln(length / length_0) [rows, -]
+  double direction = 0.0;  ///< of the bar in the plane of the law's axes x, y, counter-clockwise from x [degree]
+};
+
+struct BarOptions {
+  double largest_step = 2e-3;  ///< of the strain; longer ones are divided
+  int most_halvings = 12;      ///< of a step whose lateral strains could not be found
+};
+
+/// At the rows that could be reached.
+struct BarResponse {
+  Eigen::Index rows = 0;  ///< all of them, or those before the law could not follow
+  Eigen::VectorXd
+      kirchhoff;  ///< axial Kirchhoff stress [rows]: the force over the first section, times length/length_0
+  Eigen::VectorXd engineering;     ///< force over the first section [rows]
+  Eigen::MatrixXd lateral;         ///< logarithmic strains across, in the plane and out of it [rows x 2]
+  Eigen::VectorXd plastic_strain;  ///< accumulated, 0 for an elastic law [rows]
+  Eigen::MatrixXd derivatives;     ///< d(kirchhoff)/d(parameter), those of `free` [rows x free]; of `engineering`: over
+                                   ///< length/length_0
+};
+
+/// The deformation gradient in the bar's axes is [e^strain, g, 0; 0, e^a, 0; 0, 0, e^b]; a, b and the shear g, which
+/// an anisotropic bar needs, are found by Newton's method with the consistent tangent so that tau_22 = tau_33 = tau_12
+/// = 0. The derivatives are those of the whole path, by direct differentiation. law: not one of plane stress. `free`:
+/// parameters by index.
+[[nodiscard]] BarResponse pull_bar(const FiniteStrainLaw& law, std::span<const double> parameters,
+                                   const BarHistory& history, std::span<const int> free = {},
+                                   const BarOptions& options = {});
+
+}  // namespace imic3d::material

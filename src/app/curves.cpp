@@ -1,0 +1,216 @@
+#include "curves.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <set>
+
+#include "imic3d/app/output.hpp"
+#include "imic3d/core/log.hpp"
+#include "imic3d/io/curve_report.hpp"
+
+namespace imic3d::app {
+
+namespace id = identification;
+
+namespace {
+
+id::Curve make_curve(const io::ExperimentCase& experiment, std::size_t file) {
+  const io::CurveTable& table = experiment.tables[file];
+  const auto place = [&](Eigen::Index row) { return fmt::format("{} row {}", experiment.files[file].string(), row); };
+  id::Curve curve;
+  curve.name = experiment.files[file].stem().string();
+  curve.group = experiment.name;
+  curve.engineering = experiment.engineering_stress;
+  curve.history.direction = experiment.direction;
+  curve.history.strain = experiment.strain_scale * table.strain;
+  if (experiment.engineering_strain) {
+    for (Eigen::Index row = 0; row < curve.history.strain.size(); ++row)
+      if (!(curve.history.strain[row] > -1.0))
+        throw InputError(place(row), fmt::format("engineering strain {}", curve.history.strain[row]),
+                         "a number above -1");
+    curve.history.strain = curve.history.strain.array().log1p();
+  }
+  curve.stress = experiment.stress_scale * table.stress;
+
+  Eigen::Index rows = curve.stress.size(), largest = 0;
+  if (experiment.until_maximum) {
+    const Eigen::VectorXd force = curve.engineering
+                                      ? curve.stress
+                                      : Eigen::VectorXd(curve.stress.array() * (-curve.history.strain.array()).exp());
+    force.maxCoeff(&largest);
+    rows = largest + 1;
+    curve.stress.conservativeResize(rows);
+    curve.history.strain.conservativeResize(rows);
+  }
+  curve.history.time = Eigen::VectorXd::LinSpaced(rows, 0.0, static_cast<double>(rows - 1));
+  if (table.time.size() > 0) curve.history.time = table.time.head(rows);
+  if (experiment.rate)
+    for (Eigen::Index row = 1; row < rows; ++row)
+      curve.history.time[row] = curve.history.time[row - 1] +
+                                std::abs(curve.history.strain[row] - curve.history.strain[row - 1]) / *experiment.rate;
+  for (Eigen::Index row = 1; row < rows; ++row)
+    if (curve.history.time[row] < curve.history.time[row - 1])
+      throw InputError(place(row),
+                       fmt::format("time {} after {}", curve.history.time[row], curve.history.time[row - 1]),
+                       "a time that does not decrease");
+
+  bool reached = false;
+  double largest_strain = 0.0;
+  for (Eigen::Index row = 0; row < rows; ++row) {
+    double& strain = curve.history.strain[row];
+    const bool turned_back = experiment.monotonic && strain < largest_strain;
+    if (turned_back) strain = largest_strain;
+    largest_strain = std::max(largest_strain, strain);
+    reached = reached || std::abs(strain) >= experiment.from;
+    const bool held = experiment.held_out || std::binary_search(experiment.held_out_rows.begin(),
+                                                                experiment.held_out_rows.end(), static_cast<int>(row));
+    curve.use.push_back(!reached || turned_back ? id::Curve::not_judged
+                        : held                  ? id::Curve::held_out
+                                                : id::Curve::fitted);
+  }
+  return curve;
+}
+
+std::vector<const id::Curve*> of_group(const std::vector<id::Curve>& curves, const std::string& group) {
+  std::vector<const id::Curve*> list;
+  for (const auto& curve : curves)
+    if (curve.group == group) list.push_back(&curve);
+  return list;
+}
+
+double relative(double a, double b) { return b != 0.0 ? a / std::abs(b) : std::nan(""); }
+
+}  // namespace
+
+std::string deviation_from(const io::ExperimentCase& experiment) {
+  return experiment.noise ? "given" : experiment.files.size() > 1 ? "repetitions" : "points";
+}
+
+std::vector<id::Curve> make_curves(const io::Case& test) {
+  std::vector<id::Curve> curves;
+  for (const auto& experiment : test.experiments) {
+    const std::size_t first = curves.size();
+    for (std::size_t file = 0; file < experiment.files.size(); ++file) curves.push_back(make_curve(experiment, file));
+    const double between = id::scatter(of_group(curves, experiment.name));
+    for (std::size_t k = first; k < curves.size(); ++k) {
+      curves[k].deviation = experiment.noise ? *experiment.noise : between > 0.0 ? between : id::point_noise(curves[k]);
+      if (!(curves[k].deviation > 0.0))
+        throw InputError(experiment.files[k - first].string(), "no noise to be seen in the points",
+                         "experiments.noise: a standard deviation, or repetitions");
+    }
+  }
+  return curves;
+}
+
+void identify_curves(const Communicator& world, const CommandOptions& options, const io::Case& test) {
+  const auto start = std::chrono::steady_clock::now();
+  Material material = make_material(test);
+  const id::CurveSet set(material.law, make_curves(test));
+  const auto folder = output_folder(test, options, world);
+  const std::vector<double> first = material.values;
+  spdlog::info("{}: {} curves, {} rows, law {}", test.title, set.curves().size(), set.measured().size(),
+               material.law->name());
+
+  io::CurveRun run;
+  std::set<int> all_free, at_bounds;
+  const auto n = static_cast<Eigen::Index>(material.values.size());
+  Eigen::VectorXd deviation = Eigen::VectorXd::Constant(n, std::nan("")), noise_deviation = deviation;
+  for (std::size_t k = 0; k < test.identify.stages.size(); ++k) {
+    const auto& names = test.identify.stages[k].free;
+    std::vector<int> free;
+    for (const auto& name : names) free.push_back(material.index(name));
+    spdlog::info("stage {}: {}", k + 1, fmt::join(names, ", "));
+    const auto fit = id::fit(
+        set, material.information, material.values, free,
+        {.max_iterations = test.identify.max_iterations, .eta = test.identify.eta}, [&](const id::CurveIterate& at) {
+          std::string values;
+          for (const int j : free)
+            values += fmt::format("{} {:.6g}  ", material.information[static_cast<std::size_t>(j)].name,
+                                  at.parameters[static_cast<std::size_t>(j)]);
+          spdlog::info("  {}eta {:.1e}  chi {:.4g}", values, at.eta, at.chi);
+          run.iterations.push_back(at.parameters);
+          run.chi.push_back(at.chi);
+        });
+    if (!fit.converged) spdlog::warn("  not converged: eta is still {:.2e}", fit.iterates.back().eta);
+    run.converged = run.converged && fit.converged;
+    material.values = fit.parameters;
+    for (std::size_t i = 0; i < free.size(); ++i) {
+      const auto j = static_cast<Eigen::Index>(i);
+      noise_deviation[free[i]] = std::sqrt(fit.noise_covariance(j, j));
+      deviation[free[i]] = std::sqrt(fit.covariance(j, j));
+      all_free.insert(free[i]);
+      at_bounds.erase(free[i]);
+    }
+    at_bounds.insert(fit.at_bounds.begin(), fit.at_bounds.end());
+  }
+
+  const Eigen::VectorXd predicted = set.predict(material.values);
+  run.title = test.title, run.law = material.law->name(), run.stress_unit = io::stress_unit(test.units),
+  run.time_unit = test.units.time;
+  run.case_file = test.file.string(), run.case_text = test.text, run.versions = versions();
+  for (std::size_t j = 0; j < material.values.size(); ++j) {
+    const auto k = static_cast<Eigen::Index>(j);
+    const bool is_free = all_free.contains(static_cast<int>(j));
+    run.parameters.push_back({material.information[j].name, material.information[j].unit,
+                              material.information[j].effect, first[j], material.values[j], deviation[k],
+                              noise_deviation[k], is_free, at_bounds.contains(static_cast<int>(j))});
+  }
+  for (const auto& experiment : test.experiments) {
+    const auto members = of_group(set.curves(), experiment.name);
+    double sum = 0.0;
+    for (const auto* curve : members) sum += curve->deviation;
+    const auto of = [&](bool fitted) {
+      const auto m = id::misfit(set, predicted, experiment.name, fitted);
+      return io::CurveRun::Misfit{m.rows, m.stress, m.chi, m.typical};
+    };
+    run.groups.push_back({experiment.name, deviation_from(experiment), static_cast<int>(members.size()),
+                          sum / static_cast<double>(members.size()),
+                          members.size() > 1 ? id::scatter(members) : std::nan(""), of(true), of(false)});
+  }
+  for (const auto& curve : set.curves()) {
+    const auto response = material::pull_bar(*material.law, material.values, curve.history);
+    run.curves.push_back({curve.name, curve.group, curve.engineering, curve.history.time, curve.history.strain,
+                          curve.stress, curve.engineering ? response.engineering : response.kirchhoff, curve.use});
+  }
+  run.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+  collectively(world, [&] {
+    if (!world.is_root()) return;
+    io::write_curve_results(folder, run);
+    fmt::print("\n{}\n", test.title);
+    for (const auto& p : run.parameters)
+      fmt::print("  {:10} {:14.6g} {:14} {}\n", p.name, p.value, p.unit,
+                 p.at_bound ? "(on a bound)"
+                 : std::isfinite(p.deviation)
+                     ? fmt::format("+- {:.2g} ({:.1f} %)", p.deviation, 100.0 * relative(p.deviation, p.value))
+                 : p.free ? "(not seen)"
+                          : "(fixed)");
+    fmt::print("  measured - predicted, rms (and typical) [{}]\n    {:28} {:>6} {:>14} {:>16} {:>16}\n",
+               run.stress_unit, "experiment", "curves", "between them", "fitted", "held out");
+    for (const auto& g : run.groups) {
+      const auto misfit = [](const io::CurveRun::Misfit& m) {
+        return m.rows > 0 ? fmt::format("{:.3g} ({:.3g})", m.stress, m.typical) : std::string("-");
+      };
+      fmt::print("    {:28} {:6} {:>14} {:>16} {:>16}\n", g.name, g.curves,
+                 std::isfinite(g.floor) ? fmt::format("{:.3g}", g.floor) : "-", misfit(g.fitted), misfit(g.held_out));
+    }
+    fmt::print("  {:.1f} s; report: {}\n", run.seconds, (folder / "report.html").string());
+  });
+}
+
+void print_experiments(const io::Case& test) {
+  for (const auto& experiment : test.experiments) {
+    Eigen::Index rows = 0;
+    for (const auto& table : experiment.tables) rows += table.strain.size();
+    fmt::print("  experiment   {}: {} curve{}, {} rows{}\n", experiment.name, experiment.files.size(),
+               experiment.files.size() == 1 ? "" : "s", rows,
+               experiment.held_out                ? ", held out"
+               : experiment.held_out_rows.empty() ? ""
+                                                  : ", rows " + io::to_text(experiment.held_out_rows) + " held out");
+  }
+}
+
+}  // namespace imic3d::app

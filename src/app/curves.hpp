@@ -1,0 +1,25 @@
+#pragma once
+// The experiments of a case file as a set of curves, and the identification on them.
+
+#include <vector>
+
+#include "imic3d/app/setup.hpp"
+#include "imic3d/identification/curves.hpp"
+
+namespace imic3d::app {
+
+/// Strains become logarithmic, stresses the case's unit; every row has its use and every curve its standard deviation:
+/// given, else the scatter of the repetitions, else that of the points. Throws InputError.
+[[nodiscard]] std::vector<identification::Curve> make_curves(const io::Case& test);
+
+/// Where the standard deviation of an experiment comes from.
+[[nodiscard]] std::string deviation_from(const io::ExperimentCase& experiment);
+
+/// imic3d identify on a case with `experiments` and without cameras. Collective; every rank computes the same, rank 0
+/// writes.
+void identify_curves(const Communicator& world, const CommandOptions& options, const io::Case& test);
+
+/// What `imic3d check` says of the experiments.
+void print_experiments(const io::Case& test);
+
+}  // namespace imic3d::app

@@ -1,0 +1,314 @@
+#include "imic3d/identification/curves.hpp"
+
+#include <fmt/format.h>
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <stdexcept>
+
+#include "imic3d/core/error.hpp"
+
+namespace imic3d::identification {
+
+CurveSet::CurveSet(std::shared_ptr<const material::FiniteStrainLaw> law, std::vector<Curve> curves,
+                   material::BarOptions options)
+    : law_(std::move(law)), curves_(std::move(curves)), options_(options) {
+  if (law_->thickness_strain_index() >= 0) throw std::invalid_argument("curves take a three-dimensional law");
+  std::vector<double> measured, deviation;
+  for (std::size_t k = 0; k < curves_.size(); ++k) {
+    const Curve& curve = curves_[k];
+    const auto rows = curve.stress.size();
+    if (curve.history.strain.size() != rows || curve.history.time.size() != rows ||
+        static_cast<Eigen::Index>(curve.use.size()) != rows)
+      throw std::invalid_argument("curve " + curve.name + ": columns of different lengths");
+    first_.push_back(static_cast<Eigen::Index>(places_.size()));
+    for (Eigen::Index row = 0; row < rows; ++row) {
+      if (curve.use[static_cast<std::size_t>(row)] == Curve::not_judged) continue;
+      places_.push_back({static_cast<int>(k), row});
+      measured.push_back(curve.stress[row]);
+      deviation.push_back(curve.deviation);
+    }
+  }
+  measured_ = Eigen::Map<const Eigen::VectorXd>(measured.data(), static_cast<Eigen::Index>(measured.size()));
+  deviation_ = Eigen::Map<const Eigen::VectorXd>(deviation.data(), static_cast<Eigen::Index>(deviation.size()));
+}
+
+bool CurveSet::is_fitted(Eigen::Index i) const {
+  const CurvePlace& place = places_[static_cast<std::size_t>(i)];
+  return curves_[static_cast<std::size_t>(place.curve)].use[static_cast<std::size_t>(place.row)] == Curve::fitted;
+}
+
+Eigen::VectorXd CurveSet::predict(const std::vector<double>& parameters) const {
+  Eigen::MatrixXd none;
+  return predict(parameters, {}, none);
+}
+
+Eigen::VectorXd CurveSet::predict(const std::vector<double>& parameters, const std::vector<int>& free,
+                                  Eigen::MatrixXd& derivatives) const {
+  Eigen::VectorXd predicted(measured_.size());
+  derivatives.resize(measured_.size(), static_cast<Eigen::Index>(free.size()));
+  const auto count = static_cast<int>(curves_.size());
+  int failed = count;  // the first curve that the law cannot follow
+  Eigen::Index failed_row = 0;
+#pragma omp parallel for schedule(dynamic)
+  for (int k = 0; k < count; ++k) {
+    const Curve& curve = curves_[static_cast<std::size_t>(k)];
+    const auto response = material::pull_bar(*law_, parameters, curve.history, free, options_);
+    if (response.rows < curve.stress.size()) {
+#pragma omp critical
+      if (k < failed) failed = k, failed_row = response.rows;
+      continue;
+    }
+    Eigen::Index i = first_[static_cast<std::size_t>(k)];
+    for (Eigen::Index row = 0; row < curve.stress.size(); ++row) {
+      if (curve.use[static_cast<std::size_t>(row)] == Curve::not_judged) continue;
+      predicted[i] = curve.engineering ? response.engineering[row] : response.kirchhoff[row];
+      derivatives.row(i++) =
+          (curve.engineering ? std::exp(-curve.history.strain[row]) : 1.0) * response.derivatives.row(row);
+    }
+  }
+  if (failed < count)
+    throw ConvergenceError(fmt::format("{}: the law cannot follow beyond row {}",
+                                       curves_[static_cast<std::size_t>(failed)].name, failed_row));
+  return predicted;
+}
+
+namespace {
+/// From the median of absolute values.
+double robust_deviation(std::vector<double>& sizes) {
+  if (sizes.empty()) return 0.0;
+  const auto middle = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() / 2);
+  std::nth_element(sizes.begin(), middle, sizes.end());
+  return *middle / 0.6745;
+}
+}  // namespace
+
+double point_noise(const Curve& curve) {
+  std::vector<double> distance;
+  const auto& x = curve.history.strain;
+  for (Eigen::Index i = 1; i + 1 < x.size(); ++i) {
+    const double before = x[i] - x[i - 1], after = x[i + 1] - x[i];
+    if (!(before * after > 0.0)) continue;  // at a turning point there is no line
+    const double w = before / (before + after);
+    distance.push_back(std::abs(curve.stress[i] - (1.0 - w) * curve.stress[i - 1] - w * curve.stress[i + 1]) /
+                       std::sqrt(1.0 + w * w + (1.0 - w) * (1.0 - w)));
+  }
+  return robust_deviation(distance);
+}
+
+double scatter(const std::vector<const Curve*>& repetitions) {
+  // Each curve's judged rows of ascending strain.
+  std::vector<std::vector<std::pair<double, double>>> ascending;
+  for (const Curve* curve : repetitions) {
+    auto& rows = ascending.emplace_back();
+    for (Eigen::Index i = 0; i < curve->stress.size(); ++i) {
+      if (curve->use[static_cast<std::size_t>(i)] == Curve::not_judged) continue;
+      const double strain = curve->history.strain[i];
+      if (rows.empty() || strain > rows.back().first)
+        rows.emplace_back(strain, curve->stress[i]);
+      else if (strain < rows.back().first - 1e-3)
+        break;  // unloading, not noise
+    }
+  }
+  const auto at = [](const auto& rows, double strain) {
+    const auto above = std::lower_bound(rows.begin(), rows.end(), std::pair<double, double>(strain, -INFINITY));
+    if (above == rows.end() || (above == rows.begin() && above->first > strain)) return std::nan("");
+    if (above == rows.begin()) return above->second;
+    const auto below = above - 1;
+    return below->second + (above->second - below->second) * (strain - below->first) / (above->first - below->first);
+  };
+  double longest = 0.0, sum = 0.0;
+  for (const auto& rows : ascending)
+    if (!rows.empty()) longest = std::max(longest, rows.back().first);
+  int strains = 0;
+  constexpr int divisions = 200;
+  for (int k = 1; k < divisions; ++k) {
+    std::vector<double> stresses;
+    for (const auto& rows : ascending)
+      if (const double stress = at(rows, longest * k / divisions); std::isfinite(stress)) stresses.push_back(stress);
+    if (stresses.size() < 2) continue;
+    const Eigen::Map<const Eigen::VectorXd> all(stresses.data(), static_cast<Eigen::Index>(stresses.size()));
+    sum += (all.array() - all.mean()).square().sum() / static_cast<double>(stresses.size() - 1);
+    ++strains;
+  }
+  return strains > 0 ? std::sqrt(sum / strains) : 0.0;
+}
+
+namespace {
+
+/// Residuals over their standard deviations on the fitted rows, with derivatives of the prediction.
+struct Weighted {
+  Eigen::VectorXd residual;
+  Eigen::MatrixXd derivatives;
+  std::vector<int> curve;
+  double squares = INFINITY;
+};
+
+Weighted weighted(const CurveSet& set, const std::vector<double>& parameters, const std::vector<int>& free,
+                  bool with_derivatives) {
+  Eigen::MatrixXd derivatives;
+  const Eigen::VectorXd predicted = set.predict(parameters, with_derivatives ? free : std::vector<int>{}, derivatives);
+  Weighted result;
+  std::vector<Eigen::Index> rows;
+  for (Eigen::Index i = 0; i < predicted.size(); ++i)
+    if (set.is_fitted(i)) rows.push_back(i), result.curve.push_back(set.places()[static_cast<std::size_t>(i)].curve);
+  const Eigen::ArrayXd weight = set.standard_deviation()(rows).array().inverse();
+  result.residual = ((set.measured() - predicted)(rows).array() * weight).matrix();
+  if (with_derivatives) result.derivatives = weight.matrix().asDiagonal() * derivatives(rows, Eigen::all);
+  result.squares = result.residual.squaredNorm();
+  return result;
+}
+
+}  // namespace
+
+CurveFit fit(const CurveSet& set, const std::vector<ParameterInfo>& information, const std::vector<double>& start,
+             const std::vector<int>& free, const CurveFitOptions& options,
+             const std::function<void(const CurveIterate&)>& report) {
+  const auto unknowns = static_cast<Eigen::Index>(free.size());
+  const auto of = [&](Eigen::Index j) { return static_cast<std::size_t>(free[static_cast<std::size_t>(j)]); };
+  const auto low = [&](Eigen::Index j) { return information[of(j)].lower; };
+  const auto high = [&](Eigen::Index j) { return information[of(j)].upper; };
+  CurveFit result{.parameters = start,
+                  .noise_covariance = {},
+                  .covariance = {},
+                  .iterates = {},
+                  .at_bounds = {},
+                  .converged = false};
+  Weighted now = weighted(set, start, free, true);
+  const auto rows = static_cast<double>(now.residual.size());
+  const auto note = [&](double eta) {
+    result.iterates.push_back({result.parameters, eta, std::sqrt(now.squares / std::max(1.0, rows))});
+    if (report) report(result.iterates.back());
+  };
+  note(0.0);
+
+  const auto held = [&](Eigen::Index j, double gradient) {  // on a bound, and the cost falls beyond it
+    const double value = result.parameters[of(j)];
+    return (value <= low(j) && gradient < 0.0) || (value >= high(j) && gradient > 0.0);
+  };
+  double damping = 1e-3;
+  for (int iteration = 1; iteration <= options.max_iterations && !result.converged; ++iteration) {
+    const Eigen::MatrixXd H = now.derivatives.transpose() * now.derivatives;
+    const Eigen::VectorXd g = now.derivatives.transpose() * now.residual;
+    bool better = false;
+    for (int attempt = 0; attempt < 30 && !better; ++attempt) {
+      // Damped step of the open parameters; those that it would carry over a bound stop there, and the rest is solved
+      // again.
+      Eigen::VectorXd step = Eigen::VectorXd::Zero(unknowns);
+      std::vector<Eigen::Index> open;
+      for (Eigen::Index j = 0; j < unknowns; ++j)
+        if (H(j, j) > 0.0 && !held(j, g[j])) open.push_back(j);
+      while (!open.empty()) {
+        Eigen::VectorXd right = (g - H * step)(open);
+        Eigen::MatrixXd matrix = H(open, open);
+        const Eigen::VectorXd scale = matrix.diagonal().cwiseSqrt().cwiseInverse();
+        matrix = scale.asDiagonal() * matrix * scale.asDiagonal();
+        matrix.diagonal().array() += damping;
+        const Eigen::VectorXd solution = scale.cwiseProduct(matrix.ldlt().solve(scale.cwiseProduct(right)));
+        std::vector<Eigen::Index> inside;
+        for (std::size_t i = 0; i < open.size(); ++i) {
+          const Eigen::Index j = open[i];
+          const double value = result.parameters[of(j)], wanted = value + solution[static_cast<Eigen::Index>(i)];
+          if (wanted < low(j))
+            step[j] = low(j) - value;
+          else if (wanted > high(j))
+            step[j] = high(j) - value;
+          else
+            inside.push_back(j);
+        }
+        if (inside.size() == open.size()) {
+          for (std::size_t i = 0; i < open.size(); ++i) step[open[i]] = solution[static_cast<Eigen::Index>(i)];
+          break;
+        }
+        open = inside;
+      }
+      std::vector<double> trial = result.parameters;
+      double eta = 0.0;
+      for (Eigen::Index j = 0; j < unknowns; ++j) {
+        trial[of(j)] = std::clamp(trial[of(j)] + step[j], low(j), high(j));
+        const double size =
+            std::max(std::abs(trial[of(j)]), information[of(j)].effect.empty() ? 0.0 : 1e-3 * information[of(j)].scale);
+        if (step[j] != 0.0) eta = std::max(eta, std::abs(step[j]) / size);  // Eq. (13)
+      }
+      if (eta == 0.0) {
+        result.converged = better = true;
+        break;
+      }
+      double squares = INFINITY;
+      try {
+        squares = weighted(set, trial, free, false).squares;
+      } catch (const ConvergenceError&) {  // beyond what the law can follow: a shorter step
+      }
+      if (squares <= now.squares) {
+        better = true;
+        const bool at_rest = now.squares - squares < 1e-9 * now.squares && damping < 1.0;
+        result.parameters = trial;
+        now = weighted(set, trial, free, true);
+        result.converged = eta < options.eta || at_rest;
+        damping = std::max(1e-10, damping * 0.2);
+        note(eta);
+      } else if (eta < 1e-9) {
+        result.converged = better = true;  // no digits left
+      } else {
+        damping = std::max(1e-6, damping * 5.0);
+      }
+    }
+    if (!better) break;
+  }
+
+  // Covariance of the parameters that are not on a bound; the rest does not move.
+  const Eigen::VectorXd g = now.derivatives.transpose() * now.residual;
+  std::vector<Eigen::Index> open;
+  for (Eigen::Index j = 0; j < unknowns; ++j) {
+    const double value = result.parameters[of(j)];
+    if (value <= low(j) || value >= high(j)) result.at_bounds.push_back(free[static_cast<std::size_t>(j)]);
+    if (!held(j, g[j]) && now.derivatives.col(j).squaredNorm() > 0.0) open.push_back(j);
+  }
+  result.noise_covariance = result.covariance = Eigen::MatrixXd::Constant(unknowns, unknowns, std::nan(""));
+  if (open.empty()) return result;
+  const Eigen::MatrixXd J = now.derivatives(Eigen::all, open);
+  const Eigen::VectorXd scale = J.colwise().norm().cwiseInverse();
+  const Eigen::MatrixXd scaled = J * scale.asDiagonal();
+  const Eigen::MatrixXd inverse = scale.asDiagonal() *
+                                  (scaled.transpose() * scaled).completeOrthogonalDecomposition().pseudoInverse() *
+                                  scale.asDiagonal();
+  result.noise_covariance(open, open) = inverse;
+  // Rows of one bar err together: each bar of a group is off by the group's scatter, the same all along.
+  Eigen::MatrixXd meat = Eigen::MatrixXd::Zero(J.cols(), J.cols());
+  for (std::size_t k = 0; k < set.curves().size(); ++k) {
+    const Curve& curve = set.curves()[k];
+    std::vector<const Curve*> repetitions;
+    for (const Curve& other : set.curves())
+      if (other.group == curve.group) repetitions.push_back(&other);
+    Eigen::VectorXd sum = Eigen::VectorXd::Zero(J.cols());
+    for (Eigen::Index i = 0; i < J.rows(); ++i)
+      if (now.curve[static_cast<std::size_t>(i)] == static_cast<int>(k)) sum += J.row(i).transpose();
+    if (repetitions.size() < 2) continue;
+    sum *= scatter(repetitions) / curve.deviation;
+    meat += sum * sum.transpose();
+  }
+  result.covariance(open, open) = inverse + inverse * meat * inverse;
+  return result;
+}
+
+Misfit misfit(const CurveSet& set, const Eigen::VectorXd& predicted, const std::string& group, bool fitted) {
+  Misfit sum;
+  std::vector<double> sizes;
+  for (Eigen::Index i = 0; i < predicted.size(); ++i) {
+    const Curve& curve = set.curves()[static_cast<std::size_t>(set.places()[static_cast<std::size_t>(i)].curve)];
+    if (set.is_fitted(i) != fitted || (!group.empty() && curve.group != group)) continue;
+    const double gap = set.measured()[i] - predicted[i];
+    sizes.push_back(std::abs(gap));
+    sum.stress += gap * gap;
+    sum.chi += gap * gap / (set.standard_deviation()[i] * set.standard_deviation()[i]);
+    ++sum.rows;
+  }
+  if (sum.rows == 0) return sum;
+  sum.stress = std::sqrt(sum.stress / static_cast<double>(sum.rows)),
+  sum.chi = std::sqrt(sum.chi / static_cast<double>(sum.rows));
+  sum.typical = robust_deviation(sizes);
+  return sum;
+}
+
+}  // namespace imic3d::identification

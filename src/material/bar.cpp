@@ -1,0 +1,173 @@
+#include "imic3d/material/bar.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <stdexcept>
+#include <vector>
+
+namespace imic3d::material {
+
+namespace {
+
+using Lateral = Eigen::Vector3d;  // a, b, g
+
+Matrix3 tensor(const Vector6& v) {
+  Matrix3 t;
+  t << v[0], v[3], v[5], v[3], v[1], v[4], v[5], v[4], v[2];
+  return t;
+}
+
+class Bar {
+ public:
+  Bar(const FiniteStrainLaw& law, std::span<const double> parameters, double direction, std::span<const int> free)
+      : law_(law),
+        parameters_(parameters),
+        free_(free),
+        old_(static_cast<std::size_t>(law.history_size())),
+        new_(old_),
+        d_old_(free.size(), std::vector<double>(old_.size(), 0.0)),
+        d_new_(old_.size()),
+        unit_(parameters.size(), 0.0),
+        d_stress_(Eigen::VectorXd::Zero(static_cast<Eigen::Index>(free.size()))) {
+    law.initialise(old_);
+    const double angle = direction * std::numbers::pi / 180.0;
+    Q_ = Matrix3::Identity();
+    if (direction != 0.0) Q_ = Eigen::AngleAxisd(angle, Eigen::Vector3d::UnitZ()).toRotationMatrix();
+  }
+
+  /// From the state reached so far to `strain`; false leaves the state as it is.
+  bool step(double strain, double time_increment) {
+    Lateral x = x_ + Lateral(-0.5, -0.5, 0.0) * (strain - strain_);
+    Response response;
+    Eigen::Matrix3d slope;
+    double last = INFINITY;
+    for (int iteration = 0;; ++iteration) {
+      if (!law_.update(turned(gradient(strain, x)), time_increment, parameters_, old_, new_, response, true))
+        return false;
+      const Matrix3 tau = back(tensor(response.kirchhoff));
+      const Eigen::Vector3d r = transverse(tau);
+      for (int k = 0; k < 3; ++k) slope.col(k) = transverse(rate(response, tau, strain, x, k));
+      const Lateral change = slope.partialPivLu().solve(r);
+      const double size = r.norm(), round_off = 1e-15 * response.tangent.norm() + 1e-13 * tau.norm();
+      // Done at the level of round-off; the last correction costs nothing.
+      if (size <= round_off || (size < 1e-8 * tau.norm() && size > 0.25 * last)) {
+        finish(strain, x, time_increment, tau(0, 0), slope);
+        return true;
+      }
+      if (iteration == 50 || !change.allFinite()) return false;
+      last = size;
+      const double largest = std::max(0.02, 2.0 * std::abs(strain - strain_));
+      x -= change.norm() > largest ? Lateral(largest / change.norm() * change) : change;
+    }
+  }
+
+  [[nodiscard]] double strain() const { return strain_; }
+  [[nodiscard]] double stress() const { return stress_; }
+  [[nodiscard]] const Lateral& lateral() const { return x_; }
+  [[nodiscard]] const Eigen::VectorXd& derivatives() const { return d_stress_; }
+  [[nodiscard]] double plastic_strain() const {
+    return law_.plastic_strain_index() < 0 ? 0.0 : old_[static_cast<std::size_t>(law_.plastic_strain_index())];
+  }
+
+ private:
+  static Matrix3 gradient(double strain, const Lateral& x) {
+    Matrix3 F = Eigen::Vector3d(std::exp(strain), std::exp(x[0]), std::exp(x[1])).asDiagonal();
+    F(0, 1) = x[2];
+    return F;
+  }
+  /// dF/dx_k
+  static Matrix3 gradient_rate(const Lateral& x, int k) {
+    Matrix3 dF = Matrix3::Zero();
+    if (k < 2)
+      dF(k + 1, k + 1) = std::exp(x[k]);
+    else
+      dF(0, 1) = 1.0;
+    return dF;
+  }
+  static Eigen::Vector3d transverse(const Matrix3& tau) { return {tau(1, 1), tau(2, 2), tau(0, 1)}; }
+  [[nodiscard]] Matrix3 turned(const Matrix3& in_bar) const { return Q_ * in_bar * Q_.transpose(); }
+  [[nodiscard]] Matrix3 back(const Matrix3& in_law) const { return Q_.transpose() * in_law * Q_; }
+
+  /// d tau / dx_k in the bar's axes.
+  [[nodiscard]] Matrix3 rate(const Response& response, const Matrix3& tau, double strain, const Lateral& x,
+                             int k) const {
+    const Matrix3 L = gradient_rate(x, k) * gradient(strain, x).inverse(), D = turned(0.5 * (L + L.transpose()));
+    const Vector6 d(D(0, 0), D(1, 1), D(2, 2), 2 * D(0, 1), 2 * D(1, 2), 2 * D(0, 2));
+    return back(tensor(response.tangent * d)) + L * tau + tau * L.transpose();
+  }
+
+  /// Direct differentiation of the step, then the state moves on.
+  void finish(double strain, const Lateral& x, double time_increment, double stress, const Eigen::Matrix3d& slope) {
+    const auto lu = slope.partialPivLu();
+    const Matrix3 F = turned(gradient(strain, x));
+    for (std::size_t j = 0; j < free_.size(); ++j) {
+      unit_[static_cast<std::size_t>(free_[j])] = 1.0;
+      Vector6 d_tau;
+      if (!law_.directional_derivative(F, Matrix3::Zero(), time_increment, parameters_, unit_, old_, d_old_[j], d_tau,
+                                       d_new_))
+        throw std::runtime_error("the derivative of a step that was possible");
+      const Lateral dx = -lu.solve(transverse(back(tensor(d_tau))));
+      Matrix3 dF = Matrix3::Zero();
+      for (int k = 0; k < 3; ++k) dF += dx[k] * gradient_rate(x, k);
+      if (!law_.directional_derivative(F, turned(dF), time_increment, parameters_, unit_, old_, d_old_[j], d_tau,
+                                       d_new_))
+        throw std::runtime_error("the derivative of a step that was possible");
+      d_stress_[static_cast<Eigen::Index>(j)] = back(tensor(d_tau))(0, 0);
+      d_old_[j] = d_new_;
+      unit_[static_cast<std::size_t>(free_[j])] = 0.0;
+    }
+    old_.swap(new_);
+    strain_ = strain, x_ = x, stress_ = stress;
+  }
+
+  const FiniteStrainLaw& law_;
+  std::span<const double> parameters_;
+  std::span<const int> free_;
+  std::vector<double> old_, new_;
+  std::vector<std::vector<double>> d_old_;
+  std::vector<double> d_new_, unit_;
+  Eigen::VectorXd d_stress_;
+  Matrix3 Q_;
+  double strain_ = 0.0, stress_ = 0.0;
+  Lateral x_ = Lateral::Zero();
+};
+
+}  // namespace
+
+BarResponse pull_bar(const FiniteStrainLaw& law, std::span<const double> parameters, const BarHistory& history,
+                     std::span<const int> free, const BarOptions& options) {
+  if (law.thickness_strain_index() >= 0) throw std::invalid_argument("pull_bar: a law of plane stress");
+  const Eigen::Index n = history.strain.size();
+  BarResponse response{
+      .rows = 0,
+      .kirchhoff = Eigen::VectorXd::Constant(n, std::nan("")),
+      .engineering = Eigen::VectorXd::Constant(n, std::nan("")),
+      .lateral = Eigen::MatrixXd::Constant(n, 2, std::nan("")),
+      .plastic_strain = Eigen::VectorXd::Constant(n, std::nan("")),
+      .derivatives = Eigen::MatrixXd::Constant(n, static_cast<Eigen::Index>(free.size()), std::nan(""))};
+  Bar bar(law, parameters, history.direction, free);
+  for (Eigen::Index row = 0; row < n; ++row) {
+    const double from = bar.strain(), way = history.strain[row] - from,
+                 duration = row > 0 ? history.time[row] - history.time[row - 1] : 0.0;
+    int count = std::max(1, static_cast<int>(std::ceil(std::abs(way) / options.largest_step - 1e-9))), halvings = 0;
+    for (int k = 1; k <= count;) {
+      if (bar.step(k == count ? history.strain[row] : from + way * k / count, duration / count)) {
+        ++k;
+        continue;
+      }
+      if (++halvings > options.most_halvings) return response;
+      k = 2 * k - 1, count *= 2;
+    }
+    response.kirchhoff[row] = bar.stress();
+    response.engineering[row] = bar.stress() * std::exp(-bar.strain());
+    response.lateral.row(row) = bar.lateral().head<2>().transpose();
+    response.plastic_strain[row] = bar.plastic_strain();
+    response.derivatives.row(row) = bar.derivatives().transpose();
+    response.rows = row + 1;
+  }
+  return response;
+}
+
+}  // namespace imic3d::material

@@ -1,0 +1,125 @@
+#!/usr/bin/python3
+"""Identification on stress-strain curves: laboratory's files made from a closed form, every way to declare them.
+
+Usage: curves.py EXECUTABLE
+"""
+import csv
+import json
+import math
+import pathlib
+import random
+import sys
+import tempfile
+
+from runs import SOURCE, data, end, require, run
+
+E, S_Y, S_INF, B, C, RATE_0 = 200e3, 250.0, 450.0, 12.0, 0.02, 1e-3
+KSI = 6.894757293168
+
+
+def bar(file, speed, seed, noise=2.0, rows=150):
+    """sigma = (S_inf - (S_inf - S_y) exp(-b p)) (1 + C ln(1 + p'/rate_0)) at a constant p', as engineering stress in ksi and strain in
+    per cent, with a line before the header; rows after the largest force, where the bar necks, fall as no material point does."""
+    draw = random.Random(seed)
+    strength = 1 + 0.002 * draw.gauss(0, 1)
+    lines = ["{'temperature': 297}", "clock; strain_%; stress_ksi"]
+    for i in range(rows):
+        p = 1.5e-3 * i
+        stress = 0.0 if i == 0 else strength * (S_INF - (S_INF - S_Y) * math.exp(-B * p)) * (1 + C * math.log(1 + speed / RATE_0))
+        strain = 0.0 if i == 0 else p + stress / E
+        engineering = stress * math.exp(-strain) + noise * draw.gauss(0, 1) * (i > 0)
+        lines.append(f"{p / speed}; {100 * math.expm1(strain)}; {engineering / KSI}")
+    lines += [f"{(p + 0.01 * k) / speed}; {100 * math.expm1(strain + 0.01 * k)}; {engineering / KSI * (1 - 0.2 * k)}" for k in range(1, 4)]
+    file.write_text("\n".join(lines) + "\n")
+
+
+CASE = """
+title: Bars
+material:
+  hardening: voce
+  effects: [{effects}]
+  parameters: {{E: 200e3, nu: 0.3, S_y: 200, S_inf: 500, b: 20, H: 0{more}}}
+experiments:
+  - {{name: slow, file: "slow_*.csv", {columns}}}
+  - {{name: slow held out, file: slower.csv, {columns}, noise: 3, held_out: true}}
+  - {{name: fast, file: [fast_0.csv, fast_1.csv], {columns}, held_out: "70-152"}}
+identify:
+  stages: [{{free: [S_y, S_inf, b{free}]}}]
+output: {output}
+"""
+COLUMNS = 'time: clock, strain: "strain_%", strain_scale: 0.01, stress: stress_ksi, stress_unit: ksi, from: 0.003, until: maximum_force'
+
+
+def main():
+    program = sys.argv[1]
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = pathlib.Path(temporary)
+        for i in range(3):
+            bar(folder / f"slow_{i}.csv", 1e-3, i)
+        bar(folder / "slower.csv", 2e-3, 7)
+        for i in range(2):
+            bar(folder / f"fast_{i}.csv", 10.0, 10 + i)
+
+        def identify(name, effects, more, free, ranks=1):
+            case = folder / f"{name}.yaml"
+            case.write_text(CASE.format(effects=effects, more=more, free=free, columns=COLUMNS, output=name))
+            run(program, "identify", case, ranks)
+            return json.loads((folder / name / "result.json").read_text())
+
+        declared = identify("declared", "", "", "")
+        rate = identify("rate", "rate", ", C_rate: {value: 0, lower: 0, upper: 0.1}, rate_0: 1e-3", ", C_rate", 2)
+        null = identify("unused", "kinematic, hill, heating", "", "")
+        worst = max(abs(null["parameters"][name]["value"] / declared["parameters"][name]["value"] - 1) for name in ("S_y", "S_inf", "b"))
+        require(worst < 1e-6 and null["parameters"]["C_1"]["value"] == 0 and not null["parameters"]["C_1"]["free"],
+                f"effects whose parameters are not given change nothing ({worst:.1e})")
+        print(run(program, "check", folder / "rate.yaml"))
+        of = lambda result, name, use: result["experiments"][name][use]["rms"]["value"]
+        require(of(declared, "fast", "held_out") > 15, f"without the rate the fast bars' held-out rows are missed: {of(declared, 'fast', 'held_out'):.1f} MPa")
+        require(of(rate, "fast", "held_out") < 6, f"with it they are met: {of(rate, 'fast', 'held_out'):.1f} MPa (bars scatter by {rate['experiments']['fast']['scatter_between_repetitions']['value']:.1f})")
+        require(of(rate, "slow held out", "held_out") < 8, f"and so is the bar that was not fitted: {of(rate, 'slow held out', 'held_out'):.1f} MPa")
+        for name, truth in (("S_y", S_Y), ("S_inf", S_INF), ("b", B), ("C_rate", C)):
+            p = rate["parameters"][name]
+            require(abs(p["value"] - truth) < 4 * max(p["standard_deviation"], p["standard_deviation_noise_alone"]) and p["standard_deviation"] < 0.15 * truth,
+                    f"{name} {p['value']:.4g} +- {p['standard_deviation']:.2g}, true {truth}")
+        require(rate["experiments"]["slow held out"]["standard_deviation_from"] == "given" and rate["experiments"]["slow"]["standard_deviation_from"] == "repetitions",
+                "the noise is given or read from the repetitions")
+        with open(folder / "rate" / "curves.csv", newline="") as file:
+            rows = [row for row in csv.DictReader(file) if row["experiment"] == "fast" and row["curve"] == "fast_0"]
+        require(100 < len(rows) <= 150, f"rows after the largest force are left out ({len(rows)} of 153)")
+        require({row["use"] for row in rows} == {"not judged", "fitted", "held out"}, "every row says what it was used for")
+        page = (folder / "rate" / "report.html").read_text()
+        require("C_rate" in page and page.count("<svg") >= 6, "the report has its tables and pictures")
+
+        def mistake(change, expected):
+            case = folder / "bad.yaml"
+            case.write_text(change(CASE.format(effects="rate", more="", free="", columns=COLUMNS, output="bad")))
+            import subprocess
+            done = subprocess.run([program, "check", str(case)], capture_output=True, text=True)
+            require(done.returncode == 2 and expected in done.stderr, f"{expected!r} is said ({done.stderr.strip()[:200]})")
+
+        mistake(lambda s: s.replace("slow_*.csv", "slaw_*.csv"), 'experiments[0].file: no file "slaw_*.csv"')
+        mistake(lambda s: s.replace("clock,", "klock,"), 'no row with the columns "strain_%", "stress_ksi", "klock"')
+        mistake(lambda s: s.replace("[rate]", "[rates]"), 'material.effects[0]: "rates"; allowed: kinematic, ')
+        mistake(lambda s: s.replace("b: 20, H: 0", "b: 20, H: 0, Crate: 1"), "near to C_rate")
+        mistake(lambda s: s.replace("experiments:", "unknown:"), "specimen: not given; allowed: a section specimen, or experiments")
+        mistake(lambda s: s.replace("name: fast", "name: slow"), "a name that no other experiment has")
+
+    if data() is None:
+        print("skipped  steel304L_rates, steel_cyclic: no folder of measured data (IMIC3D_DATA)")
+    else:
+        with tempfile.TemporaryDirectory() as temporary:
+            results = {}
+            for name in ("steel304L_rates/case", "steel304L_rates/rate", "steel_cyclic/case", "steel_cyclic/kinematic_2"):
+                case = pathlib.Path(temporary) / (name.replace("/", "_") + ".yaml")
+                case.write_text((SOURCE / "inputs" / f"{name}.yaml").read_text().replace("../../runs/data", str(data())))
+                run(program, "identify", case, options=["--output", temporary + "/" + name])
+                results[name] = json.loads((pathlib.Path(temporary) / name / "result.json").read_text())["experiments"]
+            held = lambda name, group: results[name][group]["held_out"]["rms"]["value"]
+            before, after = held("steel304L_rates/case", "500 /s, held out"), held("steel304L_rates/rate", "500 /s, held out")
+            require(before > 80 and after < 25, f"304L at 500 /s, bars held out: {before:.1f} MPa without the rate, {after:.1f} with it")
+            before, after = (results[f"steel_cyclic/{name}"]["cycles"]["held_out"]["typical"]["value"] for name in ("case", "kinematic_2"))
+            require(before > 50 and after < 15, f"cyclic steel, cycles held out: {before:.1f} MPa with isotropic hardening, {after:.1f} with back-stresses")
+    end()
+
+
+main()

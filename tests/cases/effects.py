@@ -1,0 +1,58 @@
+#!/usr/bin/python3
+"""Effects of the material on a plate with a hole, in 3D and in plane stress: declared in the case file, solved, and seen in the force.
+
+Usage: effects.py EXECUTABLE
+"""
+import math
+import pathlib
+import sys
+import tempfile
+
+from runs import end, gmsh, require, run
+
+CASE = """
+title: Plate with a hole
+specimen: {{mesh: plate.msh, {kinematics}, thickness: 4, held: bottom, loaded: top}}
+material:
+  hardening: linear
+  effects: [{effects}]
+  parameters: {{E: 198e3, nu: 0.25, S_y: 284, H: 1480{parameters}}}
+simulate:
+  centred: true
+  steps_per_frame: 16
+  time: [{time}]
+  value: [0, 0.05, 0.2, 0.3, 0.1, -0.1]
+output: out
+"""
+
+
+def main():
+    program = sys.argv[1]
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = pathlib.Path(temporary)
+        gmsh("plate_with_hole", folder / "plate.msh", length=24, size_hole=2.5, size_far=5)
+
+        def forces(kinematics, effects="", parameters="", times=(0, 1, 2, 3, 4, 5), ranks=1):
+            (folder / "case.yaml").write_text(CASE.format(kinematics=kinematics, effects=effects, parameters=parameters, time=", ".join(map(str, times))))
+            lines = run(program, "simulate", folder / "case.yaml", ranks).splitlines()
+            return [float(line.split()[2]) for line in lines if len(line.split()) == 3 and line.split()[0].isdigit()]
+
+        for kinematics in ("kinematics: plane_stress", "layers: 1, mid_plane_symmetry: true"):
+            base = forces(kinematics)
+            require(len(base) == 5, f"{kinematics}: every frame converged")
+            null = forces(kinematics, "kinematic, hill, viscosity, rate, heating, voce_term, plateau, damage, pressure")
+            worst = max(abs(a / b - 1) for a, b in zip(null, base))
+            require(worst < 1e-5, f"with effects at their null values and the unsymmetric solver the forces are the same ({worst:.0e})")
+            kinematic = forces(kinematics, "kinematic", ", C_1: 20e3, gamma_1: 100", ranks=2)
+            require(kinematic[2] > 1.2 * base[2], f"a back-stress adds to the force ({kinematic[2] / base[2]:.3f})")
+            require(abs(kinematic[4]) < abs(kinematic[2]) - 0.5 * (abs(base[2]) - abs(base[4])), "and yields earlier on reversal")
+            C, rate_0 = 0.05, 1e-8
+            fast = forces(kinematics, "rate", f", C_rate: {C}, rate_0: {rate_0}", [0, 1e-3, 2e-3, 3e-3, 4e-3, 5e-3])
+            slow = forces(kinematics, "rate", f", C_rate: {C}, rate_0: {rate_0}")
+            # Local rates are far above rate_0: the flow stress grows by C ln 1000 of its quasi-static value everywhere.
+            expected = C * math.log(1000) * base[2]
+            require(abs((fast[2] - slow[2]) / expected - 1) < 0.05, f"1000 times faster the force is higher by {fast[2] - slow[2]:.0f} N, expected {expected:.0f} N")
+    end()
+
+
+main()

@@ -1,0 +1,155 @@
+// Stress-strain curves: closed forms as data, noise, scatter, bounds, and what the covariance says.
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <numeric>
+#include <random>
+
+#include "imic3d/identification/curves.hpp"
+
+namespace imic3d::identification {
+namespace {
+
+const std::vector<double> truth = {200e3, 0.3, 250, 450, 12, 0, 0.015, 1e-3};  // E nu S_y S_inf b H C_rate rate_0
+const std::vector<std::string> rate = {"rate"};
+
+std::shared_ptr<const material::FiniteStrainLaw> voce(std::vector<std::string> effects = rate) {
+  return material::make_law({.law = "j2", .hardening = "voce", .effects = std::move(effects)});
+}
+
+/// A bar in the closed form: sigma = (S_inf - (S_inf - S_y) e^{-b p}) (1 + C ln(1 + p'/rate_0)), strain = p + sigma/E,
+/// p' constant.
+Curve bar(const std::string& group, double speed, double noise, unsigned seed, double strength = 1.0, int rows = 120) {
+  std::mt19937 engine(seed);
+  std::normal_distribution<double> normal;
+  Curve curve{.name = group + " " + std::to_string(seed),
+              .group = group,
+              .history = {},
+              .stress = Eigen::VectorXd(rows),
+              .engineering = seed % 2 == 0,
+              .deviation = noise,
+              .use = {}};
+  curve.history.time.resize(rows), curve.history.strain.resize(rows);
+  for (Eigen::Index i = 0; i < rows; ++i) {
+    const double p = 1.5e-3 * static_cast<double>(i);
+    const double stress = strength * (450 - 200 * std::exp(-12 * p)) * (1 + 0.015 * std::log(1 + speed / 1e-3));
+    const double strain = i == 0 ? 0.0 : p + stress / 200e3;
+    curve.history.strain[i] = strain;
+    curve.history.time[i] = p / speed;
+    curve.stress[i] = i == 0 ? 0.0 : stress * (curve.engineering ? std::exp(-strain) : 1.0) + noise * normal(engine);
+    curve.use.push_back(i < 3 ? Curve::not_judged : i >= 100 ? Curve::held_out : Curve::fitted);
+  }
+  return curve;
+}
+
+const std::vector<int> free_parameters = {2, 3, 4, 6};
+
+TEST(Curves, PredictTheClosedForm) {
+  // One step a row: its rate is then the closed form's, also in the first one, which is elastic in part.
+  const CurveSet set(voce(), {bar("slow", 1e-3, 0.0, 1), bar("fast", 10.0, 0.0, 2)}, {.largest_step = 0.01});
+  const Eigen::VectorXd predicted = set.predict(truth);
+  ASSERT_EQ(predicted.size(), 2 * 117);
+  EXPECT_LT((predicted - set.measured()).cwiseAbs().maxCoeff(), 1e-7);
+  EXPECT_EQ(set.places()[117].curve, 1);
+  EXPECT_EQ(set.places()[117].row, 3);
+  EXPECT_TRUE(set.is_fitted(0));
+  EXPECT_FALSE(set.is_fitted(116));
+  EXPECT_EQ(misfit(set, predicted, "slow", false).rows, 20);
+}
+
+TEST(Curves, WithEveryEffectAtItsNullValueAreThoseOfTheDeclaredLaw) {
+  const CurveSet declared(voce({}), {bar("slow", 1e-3, 0.0, 1)}), all = declared.with(voce(material::known_effects()));
+  std::vector<double> parameters(truth.begin(), truth.begin() + 6);
+  const Eigen::VectorXd expected = declared.predict(parameters);
+  for (std::size_t i = 6; i < all.parameters().size(); ++i) parameters.push_back(*all.parameters()[i].null_value);
+  std::vector<int> every(parameters.size());
+  std::iota(every.begin(), every.end(), 0);
+  Eigen::MatrixXd derivatives;
+  EXPECT_LT((all.predict(parameters, every, derivatives) - expected).norm(), 1e-10 * expected.norm());
+  EXPECT_TRUE(derivatives.allFinite());
+  for (std::size_t j = 6; j < parameters.size(); ++j) {
+    const auto& info = all.parameters()[j];
+    const double slope = derivatives.col(static_cast<Eigen::Index>(j)).norm();
+    if (info.shape) {
+      EXPECT_LT(slope * info.scale, 1e-9) << info.name << ": a shape without size";
+    } else if (info.name != "dilatancy" &&
+               info.effect != "hill") {  // which a bar along axis 1 shows in its width alone
+      EXPECT_GT(slope * usual_size(info, 200e3), 1e-2) << info.name << ": the signature of an effect";
+    }
+  }
+}
+
+TEST(Curves, FitFindsTheParametersWithinTheirNoise) {
+  double chi_squares = 0.0;
+  int count = 0;
+  for (unsigned seed = 1; seed < 13; ++seed) {
+    const CurveSet set(voce(), {bar("slow", 1e-3, 3.0, 10 * seed), bar("fast", 10.0, 3.0, 10 * seed + 1)});
+    const CurveFit result =
+        fit(set, set.parameters(), {200e3, 0.3, 180, 600, 30, 0, 0.0, 1e-3}, free_parameters, {.eta = 1e-6});
+    ASSERT_TRUE(result.converged);
+    EXPECT_NEAR(result.iterates.back().chi, 1.0, 0.2);
+    EXPECT_TRUE(result.at_bounds.empty());
+    Eigen::VectorXd error(4);
+    for (Eigen::Index j = 0; j < 4; ++j)
+      error[j] = result.parameters[static_cast<std::size_t>(free_parameters[static_cast<std::size_t>(j)])] -
+                 truth[static_cast<std::size_t>(free_parameters[static_cast<std::size_t>(j)])];
+    chi_squares += error.dot(result.noise_covariance.ldlt().solve(error)), count += 4;
+  }
+  // chi^2 with 48 degrees of freedom: 1 +- 0.204.
+  EXPECT_NEAR(chi_squares / count, 1.0, 3 * std::sqrt(2.0 / count));
+  std::printf("error of the fitted parameters over their covariance: chi^2/N = %.2f over %d\n", chi_squares / count,
+              count);
+}
+
+TEST(Curves, CovarianceKnowsThatBarsDiffer) {
+  // Bars of strengths that scatter by 4 %: white noise alone makes S_inf far too sure, the scatter of the bars does
+  // not.
+  std::mt19937 engine(3);
+  std::normal_distribution<double> normal(1.0, 0.04);
+  std::vector<double> S_inf;
+  double between = 0.0, white = 0.0;
+  for (int draw = 0; draw < 30; ++draw) {
+    std::vector<Curve> curves;
+    for (unsigned k = 0; k < 8; ++k)
+      curves.push_back(bar("bars", 1e-3, 3.0, 100U * static_cast<unsigned>(draw) + k, normal(engine), 80));
+    const CurveSet set(voce(), curves);
+    const CurveFit result = fit(set, set.parameters(), truth, {2, 3, 4});
+    S_inf.push_back(result.parameters[3]);
+    between += result.covariance(1, 1) / 30, white += result.noise_covariance(1, 1) / 30;
+  }
+  const Eigen::Map<const Eigen::VectorXd> all(S_inf.data(), 30);
+  const double scattered = std::sqrt((all.array() - all.mean()).square().sum() / 29);
+  EXPECT_NEAR(std::sqrt(between) / scattered, 1.0, 0.35);
+  EXPECT_LT(std::sqrt(white), 0.4 * scattered);
+  std::printf("S_inf of 30 sets of 8 bars scatters by %.2f; expected %.2f, white noise %.2f\n", scattered,
+              std::sqrt(between), std::sqrt(white));
+}
+
+TEST(Curves, BoundsHoldAndAreNamed) {
+  const CurveSet set(voce(), {bar("slow", 1e-3, 1.0, 1), bar("fast", 10.0, 1.0, 2)});
+  auto information = set.parameters();
+  information[6].upper = 0.01;  // the truth is 0.015
+  const CurveFit result = fit(set, information, {200e3, 0.3, 200, 500, 20, 0, 0.005, 1e-3}, free_parameters);
+  EXPECT_TRUE(result.converged);
+  EXPECT_EQ(result.parameters[6], 0.01);
+  EXPECT_EQ(result.at_bounds, std::vector<int>{6});
+  EXPECT_TRUE(std::isnan(result.noise_covariance(3, 3)));
+  EXPECT_TRUE(std::isfinite(result.noise_covariance(0, 0)));
+}
+
+TEST(Curves, NoiseIsReadFromThePointsAndFromRepetitions) {
+  EXPECT_NEAR(point_noise(bar("one", 1e-3, 2.0, 5, 1.0, 2000)), 2.0, 0.2);
+  std::vector<Curve> curves;
+  std::vector<const Curve*> pointers;
+  std::mt19937 engine(1);
+  std::normal_distribution<double> normal(1.0, 0.05);
+  for (unsigned k = 0; k < 40; ++k) curves.push_back(bar("bars", 1e-3, 0.0, 2 * k, normal(engine), 80));
+  for (const auto& curve : curves) pointers.push_back(&curve);
+  const double mean = 0.05 * 380;  // engineering stresses of 280 to 430, 5 % of their rms
+  EXPECT_NEAR(scatter(pointers), mean, 0.2 * mean);
+  EXPECT_EQ(scatter({&curves[0]}), 0.0);
+}
+
+}  // namespace
+}  // namespace imic3d::identification
