@@ -62,9 +62,10 @@ TEST(Equilibrium, PatchTestOnDistortedQuadraticHexahedra) {
   patch_test(mesh::quadratic(testing::box({3, 3, 3}, {1.0, 1.2, 0.9}, 0.25)));
 }
 
-/// Four increments, none of which needs cutting: how often a longer one is cut depends on round-off, as the first iterations lie
-/// far outside of the region of convergence, and MUMPS on several ranks sums in an order that changes from run to run. The
-/// tolerance is above the round-off of the internal forces (2e-13), below which iterations say nothing.
+/// Quadratic convergence: within its region every residual is below 50 times the square of the one before (measured: 0.1 to 7), and
+/// log r_{k+1} / log r_k reaches 1.8. The last increments of steps divided otherwise are looked at together, as one pair alone depends
+/// on round-off: MUMPS on several ranks sums in an order that changes from run to run. Residuals at the
+/// round-off of the internal forces (2e-13) say nothing.
 void newton_order(const mesh::Mesh& mesh, std::shared_ptr<const material::FiniteStrainLaw> law, const std::vector<double>& parameters) {
   const Communicator world;
   const mesh::Partition partition = mesh::partition(mesh, world);
@@ -72,23 +73,28 @@ void newton_order(const mesh::Mesh& mesh, std::shared_ptr<const material::Finite
   ends.insert(ends.end(), mesh.node_groups.at("right").begin(), mesh.node_groups.at("right").end());
   std::sort(ends.begin(), ends.end());
   const auto dofs = all_dofs(ends);
-  Equilibrium equilibrium(partition, mesh, std::move(law), dofs, {.increments = 4, .tolerance = 1e-12});
   LoadStep step{.time = 1.0, .prescribed = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(dofs.size())), .force = {}};
   for (std::size_t i = 0; i < dofs.size(); ++i)
     if (mesh.nodes(dofs[i] / 3, 0) > 2.0) step.prescribed[static_cast<Eigen::Index>(i)] = dofs[i] % 3 == 0 ? 0.3 : 0.1;
-  const auto status = equilibrium.run({step}, parameters, 0.0, [](int, const FrameState& state) {
-    EXPECT_GT(state.plastic_strain.minCoeff(), 0.01);
-  });
-  ASSERT_EQ(status.frames, 1) << status.message;
-  ASSERT_EQ(status.increments, std::vector<int>{4});
-  const auto& r = status.residuals;
   double order = 0.0;
-  for (std::size_t i = 2; i < r.size(); ++i)
-    if (r[i - 1] < 1e-2 && r[i] > 1e-12 && r[i] < r[i - 1])
-      order = std::max(order, std::log(r[i]) / std::log(r[i - 1]));
-  // log r_{k+1} / log r_k: 2 for quadratic convergence of a residual that is relative already.
-  EXPECT_GE(order, 1.8) << ::testing::PrintToString(r);
-  EXPECT_LT(r.size(), 12U);
+  for (int increments : {4, 8, 16}) {
+    Equilibrium equilibrium(partition, mesh, law, dofs, {.increments = increments, .tolerance = 1e-12});
+    const auto status = equilibrium.run({step}, parameters, 0.0, [](int, const FrameState& state) {
+      EXPECT_GT(state.plastic_strain.minCoeff(), 0.01);
+    });
+    ASSERT_EQ(status.frames, 1) << status.message;
+    const auto& r = status.residuals;
+    EXPECT_LT(r.size(), 12U);
+    int pairs = 0;
+    for (std::size_t i = 2; i < r.size(); ++i) {
+      if (r[i - 1] > 3e-2 || r[i - 1] < 1e-12) continue;
+      ++pairs;
+      EXPECT_LT(r[i], 50.0 * r[i - 1] * r[i - 1] + 1e-12) << ::testing::PrintToString(r);
+      if (r[i] > 1e-12) order = std::max(order, std::log(r[i]) / std::log(r[i - 1]));
+    }
+    EXPECT_GE(pairs, 2) << ::testing::PrintToString(r);
+  }
+  EXPECT_GE(order, 1.8);
 }
 
 TEST(Equilibrium, NewtonConvergesQuadratically) { newton_order(testing::box({4, 2, 2}, {4.0, 1.0, 1.0}, 0.2), power_linear(), steel); }
