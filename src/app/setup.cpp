@@ -124,6 +124,7 @@ identification::Specimen make_specimen(const io::Case& test, bool all_components
     mesh::choose_front(mesh, declared.front);
   }
   if (declared.quadratic()) mesh = mesh::quadratic(mesh);
+  if (declared.one_point()) mesh.integration = declared.element == "hex8r" ? mesh::Integration::one_point : mesh::Integration::one_point_stabilised;
   if (change.section) mesh.section = of_cells(mesh, change.section);
   if (change.initial_strain) {
     mesh.initial_strain = of_cells(mesh, change.initial_strain);

@@ -170,8 +170,9 @@ class CaseReader {
     section.get("front", specimen.front);
     for (const char* key : {"layers", "layer_ratio", "mid_plane_symmetry"})
       if (specimen.plane_stress() && section.has(key)) specimen.unused.emplace_back(key);
-    if (!specimen.plane_stress() && specimen.element.starts_with("quad"))
-      mistake(section.path("element"), specimen.element + " with kinematics: 3d", "hex8, hex20; quad4, quad8 with kinematics: plane_stress");
+    if (specimen.plane_stress() ? specimen.one_point() : specimen.element.starts_with("quad"))
+      mistake(section.path("element"), specimen.element + " with kinematics: " + specimen.kinematics,
+              specimen.plane_stress() ? "quad4, quad8; hex8r, hex8s with kinematics: 3d" : "hex8, hex8r, hex8s, hex20; quad4, quad8 with kinematics: plane_stress");
     read_specimen_place(section);
     if (!root_.has("specimen") && !root_.has("experiments")) mistake("specimen", "not given", "a section specimen, or experiments");
     if (!section.has("mesh")) return;  // the schema's check has said so

@@ -11,8 +11,9 @@
 
 namespace imic3d::mechanics {
 
-HistoryField::HistoryField(const material::FiniteStrainLaw& law, int cells, int points_per_cell)
-    : per_cell_(static_cast<std::size_t>(law.history_size() * points_per_cell)),
+HistoryField::HistoryField(const material::FiniteStrainLaw& law, int cells, int points_per_cell, int cell_state)
+    : of_points_(static_cast<std::size_t>(law.history_size() * points_per_cell)),
+      per_cell_(of_points_ + static_cast<std::size_t>(cell_state)),
       converged_(per_cell_ * static_cast<std::size_t>(cells)),
       trial_(converged_.size()) {
   initialise(law);
@@ -20,14 +21,15 @@ HistoryField::HistoryField(const material::FiniteStrainLaw& law, int cells, int 
 
 void HistoryField::initialise(const material::FiniteStrainLaw& law) {
   const auto size = static_cast<std::size_t>(law.history_size());
-  for (std::size_t begin = 0; size > 0 && begin < converged_.size(); begin += size)
-    law.initialise(std::span(converged_).subspan(begin, size));
+  std::fill(converged_.begin(), converged_.end(), 0.0);
+  for (std::size_t cell = 0; size > 0 && cell < converged_.size(); cell += per_cell_)
+    for (std::size_t begin = cell; begin < cell + of_points_; begin += size) law.initialise(std::span(converged_).subspan(begin, size));
   trial_ = converged_;
 }
 
 void HistoryField::strain(const material::FiniteStrainLaw& law, int cell, int axis, double strain) {
   const auto size = static_cast<std::size_t>(law.history_size()), first = static_cast<std::size_t>(cell) * per_cell_;
-  for (std::size_t begin = first; begin < first + per_cell_; begin += size)
+  for (std::size_t begin = first; begin < first + of_points_; begin += size)
     trial_[begin + static_cast<std::size_t>(4 * axis)] = converged_[begin + static_cast<std::size_t>(4 * axis)] = std::exp(strain);
 }
 
@@ -43,12 +45,19 @@ Assembler::Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
                      std::shared_ptr<const material::FiniteStrainLaw> law, const std::vector<char>& constrained)
     : partition_(partition),
       law_(std::move(law)),
-      history_(*law_, static_cast<int>(partition.cells.size()), mesh::dimension(mesh.type) == 2 ? quadrilateral_points : hexahedron_points),
+      history_(*law_, static_cast<int>(partition.cells.size()),
+               mesh::dimension(mesh.type) == 2                    ? quadrilateral_points
+               : mesh.integration == mesh::Integration::full ? hexahedron_points
+                                                                  : 1,
+               mesh.integration == mesh::Integration::one_point_stabilised ? hourglass_state : 0),
       type_(mesh.type),
+      integration_(mesh.integration),
       axes_(mesh::dimension(mesh.type)),
       nodes_per_cell_(mesh::nodes_per_cell(mesh.type)),
       thickness_(mesh.thickness),
       initial_axis_(mesh.initial_axis) {
+  if (integration_ != mesh::Integration::full && type_ != mesh::CellType::hex8)
+    throw InputError("mesh", "one point in " + mesh::name(type_), "one point in hex8");
   if (axes_ < 2) throw InputError("mesh", mesh::name(mesh.type), "quadrilaterals or hexahedra");
   if ((axes_ == 2) != (law_->thickness_strain_index() >= 0))
     throw InputError("material", law_->name() + " on " + mesh::name(mesh.type), "a law of plane stress on quadrilaterals, else on hexahedra");
@@ -191,6 +200,13 @@ bool Assembler::evaluate_cells(double time_increment, std::span<const double> pa
     if constexpr (axes == 2)
       good = evaluate<nodes>(*law_, thickness_, parameters, time_increment, places, displacement, history_.converged(cell),
                              history_.trial(cell), element, with_tangent);
+    else if constexpr (nodes == 8)
+      good = integration_ == mesh::Integration::full
+                 ? evaluate(*law_, parameters, time_increment, places, displacement, history_.converged(cell), history_.trial(cell),
+                            element, with_tangent)
+                 : evaluate_one_point(*law_, parameters, time_increment, places, displacement, history_.converged(cell),
+                                      history_.trial(cell), element, with_tangent,
+                                      integration_ == mesh::Integration::one_point_stabilised ? &elastic_ : nullptr);
     else
       good = evaluate(*law_, parameters, time_increment, places, displacement, history_.converged(cell),
                       history_.trial(cell), element, with_tangent);
@@ -224,6 +240,7 @@ bool Assembler::assemble(Vec u, double time_increment, std::span<const double> p
   const bool with_tangent = increment != nullptr;
   gather(u, u_local_);
   if (with_tangent) gather(increment, increment_local_);
+  if (integration_ == mesh::Integration::one_point_stabilised) elastic_ = elastic_moduli(*law_, parameters);
 
   const bool good = type_ == mesh::CellType::quad4   ? evaluate_cells<4, 2>(time_increment, parameters, with_tangent)
                     : type_ == mesh::CellType::quad8 ? evaluate_cells<8, 2>(time_increment, parameters, with_tangent)

@@ -177,7 +177,7 @@ TABLE = [
     ("no_thickness", change("case.yaml", "thickness: 1.5, ", ""),
      ["case.yaml:4 specimen.thickness: not given; allowed: a positive number [mm]"]),
     ("element_of_a_plane_in_3d", change("case.yaml", "layers: 2", "element: quad8"),
-     ["case.yaml:4 specimen.element: quad8 with kinematics: 3d; allowed: hex8, hex20; quad4, quad8 with kinematics: plane_stress"]),
+     ["case.yaml:4 specimen.element: quad8 with kinematics: 3d; allowed: hex8, hex8r, hex8s, hex20; quad4, quad8 with kinematics: plane_stress"]),
     ("unknown_kinematics", change("case.yaml", "layers: 2", "kinematics: plane_strain"),
      ['case.yaml:4 specimen.kinematics: "plane_strain"; allowed: 3d, plane_stress']),
     ("unknown_key", change("case.yaml", "layers: 2", "layer: 2"),

@@ -144,7 +144,7 @@ TEST_F(CaseFile, PlaneStressSaysWhatItHasNoUseFor) {
   EXPECT_FALSE(read(good_case).specimen.plane_stress());
   EXPECT_THAT(read(good_case).specimen.unused, ElementsAre());
   EXPECT_EQ(mistakes(changed(plane, "plane_stress", "3d")),
-            "case.yaml:4 specimen.element: quad8 with kinematics: 3d; allowed: hex8, hex20; quad4, quad8 with kinematics: plane_stress");
+            "case.yaml:4 specimen.element: quad8 with kinematics: 3d; allowed: hex8, hex8r, hex8s, hex20; quad4, quad8 with kinematics: plane_stress");
 }
 
 TEST_F(CaseFile, EveryMistakeIsNamedInOneGo) {

@@ -48,9 +48,10 @@ struct SpecimenCase {
   int layers = 4;              ///< hexahedra through the thickness (of the half, with mid-plane symmetry)
   double layer_ratio = 1.0;  ///< thickness of a layer over that of its neighbour nearer to the free face
   int refine = 0;              ///< uniform refinements of the simulation's mesh (the DIC mesh is the file's own)
-  std::string element = "hex8";  ///< in plane stress the face of it: `quad4` for hex8, `quad8` for hex20
+  std::string element = "hex8";  ///< `hex8r`, `hex8s`: one point, without and with stabilisation; `hex20`; in plane stress the face of it: `quad4` for hex8, `quad8` for hex20
   bool mid_plane_symmetry = false;  ///< simulate the camera's half of the thickness
   [[nodiscard]] bool plane_stress() const { return kinematics == "plane_stress"; }
+  [[nodiscard]] bool one_point() const { return element == "hex8r" || element == "hex8s"; }
   [[nodiscard]] bool quadratic() const { return element == "hex20" || element == "quad8"; }
   std::string held, loaded;         ///< node groups at the ends
   std::string axis = "y";           ///< direction of the load: x or y

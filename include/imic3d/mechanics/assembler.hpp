@@ -10,16 +10,18 @@
 
 #include "imic3d/core/parallel.hpp"
 #include "imic3d/material/finite_strain_law.hpp"
+#include "imic3d/mechanics/one_point.hpp"
 #include "imic3d/mesh/mesh.hpp"
 #include "imic3d/mesh/partition.hpp"
 
 namespace imic3d::mechanics {
 
-/// What the material points of this rank's cells remember: a converged and a trial buffer. Evaluation reads the
-/// converged one and writes the trial one; only `commit` moves trial to converged.
+/// What the material points of this rank's cells remember, and behind them what the cell itself does (zeros when virgin): a
+/// converged and a trial buffer. Evaluation reads the converged one and writes the trial one; only `commit` moves trial to
+/// converged.
 class HistoryField {
  public:
-  HistoryField(const material::FiniteStrainLaw& law, int cells, int points_per_cell);
+  HistoryField(const material::FiniteStrainLaw& law, int cells, int points_per_cell, int cell_state = 0);
   /// The virgin state everywhere.
   void initialise(const material::FiniteStrainLaw& law);
   /// Elastic logarithmic strain of a cell along an axis, before the test: Fp^-1 = exp(strain).
@@ -31,7 +33,7 @@ class HistoryField {
   [[nodiscard]] std::span<double> trial(int cell);
 
  private:
-  std::size_t per_cell_;
+  std::size_t of_points_, per_cell_;
   std::vector<double> converged_, trial_, saved_;
 };
 
@@ -78,6 +80,8 @@ class Assembler {
   std::shared_ptr<const material::FiniteStrainLaw> law_;
   HistoryField history_;
   mesh::CellType type_;
+  mesh::Integration integration_;
+  ElasticModuli elastic_;  // of the parameters at hand, where the hourglass modes are stabilised
   int axes_, nodes_per_cell_;
   double thickness_;         // of a plane mesh
   std::vector<double> section_, initial_strain_;  // of each local cell; empty: all of it, none

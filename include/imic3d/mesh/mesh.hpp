@@ -22,12 +22,16 @@ enum class CellType { line2, quad4, quad8, hex8, hex20 };
 [[nodiscard]] int dimension(CellType type);
 [[nodiscard]] std::string name(CellType type);  ///< as above
 
+/// How a hex8 is integrated (imic3d/mechanics/hexahedron.hpp, one_point.hpp).
+enum class Integration { full, one_point, one_point_stabilised };
+
 using Nodes = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
 using Cells = Eigen::Matrix<int, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
 /// Nodes [n x 3, length], cells [m x nodes per cell], and named groups.
 struct Mesh {
   CellType type = CellType::quad4;
+  Integration integration = Integration::full;  ///< hex meshes of 8 nodes
   Nodes nodes;
   Cells cells;
   std::map<std::string, std::vector<int>> node_groups;  ///< sorted node numbers (of the group's nodes, edges or faces)

@@ -1,0 +1,192 @@
+#include "imic3d/mechanics/one_point.hpp"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <vector>
+
+#include "imic3d/core/error.hpp"
+
+namespace imic3d::mechanics {
+
+namespace {
+
+using Gradient = Eigen::Matrix<double, 8, 3>;
+using Modes = Eigen::Matrix<double, 8, 4>;    // of the nodes
+using Amplitudes = Eigen::Matrix<double, 3, 4>;
+using Stiffness = Eigen::Matrix<double, 12, 12>;  // between amplitudes, by columns
+
+/// Natural coordinates of the corners.
+Gradient corners() {
+  Gradient xi;
+  xi << -1, -1, -1, 1, -1, -1, 1, 1, -1, -1, 1, -1, -1, -1, 1, 1, -1, 1, 1, 1, 1, -1, 1, 1;
+  return xi;
+}
+const Gradient corner = corners();
+
+/// h_alpha: eta zeta, zeta xi, xi eta, xi eta zeta at the corners.
+Modes hourglass_vectors() {
+  Modes h;
+  for (int i = 0; i < 3; ++i) h.col(i) = corner.col((i + 1) % 3).cwiseProduct(corner.col((i + 2) % 3));
+  h.col(3) = h.col(0).cwiseProduct(corner.col(0));
+  return h;
+}
+const Modes h = hourglass_vectors();
+
+/// dN/dxi of the trilinear shape functions at the points of the 2 x 2 x 2 rule.
+std::array<Gradient, 8> natural_gradients() {
+  std::array<Gradient, 8> gradients;
+  for (int point = 0; point < 8; ++point)
+    for (int a = 0; a < 8; ++a) {
+      const Eigen::RowVector3d factor = 1.0 + (corner.row(a).array() * corner.row(point).array()) / std::sqrt(3.0);
+      for (int i = 0; i < 3; ++i)
+        gradients[static_cast<std::size_t>(point)](a, i) = 0.125 * corner(a, i) * factor[(i + 1) % 3] * factor[(i + 2) % 3];
+    }
+  return gradients;
+}
+const std::array<Gradient, 8> dN_dxi = natural_gradients();
+
+/// V_0 b, exact with 2 x 2 x 2 points: dN/dxi times the cofactors of dX/dxi. False where the element is inverted.
+bool mean_gradient(const ElementNodes<8>& nodes, Gradient& b, double& volume) {
+  b.setZero();
+  volume = 0.0;
+  for (const Gradient& dN : dN_dxi) {
+    const Eigen::Matrix3d A = nodes.transpose() * dN;
+    Eigen::Matrix3d cofactors;
+    cofactors << A.col(1).cross(A.col(2)), A.col(2).cross(A.col(0)), A.col(0).cross(A.col(1));
+    const double dV = A.col(0).dot(cofactors.col(0));
+    if (!(dV > 0.0)) return false;
+    b.noalias() += dN * cofactors.transpose();
+    volume += dV;
+  }
+  b /= volume;
+  return true;
+}
+
+Eigen::Matrix3d tensor(const material::Vector6& v) {
+  Eigen::Matrix3d t;
+  t << v[0], v[3], v[5], v[3], v[1], v[4], v[5], v[4], v[2];
+  return t;
+}
+
+/// D: from hourglass strains to stresses, in the metric g_ij of the convected axes.
+Stiffness hourglass_stiffness(const ElasticModuli& moduli, const Eigen::Matrix3d& g, double volume) {
+  const double G = moduli.shear, K = moduli.bulk, E = 9.0 * K * G / (3.0 * K + G), nu = 0.5 * (3.0 * K - 2.0 * G) / (3.0 * K + G);
+  Stiffness D = Stiffness::Zero();
+  for (int s = 0; s < 3; ++s) {
+    const int i = (s + 1) % 3, j = (s + 2) % 3;
+    const double det = g(i, i) * g(j, j) - g(i, j) * g(i, j), a = g(j, j) / det, b = g(i, i) / det, c = -g(i, j) / det;  // contravariant
+    const Eigen::Vector3d metric(a, b, c);
+    Eigen::Matrix3d plane;
+    plane << a * a, c * c, a * c, c * c, b * b, b * c, a * c, b * c, 0.5 * (a * b + c * c);
+    plane = volume / 3.0 * E / (1.0 - nu * nu) * (nu * metric * metric.transpose() + (1.0 - nu) * plane);
+    // E_ii = Q_ij, E_jj = Q_ji, 2 E_ij = Q_ii + Q_jj
+    const std::array<std::array<int, 2>, 4> place = {{{3 * j + i, 0}, {3 * i + j, 1}, {3 * i + i, 2}, {3 * j + j, 2}}};
+    for (const auto& [row, k] : place)
+      for (const auto& [column, l] : place) D(row, column) += plane(k, l);
+    D(9 + s, 9 + s) += volume / 9.0 * E / (g(s, s) * g(s, s));
+  }
+  return D;
+}
+
+}  // namespace
+
+ElasticModuli elastic_moduli(const material::FiniteStrainLaw& law, std::span<const double> parameters) {
+  std::vector<double> history(static_cast<std::size_t>(law.history_size())), after(history.size());
+  law.initialise(history);
+  material::Response rest;
+  if (!law.update(Eigen::Matrix3d::Identity(), 1.0, parameters, history, after, rest, true))
+    throw ConvergenceError("the law " + law.name() + " has no tangent at rest");
+  const auto& c = rest.tangent;
+  const double shear = (c(3, 3) + c(4, 4) + c(5, 5)) / 3.0;
+  return {.shear = shear, .bulk = c.topLeftCorner<3, 3>().sum() / 9.0};
+}
+
+bool evaluate_one_point(const material::FiniteStrainLaw& law, std::span<const double> parameters, double time_increment,
+                        const ElementNodes<8>& nodes, const ElementVector<8>& displacement, std::span<const double> history_old,
+                        std::span<double> history_new, ElementResult<8>& result, bool with_tangent,
+                        const ElasticModuli* elastic) noexcept {
+  const Eigen::Map<const Eigen::Matrix<double, 8, 3, Eigen::RowMajor>> u(displacement.data());
+  Gradient b;
+  double volume = 0.0;
+  if (!mean_gradient(nodes, b, volume)) return false;
+  const Eigen::Matrix3d F = Eigen::Matrix3d::Identity() + u.transpose() * b;
+  const double J = F.determinant();
+  if (!(J > 0.0)) return false;
+  const auto size = static_cast<std::size_t>(law.history_size());
+  material::Response response;
+  if (!law.update(F, time_increment, parameters, history_old.first(size), history_new.first(size), response, with_tangent)) return false;
+  const auto plastic_strain = [&](std::span<const double> history) {
+    return law.plastic_strain_index() >= 0 ? history[static_cast<std::size_t>(law.plastic_strain_index())] : 0.0;
+  };
+
+  const Eigen::Matrix3d tau = tensor(response.kirchhoff);
+  const Gradient dN = b * F.inverse(), traction = volume * dN * tau;
+  Gradient force = traction;
+  result.cauchy_stress = response.kirchhoff / J;
+  result.plastic_strain = plastic_strain(history_new);
+  Eigen::Matrix<double, 8, 8> stiffening;  // geometric stiffness, the same along every axis
+  if (with_tangent) {
+    Eigen::Matrix<double, 6, 24> B;
+    for (int a = 0; a < 8; ++a) {
+      const auto n = dN.row(a);
+      B.block<6, 3>(0, 3 * a) << n[0], 0, 0, 0, n[1], 0, 0, 0, n[2], n[1], n[0], 0, 0, n[2], n[1], n[2], 0, n[0];
+    }
+    const Eigen::Matrix<double, 6, 24> cB = (volume * response.tangent).lazyProduct(B);
+    result.tangent = B.transpose().lazyProduct(cB);
+    stiffening = traction.lazyProduct(dN.transpose());
+  }
+
+  if (elastic != nullptr) {
+    using State = Eigen::Map<const Eigen::Matrix<double, hourglass_state, 1>>;
+    const State old(history_old.data() + size);
+    Eigen::Map<Eigen::Matrix<double, hourglass_state, 1>> state(history_new.data() + size);
+    const Eigen::Matrix3d dX_dxi = 0.125 * nodes.transpose() * corner, g = F * dX_dxi;
+    const Gradient b_xi = b * dX_dxi;
+    const Modes gamma = 0.125 * (h - b * (nodes.transpose() * h));
+    const Amplitudes q = u.transpose() * gamma, Q = g.transpose() * q;
+    const Eigen::Matrix<double, 12, 1> dQ = Q.reshaped() - old.segment<12>(8);
+
+    // (i) the moduli and the metric of the last step
+    const Eigen::Matrix3d metric = dX_dxi.transpose() * dX_dxi + tensor(old.segment<6>(2));
+    const auto stiffness = [&](double ratio) {
+      return hourglass_stiffness({.shear = ratio * elastic->shear, .bulk = elastic->bulk}, metric, volume);
+    };
+    const Stiffness D = stiffness(1.0 - old[0]);
+    Amplitudes T;
+    T.reshaped() = old.segment<12>(20) + D * dQ;
+
+    // (ii) force and tangent: dQ_i = dg_i . q + g_i . dq
+    force.noalias() += b_xi * T * q.transpose() + gamma * T.transpose() * g.transpose();
+    if (with_tangent) {
+      Eigen::Matrix<double, 12, 24> B;
+      for (int a = 0; a < 8; ++a)
+        for (int alpha = 0; alpha < 4; ++alpha)
+          B.block<3, 3>(3 * alpha, 3 * a) = b_xi.row(a).transpose() * q.col(alpha).transpose() + gamma(a, alpha) * g.transpose();
+      const Eigen::Matrix<double, 12, 24> DB = D.lazyProduct(B);
+      result.tangent += B.transpose().lazyProduct(DB);
+      const Eigen::Matrix<double, 8, 8> cross = b_xi * T * gamma.transpose();
+      stiffening += cross + cross.transpose();
+    }
+
+    // (iii) what the next step sees
+    const double mises = std::sqrt(1.5) * (tau - tau.trace() / 3.0 * Eigen::Matrix3d::Identity()).norm();
+    const double dep = plastic_strain(history_new) - plastic_strain(history_old), dmises = mises - old[1];
+    const double ratio = dep > 0.0 ? std::clamp(dmises / (std::abs(dmises) + 3.0 * elastic->shear * dep), least_hourglass_modulus, 1.0) : 1.0;
+    const Eigen::Matrix3d change = g.transpose() * g - dX_dxi.transpose() * dX_dxi;
+    state[0] = 1.0 - ratio;
+    state[1] = mises;
+    state.segment<6>(2) << change(0, 0), change(1, 1), change(2, 2), change(0, 1), change(1, 2), change(0, 2);
+    state.segment<12>(8) = Q.reshaped();
+    state.segment<12>(20) = old.segment<12>(20) + stiffness(ratio) * dQ;
+  }
+
+  for (int a = 0; a < 8; ++a) result.force.segment<3>(3 * a) = force.row(a).transpose();
+  if (with_tangent)
+    for (int a = 0; a < 8; ++a)
+      for (int c = 0; c < 8; ++c) result.tangent.block<3, 3>(3 * a, 3 * c).diagonal().array() += stiffening(a, c);
+  return result.force.allFinite();
+}
+
+}  // namespace imic3d::mechanics
