@@ -650,6 +650,7 @@ class CaseReader {
     const auto section = root_.group("simulate");
     auto& simulate = case_.simulate.emplace();
     section.get("control", simulate.control);
+    if (case_.specimen.element == "hex8r") mistake("specimen.element", "hex8r in a simulation without images", "hex8, hex8s, hex20");
     section.get("value", simulate.value);
     section.get("clamped", simulate.clamped);
     section.get("centred", simulate.centred);
@@ -687,6 +688,8 @@ class CaseReader {
       mistake(section.path("alpha"), fmt::format("{} with functional: {}", identify.alpha, identify.functional),
               "functional: force_driven or equilibrium_gap, or alpha: 0");
     if (gap && identify.alpha == 0.0) mistake(section.path("alpha"), "not given, or 0, with functional: equilibrium_gap", "above 0, e.g. 1e-3");
+    if (case_.specimen.element == "hex8r" && identify.alpha == 0.0)
+      mistake(section.path("alpha"), "not given, or 0, with specimen.element: hex8r", "above 0, e.g. 1e-2, or element: hex8s");
     if (gap && !case_.specimen.plane_stress())
       mistake(section.path("functional"), "equilibrium_gap in 3D", "specimen.kinematics: plane_stress");
     if (gap && case_.material.law != "elastic") mistake(section.path("functional"), "equilibrium_gap with law: " + case_.material.law, "law: elastic");

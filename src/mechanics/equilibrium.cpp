@@ -83,6 +83,21 @@ struct Equilibrium::Implementation {
     PetscBool is_factor = PETSC_FALSE;
     IMIC3D_PETSC(PetscObjectTypeCompare(reinterpret_cast<PetscObject>(preconditioner), PCCHOLESKY, &is_factor));
     direct = is_factor == PETSC_TRUE;
+    if (mesh.integration == mesh::Integration::one_point) detect_null_pivots(preconditioner);
+  }
+
+  /// Hourglass modes that neither the law nor the images resist make the tangent singular, but the right-hand side has no part in
+  /// them: MUMPS leaves out the pivots that are zero and solves for the rest.
+  void detect_null_pivots(PC preconditioner) const {
+    MatSolverType type = nullptr;
+    PetscBool by_mumps = PETSC_FALSE;
+    IMIC3D_PETSC(PCFactorGetMatSolverType(preconditioner, &type));
+    if (type != nullptr) IMIC3D_PETSC(PetscStrcmp(type, MATSOLVERMUMPS, &by_mumps));
+    if (by_mumps != PETSC_TRUE) return;
+    Mat factor = nullptr;
+    IMIC3D_PETSC(PCFactorSetUpMatSolverType(preconditioner));
+    IMIC3D_PETSC(PCFactorGetMatrix(preconditioner, &factor));
+    IMIC3D_PETSC(MatMumpsSetIcntl(factor, 24, 1));
   }
 
   void attach_near_null_space() {

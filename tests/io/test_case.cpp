@@ -147,6 +147,15 @@ TEST_F(CaseFile, PlaneStressSaysWhatItHasNoUseFor) {
             "case.yaml:4 specimen.element: quad8 with kinematics: 3d; allowed: hex8, hex8r, hex8s, hex20; quad4, quad8 with kinematics: plane_stress");
 }
 
+TEST_F(CaseFile, OnePointWithoutStabilisationNeedsTheImages) {
+  const std::string one_point = changed(good_case, "element: hex8", "element: hex8r");
+  EXPECT_EQ(mistakes(one_point), "case.yaml:10 identify.alpha: not given, or 0, with specimen.element: hex8r; allowed: above 0, e.g. 1e-2, or element: hex8s");
+  EXPECT_TRUE(read(changed(one_point, "functional: force_driven", "functional: force_driven\n  alpha: 0.1")).specimen.one_point());
+  EXPECT_TRUE(read(changed(good_case, "element: hex8", "element: hex8s")).specimen.one_point());
+  EXPECT_EQ(mistakes(changed(good_case, "element: hex8", "element: hex8s, kinematics: plane_stress")),
+            "case.yaml:4 specimen.element: hex8s with kinematics: plane_stress; allowed: quad4, quad8; hex8r, hex8s with kinematics: 3d");
+}
+
 TEST_F(CaseFile, EveryMistakeIsNamedInOneGo) {
   EXPECT_EQ(
       mistakes(R"(title: 12
