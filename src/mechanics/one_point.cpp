@@ -90,6 +90,15 @@ Stiffness hourglass_stiffness(const ElasticModuli& moduli, const Eigen::Matrix3d
   return D;
 }
 
+/// G_t/G: the stiffness of the corotated Kirchhoff stress along its deviator, n : (c + tau 1 + 1 tau) : n / (2 G).
+double tangent_ratio(const Eigen::Matrix3d& tau, const material::Matrix6& c, double shear) {
+  const Eigen::Matrix3d s = tau - tau.trace() / 3.0 * Eigen::Matrix3d::Identity();
+  const Eigen::Matrix3d n = s / std::max(s.norm(), 1e-12 * shear);
+  material::Vector6 rate;  // engineering shears
+  rate << n(0, 0), n(1, 1), n(2, 2), 2.0 * n(0, 1), 2.0 * n(1, 2), 2.0 * n(0, 2);
+  return (rate.dot(c * rate) + 2.0 * (tau * n * n).trace()) / (2.0 * shear);
+}
+
 }  // namespace
 
 ElasticModuli elastic_moduli(const material::FiniteStrainLaw& law, std::span<const double> parameters) {
@@ -116,7 +125,8 @@ bool evaluate_one_point(const material::FiniteStrainLaw& law, std::span<const do
   if (!(J > 0.0)) return false;
   const auto size = static_cast<std::size_t>(law.history_size());
   material::Response response;
-  if (!law.update(F, time_increment, parameters, history_old.first(size), history_new.first(size), response, with_tangent)) return false;
+  if (!law.update(F, time_increment, parameters, history_old.first(size), history_new.first(size), response, with_tangent || elastic != nullptr))
+    return false;
   const auto plastic_strain = [&](std::span<const double> history) {
     return law.plastic_strain_index() >= 0 ? history[static_cast<std::size_t>(law.plastic_strain_index())] : 0.0;
   };
@@ -146,16 +156,17 @@ bool evaluate_one_point(const material::FiniteStrainLaw& law, std::span<const do
     const Gradient b_xi = b * dX_dxi;
     const Modes gamma = 0.125 * (h - b * (nodes.transpose() * h));
     const Amplitudes q = u.transpose() * gamma, Q = g.transpose() * q;
-    const Eigen::Matrix<double, 12, 1> dQ = Q.reshaped() - old.segment<12>(8);
 
-    // (i) the moduli and the metric of the last step
-    const Eigen::Matrix3d metric = dX_dxi.transpose() * dX_dxi + tensor(old.segment<6>(2));
-    const auto stiffness = [&](double ratio) {
-      return hourglass_stiffness({.shear = ratio * elastic->shear, .bulk = elastic->bulk}, metric, volume);
+    // (i) the moduli, the metric and the regime of the last step
+    const Eigen::Matrix3d metric = dX_dxi.transpose() * dX_dxi + tensor(old.segment<6>(1));
+    const auto stress = [&](double ratio, Stiffness& D) -> Eigen::Matrix<double, 12, 1> {
+      D = hourglass_stiffness({.shear = ratio * elastic->shear, .bulk = elastic->bulk}, metric, volume);
+      if (ratio < 1.0) return D * Q.reshaped();
+      return old.segment<12>(19) + D * (Q.reshaped() - old.segment<12>(7));
     };
-    const Stiffness D = stiffness(1.0 - old[0]);
+    Stiffness D;
     Amplitudes T;
-    T.reshaped() = old.segment<12>(20) + D * dQ;
+    T.reshaped() = stress(1.0 - old[0], D);
 
     // (ii) force and tangent: dQ_i = dg_i . q + g_i . dq
     force.noalias() += b_xi * T * q.transpose() + gamma * T.transpose() * g.transpose();
@@ -171,15 +182,14 @@ bool evaluate_one_point(const material::FiniteStrainLaw& law, std::span<const do
     }
 
     // (iii) what the next step sees
-    const double mises = std::sqrt(1.5) * (tau - tau.trace() / 3.0 * Eigen::Matrix3d::Identity()).norm();
-    const double dep = plastic_strain(history_new) - plastic_strain(history_old), dmises = mises - old[1];
-    const double ratio = dep > 0.0 ? std::clamp(dmises / (std::abs(dmises) + 3.0 * elastic->shear * dep), least_hourglass_modulus, 1.0) : 1.0;
     const Eigen::Matrix3d change = g.transpose() * g - dX_dxi.transpose() * dX_dxi;
+    const bool flows = plastic_strain(history_new) > plastic_strain(history_old);
+    const double ratio = flows ? std::clamp(tangent_ratio(tau, response.tangent, elastic->shear), least_hourglass_modulus, most_flowing_modulus) : 1.0;
+    Stiffness next;
     state[0] = 1.0 - ratio;
-    state[1] = mises;
-    state.segment<6>(2) << change(0, 0), change(1, 1), change(2, 2), change(0, 1), change(1, 2), change(0, 2);
-    state.segment<12>(8) = Q.reshaped();
-    state.segment<12>(20) = old.segment<12>(20) + stiffness(ratio) * dQ;
+    state.segment<6>(1) << change(0, 0), change(1, 1), change(2, 2), change(0, 1), change(1, 2), change(0, 2);
+    state.segment<12>(7) = Q.reshaped();
+    state.segment<12>(19) = stress(ratio, next);
   }
 
   for (int a = 0; a < 8; ++a) result.force.segment<3>(3 * a) = force.row(a).transpose();

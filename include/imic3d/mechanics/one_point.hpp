@@ -14,12 +14,13 @@ struct ElasticModuli {
 /// From the law's tangent at rest, which is taken to be isotropic.
 [[nodiscard]] ElasticModuli elastic_moduli(const material::FiniteStrainLaw& law, std::span<const double> parameters);
 
-/// What a stabilised element remembers beside its point's history; zeros when virgin. 1 - G_hg/G; von Mises' tau; change of the
-/// convected metric g_ij (11, 22, 33, 12, 23, 13); hourglass strains Q and stresses T, [3 x 4] by columns.
-inline constexpr int hourglass_state = 1 + 1 + 6 + 12 + 12;
+/// What a stabilised element remembers beside its point's history; zeros when virgin. 1 - G_hg/G; change of the convected metric
+/// g_ij (11, 22, 33, 12, 23, 13); hourglass strains Q and stresses T, [3 x 4] by columns.
+inline constexpr int hourglass_state = 1 + 6 + 12 + 12;
 
-/// Least G_hg/G: what is left against hourglassing where the material flows without hardening or softens.
-inline constexpr double least_hourglass_modulus = 1e-3;
+/// Bounds of G_hg/G in plastic flow: what is left against hourglassing where the material does not harden or softens, and what tells
+/// flow from elasticity.
+inline constexpr double least_hourglass_modulus = 1e-3, most_flowing_modulus = 0.999;
 
 /// Uniform-gradient hexahedron (Flanagan & Belytschko 1981): F = 1 + sum_a u_a b_a^T with b_a = 1/V_0 int dN_a/dX dV_0 (exact, so
 /// that distorted elements pass the patch test), one evaluation of the law and f_a = V_0 tau F^-T b_a. K has 18 zero modes: 6
@@ -35,11 +36,12 @@ inline constexpr double least_hourglass_modulus = 1e-3;
 /// The first bends and twists the surface xi_s = 0 and takes the law of plane stress in its metric (mean of xi_s^2: 1/3), the second
 /// takes Young's modulus (1/9): what a regular element that is bent or twisted elastically needs, whatever its aspect ratio.
 ///
-/// The moduli are K and the effective shear modulus of Puso, G_hg = G dq/(dq + 3 G dep) of the last converged step's change of von
-/// Mises' tau and of plastic strain (G without flow, at least least_hourglass_modulus G), so that plastic bending stays soft.
-/// Within a step they are constant, as is the metric in them, and the hourglass stress grows by D dQ from what is remembered: the
-/// force is the gradient of 1/2 dQ.D dQ + T.dQ, its tangent exact and symmetric. What is remembered is T + D dQ with the new
-/// G_hg: only the step in which flow begins sees the modulus of the one before.
+/// The moduli are K and the shear modulus G_hg, so that plastic bending stays soft: G, or in plastic flow the tangent modulus G_t
+/// along the deviator of tau. In flow T = D(G_t) Q in total: where a whole element flows its stresses differ by hardening times the
+/// difference of plastic strain, whatever they were before. Else T grows by D(G) dQ from what it was, as in elastic unloading.
+/// Which of the two, G_hg and the metric are those of the last converged step: within a step the force is the gradient of a
+/// quadratic form in Q, its tangent exact and symmetric. What is remembered is T with the new ones: only a step in which flow
+/// begins or ends sees the modulus of the one before.
 ///
 /// nodes: reference positions; history: [history_size], with `elastic` [history_size + hourglass_state].
 /// Returns false where the element is inverted or the law cannot follow; `result` is then not valid.
