@@ -33,6 +33,15 @@ void HistoryField::strain(const material::FiniteStrainLaw& law, int cell, int ax
     trial_[begin + static_cast<std::size_t>(4 * axis)] = converged_[begin + static_cast<std::size_t>(4 * axis)] = std::exp(strain);
 }
 
+double HistoryField::advance(int entries) {
+  double change = 0.0;
+  for (std::size_t first = of_points_; first < converged_.size(); first += per_cell_) {
+    change = std::max(change, std::abs(trial_[first] - converged_[first]));
+    std::copy_n(trial_.begin() + static_cast<long>(first), entries, converged_.begin() + static_cast<long>(first));
+  }
+  return change;
+}
+
 std::span<const double> HistoryField::converged(int cell) const {
   return std::span(converged_).subspan(static_cast<std::size_t>(cell) * per_cell_, per_cell_);
 }
@@ -170,6 +179,11 @@ void Assembler::start() {
     history_.strain(*law_, static_cast<int>(cell), initial_axis_, initial_strain_[cell]);
 }
 
+double Assembler::renew_hourglass_moduli() {
+  if (integration_ != mesh::Integration::one_point_stabilised) return 0.0;
+  return partition_.communicator.max(history_.advance(hourglass_moduli));
+}
+
 void Assembler::gather(Vec global, std::vector<double>& local) const {
   IMIC3D_PETSC(VecScatterBegin(scatter_, global, local_, INSERT_VALUES, SCATTER_FORWARD));
   IMIC3D_PETSC(VecScatterEnd(scatter_, global, local_, INSERT_VALUES, SCATTER_FORWARD));
@@ -240,7 +254,11 @@ bool Assembler::assemble(Vec u, double time_increment, std::span<const double> p
   const bool with_tangent = increment != nullptr;
   gather(u, u_local_);
   if (with_tangent) gather(increment, increment_local_);
-  if (integration_ == mesh::Integration::one_point_stabilised) elastic_ = elastic_moduli(*law_, parameters);
+  if (integration_ == mesh::Integration::one_point_stabilised) {
+    const bool begins = elastic_.begins;
+    elastic_ = elastic_moduli(*law_, parameters);
+    elastic_.begins = begins;
+  }
 
   const bool good = type_ == mesh::CellType::quad4   ? evaluate_cells<4, 2>(time_increment, parameters, with_tangent)
                     : type_ == mesh::CellType::quad8 ? evaluate_cells<8, 2>(time_increment, parameters, with_tangent)

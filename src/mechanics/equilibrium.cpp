@@ -16,6 +16,9 @@ namespace {
 /// Up to this number of unknowns a direct factorisation is the default, above it CG with GAMG.
 constexpr PetscInt direct_limit = 150'000;
 
+/// Change of an element's G_t/G (one_point.hpp) above which a step is solved again.
+constexpr double renewed_modulus = 0.1;
+
 std::vector<char> flags(std::size_t dofs, const std::vector<int>& constrained) {
   std::vector<char> flag(dofs, 0);
   for (int dof : constrained) flag[static_cast<std::size_t>(dof)] = 1;
@@ -219,7 +222,8 @@ struct Equilibrium::Implementation {
   /// One increment: from u to equilibrium with the prescribed displacement and `external`. Full Newton steps: with a
   /// consistent tangent the unbalanced forces of a plastic step may well grow before they vanish, and a search that
   /// forbids it crawls. A step is shortened where an element would be inverted or the forces grow a thousandfold.
-  Outcome newton(Vec prescribed, double time_increment, std::span<const double> parameters, int& iterations) {
+  /// `begins`: u is still where the last increment ended.
+  Outcome newton(Vec prescribed, double time_increment, std::span<const double> parameters, int& iterations, bool begins) {
     last_residuals.clear();
     double previous = 0.0, step = 1.0;
     bool indefinite = false;
@@ -230,6 +234,7 @@ struct Equilibrium::Implementation {
       missing_displacement(prescribed);
       double missing = 0.0, size = 0.0, load = 0.0, norm = 0.0;
       for (int halvings = 0;; ++halvings) {
+        assembler.predict(begins && iteration == 0);
         const bool valid = assembler.assemble(u, time_increment, parameters, force, increment, lifting);
         norm = valid ? unbalanced() : INFINITY;
         if (std::isfinite(norm) && (iteration < 2 || norm < 1e3 * previous)) break;
@@ -361,7 +366,10 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
         IMIC3D_PETSC(VecCopy(converged, s.u));
       s.frame = frame;
       s.fraction = target;
-      const auto outcome = s.newton(prescribed, (step.time - begin) / count, parameters, iterations);
+      auto outcome = s.newton(prescribed, (step.time - begin) / count, parameters, iterations, !use_guess);
+      // Where flow has begun or ended the step is solved again, from where it is, with the modulus that it led to.
+      if (outcome == Implementation::Outcome::converged && s.assembler.renew_hourglass_moduli() > renewed_modulus)
+        outcome = s.newton(prescribed, (step.time - begin) / count, parameters, iterations, false);
       if (outcome == Implementation::Outcome::converged) {
         s.assembler.history().commit();
         IMIC3D_PETSC(VecCopy(s.u, converged));

@@ -70,32 +70,43 @@ Eigen::Matrix3d tensor(const material::Vector6& v) {
   return t;
 }
 
-/// D: from hourglass strains to stresses, in the metric g_ij of the convected axes.
-Stiffness hourglass_stiffness(const ElasticModuli& moduli, const Eigen::Matrix3d& g, double volume) {
-  const double G = moduli.shear, K = moduli.bulk, E = 9.0 * K * G / (3.0 * K + G), nu = 0.5 * (3.0 * K - 2.0 * G) / (3.0 * K + G);
+Eigen::Matrix<double, 6, 1> components(const Eigen::Matrix3d& t) {
+  return (Eigen::Matrix<double, 6, 1>() << t(0, 0), t(1, 1), t(2, 2), t(0, 1), t(1, 2), t(0, 2)).finished();
+}
+
+/// Moduli of the hourglass modes on the convected axes: secant across and tangent along the flow direction n.
+struct HourglassModuli {
+  double bulk, across, along;
+  Eigen::Matrix3d metric, n;  // g_i . g_j and g_i . n g_j
+};
+
+/// D: from hourglass strains to stresses, through the compliance 1/(9K) 1 x 1 + 1/(2 G_s) (I_dev - n x n) + 1/(2 G_t) n x n.
+Stiffness hourglass_stiffness(const HourglassModuli& m, double volume) {
+  const auto& g = m.metric;
   Stiffness D = Stiffness::Zero();
   for (int s = 0; s < 3; ++s) {
     const int i = (s + 1) % 3, j = (s + 2) % 3;
-    const double det = g(i, i) * g(j, j) - g(i, j) * g(i, j), a = g(j, j) / det, b = g(i, i) / det, c = -g(i, j) / det;  // contravariant
-    const Eigen::Vector3d metric(a, b, c);
-    Eigen::Matrix3d plane;
-    plane << a * a, c * c, a * c, c * c, b * b, b * c, a * c, b * c, 0.5 * (a * b + c * c);
-    plane = volume / 3.0 * E / (1.0 - nu * nu) * (nu * metric * metric.transpose() + (1.0 - nu) * plane);
+    // Stresses g_i g_i, g_j g_j and g_i g_j + g_j g_i: their traces, shares along n and products with each other.
+    const Eigen::Vector3d trace(g(i, i), g(j, j), 2.0 * g(i, j)), share(m.n(i, i), m.n(j, j), 2.0 * m.n(i, j));
+    const double a = g(i, i), b = g(j, j), c = g(i, j);
+    Eigen::Matrix3d product;
+    product << a * a, c * c, 2.0 * a * c, c * c, b * b, 2.0 * b * c, 2.0 * a * c, 2.0 * b * c, 2.0 * (a * b + c * c);
+    const Eigen::Matrix3d compliance = trace * trace.transpose() / (9.0 * m.bulk) + (product - trace * trace.transpose() / 3.0) / (2.0 * m.across) +
+                                       share * share.transpose() * (0.5 / m.along - 0.5 / m.across);
+    const Eigen::Matrix3d plane = volume / 3.0 * compliance.inverse();
     // E_ii = Q_ij, E_jj = Q_ji, 2 E_ij = Q_ii + Q_jj
     const std::array<std::array<int, 2>, 4> place = {{{3 * j + i, 0}, {3 * i + j, 1}, {3 * i + i, 2}, {3 * j + j, 2}}};
     for (const auto& [row, k] : place)
       for (const auto& [column, l] : place) D(row, column) += plane(k, l);
-    D(9 + s, 9 + s) += volume / 9.0 * E / (g(s, s) * g(s, s));
+    D(9 + i, 9 + i) += volume / 9.0 / compliance(0, 0);
   }
   return D;
 }
 
-/// G_t/G: the stiffness of the corotated Kirchhoff stress along its deviator, n : (c + tau 1 + 1 tau) : n / (2 G).
-double tangent_ratio(const Eigen::Matrix3d& tau, const material::Matrix6& c, double shear) {
-  const Eigen::Matrix3d s = tau - tau.trace() / 3.0 * Eigen::Matrix3d::Identity();
-  const Eigen::Matrix3d n = s / std::max(s.norm(), 1e-12 * shear);
-  material::Vector6 rate;  // engineering shears
-  rate << n(0, 0), n(1, 1), n(2, 2), 2.0 * n(0, 1), 2.0 * n(1, 2), 2.0 * n(0, 2);
+/// G_t/G: the stiffness of the corotated Kirchhoff stress along its deviator's direction, n : (c + tau 1 + 1 tau) : n / (2 G).
+double tangent_ratio(const Eigen::Matrix3d& tau, const Eigen::Matrix3d& n, const material::Matrix6& c, double shear) {
+  material::Vector6 rate = components(n);
+  rate.tail<3>() *= 2.0;  // engineering shears
   return (rate.dot(c * rate) + 2.0 * (tau * n * n).trace()) / (2.0 * shear);
 }
 
@@ -158,15 +169,15 @@ bool evaluate_one_point(const material::FiniteStrainLaw& law, std::span<const do
     const Amplitudes q = u.transpose() * gamma, Q = g.transpose() * q;
 
     // (i) the moduli, the metric and the regime of the last step
-    const Eigen::Matrix3d metric = dX_dxi.transpose() * dX_dxi + tensor(old.segment<6>(1));
-    const auto stress = [&](double ratio, Stiffness& D) -> Eigen::Matrix<double, 12, 1> {
-      D = hourglass_stiffness({.shear = ratio * elastic->shear, .bulk = elastic->bulk}, metric, volume);
-      if (ratio < 1.0) return D * Q.reshaped();
-      return old.segment<12>(19) + D * (Q.reshaped() - old.segment<12>(7));
+    const Eigen::Matrix3d metric = dX_dxi.transpose() * dX_dxi + tensor(old.segment<6>(2));
+    const auto stress = [&](double along, double across, const Eigen::Matrix3d& n, Stiffness& D) -> Eigen::Matrix<double, 12, 1> {
+      D = hourglass_stiffness({elastic->bulk, across * elastic->shear, along * elastic->shear, metric, n}, volume);
+      if (along < 1.0) return D * Q.reshaped();
+      return old.segment<12>(26) + D * (Q.reshaped() - old.segment<12>(14));
     };
     Stiffness D;
     Amplitudes T;
-    T.reshaped() = stress(1.0 - old[0], D);
+    T.reshaped() = stress(1.0 - old[0], 1.0 - old[1], tensor(old.segment<6>(8)), D);
 
     // (ii) force and tangent: dQ_i = dg_i . q + g_i . dq
     force.noalias() += b_xi * T * q.transpose() + gamma * T.transpose() * g.transpose();
@@ -175,6 +186,7 @@ bool evaluate_one_point(const material::FiniteStrainLaw& law, std::span<const do
       for (int a = 0; a < 8; ++a)
         for (int alpha = 0; alpha < 4; ++alpha)
           B.block<3, 3>(3 * alpha, 3 * a) = b_xi.row(a).transpose() * q.col(alpha).transpose() + gamma(a, alpha) * g.transpose();
+      if (elastic->begins) D = hourglass_stiffness({elastic->bulk, elastic->shear, elastic->shear, metric, Eigen::Matrix3d::Zero()}, volume);
       const Eigen::Matrix<double, 12, 24> DB = D.lazyProduct(B);
       result.tangent += B.transpose().lazyProduct(DB);
       const Eigen::Matrix<double, 8, 8> cross = b_xi * T * gamma.transpose();
@@ -182,14 +194,24 @@ bool evaluate_one_point(const material::FiniteStrainLaw& law, std::span<const do
     }
 
     // (iii) what the next step sees
-    const Eigen::Matrix3d change = g.transpose() * g - dX_dxi.transpose() * dX_dxi;
-    const bool flows = plastic_strain(history_new) > plastic_strain(history_old);
-    const double ratio = flows ? std::clamp(tangent_ratio(tau, response.tangent, elastic->shear), least_hourglass_modulus, most_flowing_modulus) : 1.0;
+    double along = 1.0, across = 1.0;
+    Eigen::Matrix3d n = Eigen::Matrix3d::Zero();
+    const double ep = plastic_strain(history_new);
+    if (ep > plastic_strain(history_old)) {
+      const Eigen::Matrix3d s = tau - tau.trace() / 3.0 * Eigen::Matrix3d::Identity();
+      const double mises = std::sqrt(1.5) * s.norm();
+      n = s / std::max(s.norm(), 1e-12 * elastic->shear);
+      across = std::clamp(mises / (mises + 3.0 * elastic->shear * ep), least_hourglass_modulus, most_flowing_modulus);
+      along = std::clamp(tangent_ratio(tau, n, response.tangent, elastic->shear), least_hourglass_modulus, across);
+      n = g.transpose() * n * g;
+    }
     Stiffness next;
-    state[0] = 1.0 - ratio;
-    state.segment<6>(1) << change(0, 0), change(1, 1), change(2, 2), change(0, 1), change(1, 2), change(0, 2);
-    state.segment<12>(7) = Q.reshaped();
-    state.segment<12>(19) = stress(ratio, next);
+    state[0] = 1.0 - along;
+    state[1] = 1.0 - across;
+    state.segment<6>(2) = components(g.transpose() * g - dX_dxi.transpose() * dX_dxi);
+    state.segment<6>(8) = components(n);
+    state.segment<12>(14) = Q.reshaped();
+    state.segment<12>(26) = stress(along, across, n, next);
   }
 
   for (int a = 0; a < 8; ++a) result.force.segment<3>(3 * a) = force.row(a).transpose();

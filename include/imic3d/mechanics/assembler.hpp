@@ -29,6 +29,8 @@ class HistoryField {
   void commit() { converged_.swap(trial_); }
   void save() { saved_ = converged_; }     ///< keeps the converged state, for `restore`
   void restore() { converged_ = saved_; }  ///< back to what was saved last
+  /// Takes the first `entries` of every cell's own state from the trial to the converged buffer; the first one's largest change.
+  double advance(int entries);
   [[nodiscard]] std::span<const double> converged(int cell) const;
   [[nodiscard]] std::span<double> trial(int cell);
 
@@ -61,6 +63,12 @@ class Assembler {
 
   /// Takes the material points to their state before the test.
   void start();
+
+  /// While `begins`, the tangent is that of the beginning of a step (ElasticModuli::begins).
+  void predict(bool begins) { elastic_.begins = begins; }
+  /// Lets the elements work with the hourglass moduli that the last evaluation found (one_point.hpp); the largest change of G_t/G,
+  /// 0 where nothing is stabilised. Collective.
+  [[nodiscard]] double renew_hourglass_moduli();
 
   [[nodiscard]] Mat tangent() const { return tangent_; }
   [[nodiscard]] HistoryField& history() { return history_; }

@@ -10,16 +10,19 @@ namespace imic3d::mechanics {
 /// Of the virgin law [stress].
 struct ElasticModuli {
   double shear = 0.0, bulk = 0.0;
+  /// A step begins: no point flows yet, and its tangent is elastic. The hourglass modes' tangent (not their force) must be so too, or
+  /// Newton's first step puts all of the deformation into them.
+  bool begins = false;
 };
 /// From the law's tangent at rest, which is taken to be isotropic.
 [[nodiscard]] ElasticModuli elastic_moduli(const material::FiniteStrainLaw& law, std::span<const double> parameters);
 
-/// What a stabilised element remembers beside its point's history; zeros when virgin. 1 - G_hg/G; change of the convected metric
-/// g_ij (11, 22, 33, 12, 23, 13); hourglass strains Q and stresses T, [3 x 4] by columns.
-inline constexpr int hourglass_state = 1 + 6 + 12 + 12;
+/// What a stabilised element remembers beside its point's history; zeros when virgin. 1 - G_t/G, 1 - G_s/G; on the convected axes the
+/// change of the metric g_ij and the flow direction n_ij (11, 22, 33, 12, 23, 13); hourglass strains Q and stresses T, [3 x 4] by columns.
+inline constexpr int hourglass_moduli = 1 + 1 + 6 + 6, hourglass_state = hourglass_moduli + 12 + 12;
 
-/// Bounds of G_hg/G in plastic flow: what is left against hourglassing where the material does not harden or softens, and what tells
-/// flow from elasticity.
+/// Bounds of G_t/G and G_s/G in plastic flow: what is left against hourglassing where the material does not harden or softens, and
+/// what tells flow from elasticity.
 inline constexpr double least_hourglass_modulus = 1e-3, most_flowing_modulus = 0.999;
 
 /// Uniform-gradient hexahedron (Flanagan & Belytschko 1981): F = 1 + sum_a u_a b_a^T with b_a = 1/V_0 int dN_a/dX dV_0 (exact, so
@@ -36,12 +39,12 @@ inline constexpr double least_hourglass_modulus = 1e-3, most_flowing_modulus = 0
 /// The first bends and twists the surface xi_s = 0 and takes the law of plane stress in its metric (mean of xi_s^2: 1/3), the second
 /// takes Young's modulus (1/9): what a regular element that is bent or twisted elastically needs, whatever its aspect ratio.
 ///
-/// The moduli are K and the shear modulus G_hg, so that plastic bending stays soft: G, or in plastic flow the tangent modulus G_t
-/// along the deviator of tau. In flow T = D(G_t) Q in total: where a whole element flows its stresses differ by hardening times the
-/// difference of plastic strain, whatever they were before. Else T grows by D(G) dQ from what it was, as in elastic unloading.
-/// Which of the two, G_hg and the metric are those of the last converged step: within a step the force is the gradient of a
-/// quadratic form in Q, its tangent exact and symmetric. What is remembered is T with the new ones: only a step in which flow
-/// begins or ends sees the modulus of the one before.
+/// The moduli are K and G and, in plastic flow, so that plastic bending stays soft, those of proportional straining: along n, the direction
+/// of tau's deviator, the tangent modulus G_t, across it the secant modulus G_s = G q/(q + 3 G ep), q von Mises' tau. In flow T = D(G_t,
+/// G_s) Q in total: where a whole element flows its stresses differ by what its strains do, whatever they were before. Else T grows by
+/// D(G) dQ from what it was, as in elastic unloading. Which of the two, the moduli and the metric are those of the last converged
+/// step: within a step the force is the gradient of a quadratic form in Q, its tangent exact and symmetric. Where flow begins or ends,
+/// `Equilibrium` solves the step a second time with what it led to.
 ///
 /// nodes: reference positions; history: [history_size], with `elastic` [history_size + hourglass_state].
 /// Returns false where the element is inverted or the law cannot follow; `result` is then not valid.
