@@ -234,7 +234,7 @@ struct Equilibrium::Implementation {
       missing_displacement(prescribed);
       double missing = 0.0, size = 0.0, load = 0.0, norm = 0.0;
       for (int halvings = 0;; ++halvings) {
-        assembler.predict(begins && iteration == 0);
+        assembler.predict(begins && iteration < 2);
         const bool valid = assembler.assemble(u, time_increment, parameters, force, increment, lifting);
         norm = valid ? unbalanced() : INFINITY;
         if (std::isfinite(norm) && (iteration < 2 || norm < 1e3 * previous)) break;

@@ -168,6 +168,9 @@ bool evaluate_one_point(const material::FiniteStrainLaw& law, std::span<const do
     const Modes gamma = 0.125 * (h - b * (nodes.transpose() * h));
     const Amplitudes q = u.transpose() * gamma, Q = g.transpose() * q;
 
+    const Eigen::Matrix3d s = tau - tau.trace() / 3.0 * Eigen::Matrix3d::Identity();
+    const double mises = std::sqrt(1.5) * s.norm(), dep = result.plastic_strain - plastic_strain(history_old);
+
     // (i) the moduli, the metric and the regime of the last step
     const Eigen::Matrix3d metric = dX_dxi.transpose() * dX_dxi + tensor(old.segment<6>(2));
     const auto stress = [&](double along, double across, const Eigen::Matrix3d& n, Stiffness& D) -> Eigen::Matrix<double, 12, 1> {
@@ -186,7 +189,10 @@ bool evaluate_one_point(const material::FiniteStrainLaw& law, std::span<const do
       for (int a = 0; a < 8; ++a)
         for (int alpha = 0; alpha < 4; ++alpha)
           B.block<3, 3>(3 * alpha, 3 * a) = b_xi.row(a).transpose() * q.col(alpha).transpose() + gamma(a, alpha) * g.transpose();
-      if (elastic->begins) D = hourglass_stiffness({elastic->bulk, elastic->shear, elastic->shear, metric, Eigen::Matrix3d::Zero()}, volume);
+      if (elastic->begins) {
+        const double G = elastic->shear * (dep > 0.0 ? mises / (mises + 3.0 * elastic->shear * dep) : 1.0);
+        D = hourglass_stiffness({elastic->bulk, G, G, metric, Eigen::Matrix3d::Zero()}, volume);
+      }
       const Eigen::Matrix<double, 12, 24> DB = D.lazyProduct(B);
       result.tangent += B.transpose().lazyProduct(DB);
       const Eigen::Matrix<double, 8, 8> cross = b_xi * T * gamma.transpose();
@@ -196,12 +202,9 @@ bool evaluate_one_point(const material::FiniteStrainLaw& law, std::span<const do
     // (iii) what the next step sees
     double along = 1.0, across = 1.0;
     Eigen::Matrix3d n = Eigen::Matrix3d::Zero();
-    const double ep = plastic_strain(history_new);
-    if (ep > plastic_strain(history_old)) {
-      const Eigen::Matrix3d s = tau - tau.trace() / 3.0 * Eigen::Matrix3d::Identity();
-      const double mises = std::sqrt(1.5) * s.norm();
+    if (dep > 0.0) {
       n = s / std::max(s.norm(), 1e-12 * elastic->shear);
-      across = std::clamp(mises / (mises + 3.0 * elastic->shear * ep), least_hourglass_modulus, most_flowing_modulus);
+      across = std::clamp(mises / (mises + 3.0 * elastic->shear * result.plastic_strain), least_hourglass_modulus, most_flowing_modulus);
       along = std::clamp(tangent_ratio(tau, n, response.tangent, elastic->shear), least_hourglass_modulus, across);
       n = g.transpose() * n * g;
     }

@@ -10,8 +10,8 @@ namespace imic3d::mechanics {
 /// Of the virgin law [stress].
 struct ElasticModuli {
   double shear = 0.0, bulk = 0.0;
-  /// A step begins: no point flows yet, and its tangent is elastic. The hourglass modes' tangent (not their force) must be so too, or
-  /// Newton's first step puts all of the deformation into them.
+  /// A step begins: its points are elastic or flow by leaps, with a tangent that is far stiffer than G_t. The hourglass modes' tangent (not
+  /// their force) then takes G q/(q + 3 G dep) of the state at hand, or Newton's first steps put all of the deformation into them.
   bool begins = false;
 };
 /// From the law's tangent at rest, which is taken to be isotropic.
