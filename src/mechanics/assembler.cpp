@@ -36,7 +36,7 @@ void HistoryField::strain(const material::FiniteStrainLaw& law, int cell, int ax
 double HistoryField::advance(int entries) {
   double change = 0.0;
   for (std::size_t first = of_points_; first < converged_.size(); first += per_cell_) {
-    change = std::max(change, std::abs(trial_[first] - converged_[first]));
+    for (std::size_t i = first; i < first + 2; ++i) change = std::max(change, std::abs(trial_[i] - converged_[i]));
     std::copy_n(trial_.begin() + static_cast<long>(first), entries, converged_.begin() + static_cast<long>(first));
   }
   return change;

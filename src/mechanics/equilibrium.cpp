@@ -16,8 +16,9 @@ namespace {
 /// Up to this number of unknowns a direct factorisation is the default, above it CG with GAMG.
 constexpr PetscInt direct_limit = 150'000;
 
-/// Change of an element's G_t/G (one_point.hpp) above which a step is solved again.
-constexpr double renewed_modulus = 0.1;
+/// Change of an element's G_t/G or G_s/G (one_point.hpp) above which a step is solved again, and how many times at most.
+constexpr double renewed_modulus = 1e-3;
+constexpr int renewals = 4;
 
 std::vector<char> flags(std::size_t dofs, const std::vector<int>& constrained) {
   std::vector<char> flag(dofs, 0);
@@ -367,8 +368,8 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
       s.frame = frame;
       s.fraction = target;
       auto outcome = s.newton(prescribed, (step.time - begin) / count, parameters, iterations, !use_guess);
-      // Where flow has begun or ended the step is solved again, from where it is, with the modulus that it led to.
-      if (outcome == Implementation::Outcome::converged && s.assembler.renew_hourglass_moduli() > renewed_modulus)
+      // Where the hourglass moduli have changed the step is solved again, from where it is, with those that it led to.
+      for (int again = 0; again < renewals && outcome == Implementation::Outcome::converged && s.assembler.renew_hourglass_moduli() > renewed_modulus; ++again)
         outcome = s.newton(prescribed, (step.time - begin) / count, parameters, iterations, false);
       if (outcome == Implementation::Outcome::converged) {
         s.assembler.history().commit();

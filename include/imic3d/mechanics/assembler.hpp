@@ -29,7 +29,7 @@ class HistoryField {
   void commit() { converged_.swap(trial_); }
   void save() { saved_ = converged_; }     ///< keeps the converged state, for `restore`
   void restore() { converged_ = saved_; }  ///< back to what was saved last
-  /// Takes the first `entries` of every cell's own state from the trial to the converged buffer; the first one's largest change.
+  /// Takes the first `entries` of every cell's own state from the trial to the converged buffer; the largest change of the first two.
   double advance(int entries);
   [[nodiscard]] std::span<const double> converged(int cell) const;
   [[nodiscard]] std::span<double> trial(int cell);
@@ -66,7 +66,7 @@ class Assembler {
 
   /// While `begins`, the tangent is that of the beginning of a step (ElasticModuli::begins).
   void predict(bool begins) { elastic_.begins = begins; }
-  /// Lets the elements work with the hourglass moduli that the last evaluation found (one_point.hpp); the largest change of G_t/G,
+  /// Lets the elements work with the hourglass moduli that the last evaluation found (one_point.hpp); the largest change of G_t/G and G_s/G,
   /// 0 where nothing is stabilised. Collective.
   [[nodiscard]] double renew_hourglass_moduli();
 

@@ -43,8 +43,8 @@ inline constexpr double least_hourglass_modulus = 1e-3, most_flowing_modulus = 0
 /// of tau's deviator, the tangent modulus G_t, across it the secant modulus G_s = G q/(q + 3 G ep), q von Mises' tau. In flow T = D(G_t,
 /// G_s) Q in total: where a whole element flows its stresses differ by what its strains do, whatever they were before. Else T grows by
 /// D(G) dQ from what it was, as in elastic unloading. Which of the two, the moduli and the metric are those of the last converged
-/// step: within a step the force is the gradient of a quadratic form in Q, its tangent exact and symmetric. Where flow begins or ends,
-/// `Equilibrium` solves the step a second time with what it led to.
+/// step: within a step the force is the gradient of a quadratic form in Q, its tangent exact and symmetric. `Equilibrium` then
+/// solves the step again with what it led to, until that no longer changes: the end of a step is that of its own moduli.
 ///
 /// nodes: reference positions; history: [history_size], with `elastic` [history_size + hourglass_state].
 /// Returns false where the element is inverted or the law cannot follow; `result` is then not valid.
