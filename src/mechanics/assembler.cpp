@@ -35,11 +35,17 @@ void HistoryField::strain(const material::FiniteStrainLaw& law, int cell, int ax
 
 double HistoryField::advance(int entries) {
   double change = 0.0;
+  replaced_ = converged_;
   for (std::size_t first = of_points_; first < converged_.size(); first += per_cell_) {
     for (std::size_t i = first; i < first + 2; ++i) change = std::max(change, std::abs(trial_[i] - converged_[i]));
     std::copy_n(trial_.begin() + static_cast<long>(first), entries, converged_.begin() + static_cast<long>(first));
   }
   return change;
+}
+
+void HistoryField::take_back(int entries) {
+  for (std::size_t first = of_points_; first < converged_.size(); first += per_cell_)
+    std::copy_n(replaced_.begin() + static_cast<long>(first), entries, converged_.begin() + static_cast<long>(first));
 }
 
 std::span<const double> HistoryField::converged(int cell) const {

@@ -331,8 +331,8 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
   s.assembler.start();
   IMIC3D_PETSC(VecSet(s.u, 0.0));
 
-  Vec converged = nullptr, before = nullptr, prescribed = nullptr;
-  for (Vec* vector : {&converged, &before, &prescribed}) IMIC3D_PETSC(VecDuplicate(s.u, vector));
+  Vec converged = nullptr, before = nullptr, prescribed = nullptr, found = nullptr;
+  for (Vec* vector : {&converged, &before, &prescribed, &found}) IMIC3D_PETSC(VecDuplicate(s.u, vector));
   IMIC3D_PETSC(VecSet(converged, 0.0));
 
   const auto full = [&](const LoadStep* step) {
@@ -368,9 +368,16 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
       s.frame = frame;
       s.fraction = target;
       auto outcome = s.newton(prescribed, (step.time - begin) / count, parameters, iterations, !use_guess);
-      // Where the hourglass moduli have changed the step is solved again, from where it is, with those that it led to.
-      for (int again = 0; again < renewals && outcome == Implementation::Outcome::converged && s.assembler.renew_hourglass_moduli() > renewed_modulus; ++again)
+      // Where the hourglass moduli have changed the step is solved again, from where it is, with those that it led to. If they carry no
+      // equilibrium, those before stand.
+      for (int again = 0; again < renewals && outcome == Implementation::Outcome::converged && s.assembler.renew_hourglass_moduli() > renewed_modulus; ++again) {
+        IMIC3D_PETSC(VecCopy(s.u, found));
+        if (s.newton(prescribed, (step.time - begin) / count, parameters, iterations, false) == Implementation::Outcome::converged) continue;
+        s.assembler.restore_hourglass_moduli();
+        IMIC3D_PETSC(VecCopy(found, s.u));
         outcome = s.newton(prescribed, (step.time - begin) / count, parameters, iterations, false);
+        break;
+      }
       if (outcome == Implementation::Outcome::converged) {
         s.assembler.history().commit();
         IMIC3D_PETSC(VecCopy(s.u, converged));
@@ -406,7 +413,7 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
     previous = &step;
   }
   status.residuals = s.last_residuals;
-  for (Vec* vector : {&converged, &before, &prescribed}) IMIC3D_PETSC(VecDestroy(vector));
+  for (Vec* vector : {&converged, &before, &prescribed, &found}) IMIC3D_PETSC(VecDestroy(vector));
   return status;
 }
 

@@ -31,12 +31,13 @@ class HistoryField {
   void restore() { converged_ = saved_; }  ///< back to what was saved last
   /// Takes the first `entries` of every cell's own state from the trial to the converged buffer; the largest change of the first two.
   double advance(int entries);
+  void take_back(int entries);  ///< undoes the last `advance`
   [[nodiscard]] std::span<const double> converged(int cell) const;
   [[nodiscard]] std::span<double> trial(int cell);
 
  private:
   std::size_t of_points_, per_cell_;
-  std::vector<double> converged_, trial_, saved_;
+  std::vector<double> converged_, trial_, saved_, replaced_;
 };
 
 /// Assembles over the cells of one rank: OpenMP threads fill flat element arrays without any PETSc call, then one
@@ -69,6 +70,7 @@ class Assembler {
   /// Lets the elements work with the hourglass moduli that the last evaluation found (one_point.hpp); the largest change of G_t/G and G_s/G,
   /// 0 where nothing is stabilised. Collective.
   [[nodiscard]] double renew_hourglass_moduli();
+  void restore_hourglass_moduli() { history_.take_back(hourglass_moduli); }  ///< those before the last renewal
 
   [[nodiscard]] Mat tangent() const { return tangent_; }
   [[nodiscard]] HistoryField& history() { return history_; }
