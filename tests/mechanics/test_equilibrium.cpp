@@ -203,8 +203,7 @@ TEST(Equilibrium, PlasticCooksMembrane) {
 /// independent program on the same n (docs/verification.md, tools/cook_reference.py).
 TEST(Equilibrium, PlasticCooksMembraneWithOnePoint) {
   const double medium = cook(16, 10, stabilised), fine = cook(32, 10, stabilised);
-  std::printf("Cook's membrane with one point: %.4f, %.4f mm on 16, 32 elements a side
-", medium, fine);
+  std::printf("Cook's membrane with one point: %.4f, %.4f mm on 16, 32 elements a side\n", medium, fine);
   EXPECT_NEAR(medium, 6.895, 0.01 * 6.895);
   EXPECT_NEAR(fine, 6.950, 0.003 * 6.950);
 }
