@@ -15,14 +15,15 @@ from scipy.optimize import least_squares
 
 from runs import SOURCE, end, require, run
 
-TRUTH = {"E": 198e3, "nu": 0.25, "S_y": 284.0, "H": 1480.0}
+# nu near 0.5, so that the driven ends contract as they should whatever share of the strain is plastic: the stress stays uniform.
+TRUTH = {"E": 198e3, "nu": 0.49, "S_y": 284.0, "H": 1480.0}
 FREE = ("E", "S_y", "H")
 AREA, LENGTH = 12.5 * 4.0, 25.0
 VALUE = numpy.array([0, 0.008, 0.014, 0.02, 0.026, 0.05, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0])
 CASE = f"""
 title: Bar
 specimen: {{mesh: bar.msh, thickness: 4, kinematics: plane_stress, held: bottom, loaded: top}}
-material: {{hardening: linear, parameters: {{E: 198e3, nu: 0.25, S_y: 284, H: 1480}}}}
+material: {{hardening: linear, parameters: {{E: 198e3, nu: 0.49, S_y: 284, H: 1480}}}}
 simulate: {{clamped: false, value: [{", ".join(map(str, VALUE))}]}}
 identify:
   stages:
@@ -33,7 +34,7 @@ output: out
 
 
 def stretches(force, E, S_y, H):
-    """Of the bar under a force, along and across: Kirchhoff stress F l/A, logarithmic strain, linear hardening, nu = 0.25."""
+    """Of the bar under a force, along and across: Kirchhoff stress F l/A, logarithmic strain, linear hardening."""
     along = numpy.ones_like(force)
     for _ in range(200):
         stress = force * along / AREA
@@ -88,7 +89,7 @@ def main():
         of = found["sizes"][0]
         require(of["quantity"] == quantity and abs(of["size"] / size - 1) < 0.01, f"with {quantity} {of['size']:+.5g} {of['unit']}, made with {size:g}")
         left = max(abs(x) for x in found["left_percent"].values())
-        require(left < 0.2, f"and leaves at most {left:.3f} % of a parameter")
+        require(left < 0.05, f"and leaves at most {left:.3f} % of a parameter")
         other = effects["force gain" if name == "force zero" else "force zero"]
         require(not other["fits"] and other["p"] < 1e-6, f"{other['name']} does not (chi^2 {other['chi_squared']:.0f})")
         require("hypothesis" in result["sentence"] and name in result["sentence"], result["sentence"])
