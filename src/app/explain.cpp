@@ -1,6 +1,8 @@
 // imic3d explain: which effect of the test, if it was left out of the model, carries one set of identified parameters into
 // another? Nothing is measured: the declared specimen is simulated with the first set and the effect, and identified without it.
 
+#include "imic3d/loop/explain.hpp"
+
 #include <fmt/format.h>
 
 #include <Eigen/Dense>
@@ -16,7 +18,6 @@
 #include "imic3d/core/log.hpp"
 #include "imic3d/identification/gauss_newton.hpp"
 #include "imic3d/io/run_results.hpp"
-#include "imic3d/loop/explain.hpp"
 #include "imic3d/loop/field_experiment.hpp"
 #include "imic3d/loop/statistics.hpp"
 #include "test_effects.hpp"
@@ -36,7 +37,9 @@ struct ParameterSet {
 };
 
 ParameterSet read_set(const std::filesystem::path& file, const Material& material) {
-  const auto wrong = [&](const std::string& found) { return InputError(file.string(), found, "a result.json of imic3d identify: {parameters: {E: {value: …, standard_deviation: …}}}"); };
+  const auto wrong = [&](const std::string& found) {
+    return InputError(file.string(), found, "a result.json of imic3d identify: {parameters: {E: {value: …, standard_deviation: …}}}");
+  };
   std::ifstream stream(file);
   if (!stream) throw wrong("no such file");
   const auto json = nlohmann::json::parse(stream, nullptr, false);
@@ -68,7 +71,9 @@ ParameterSet read_set(const std::filesystem::path& file, const Material& materia
 /// Covariance of the parameters `names` [p x p].
 Eigen::MatrixXd covariance_of(const ParameterSet& set, const std::vector<std::string>& names) {
   const auto p = static_cast<Eigen::Index>(names.size());
-  const auto place = [&](Eigen::Index i) { return std::find(set.correlated.begin(), set.correlated.end(), names[static_cast<std::size_t>(i)]) - set.correlated.begin(); };
+  const auto place = [&](Eigen::Index i) {
+    return std::find(set.correlated.begin(), set.correlated.end(), names[static_cast<std::size_t>(i)]) - set.correlated.begin();
+  };
   const auto known = static_cast<std::ptrdiff_t>(set.correlated.size());
   Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(p, p);
   for (Eigen::Index i = 0; i < p; ++i) {
@@ -115,7 +120,8 @@ class VirtualIdentification {
     experiment_ = std::make_unique<loop::FieldExperiment>(world, data_, std::move(model), loop::FieldOptions{.modes = 10});
     for (const auto& p : experiment_->parameters()) declared_.push_back(p.value);
     base_ = *identified(declared_);
-    spdlog::info("without any effect the first set comes back within {:.1e}", (base_ - of_free(truth_)).cwiseQuotient(of_free(truth_)).cwiseAbs().maxCoeff());
+    spdlog::info("without any effect the first set comes back within {:.1e}",
+                 (base_ - of_free(truth_)).cwiseQuotient(of_free(truth_)).cwiseAbs().maxCoeff());
   }
 
   [[nodiscard]] const std::vector<int>& free() const { return free_; }
@@ -135,10 +141,13 @@ class VirtualIdentification {
   /// that of the force: M is that of a speckle whose gradient is 8 % of the dynamics per pixel in each direction.
   void place_camera() {
     const auto& surface = data_.surface;
-    const double pixel = test_.cameras.empty() || test_.cameras.front().pixel_size <= 0.0 ? 1e-3 * (surface.nodes.colwise().maxCoeff() - surface.nodes.colwise().minCoeff()).maxCoeff()
-                                                                                          : test_.cameras.front().pixel_size;
+    const double pixel = test_.cameras.empty() || test_.cameras.front().pixel_size <= 0.0
+                             ? 1e-3 * (surface.nodes.colwise().maxCoeff() - surface.nodes.colwise().minCoeff()).maxCoeff()
+                             : test_.cameras.front().pixel_size;
     const double dynamic = test_.virtual_test && test_.virtual_test->depth == 16 ? 65535.0 : 255.0;
-    noise_ = test_.virtual_test ? test_.virtual_test->noise * dynamic : test_.cameras.empty() ? 0.01 * dynamic : test_.cameras.front().noise.value_or(0.01 * dynamic);
+    noise_ = test_.virtual_test      ? test_.virtual_test->noise * dynamic
+             : test_.cameras.empty() ? 0.01 * dynamic
+                                     : test_.cameras.front().noise.value_or(0.01 * dynamic);
     noise_ = std::max(noise_, 1e-4 * dynamic);
     const double gradient = 0.08 * dynamic / pixel;
     Eigen::VectorXd share = Eigen::VectorXd::Zero(surface.nodes.rows());  // area of each node
@@ -152,7 +161,9 @@ class VirtualIdentification {
     images_.noise = noise_;
     images_.pixels_per_length = 1.0 / pixel;
     images_.reach = 0.0;  // the distance to the displacement judges: there are no grey levels
-    images_.evaluate = [this](int, const Eigen::VectorXd& u, const Communicator&) { return id::ImageEvaluation{.b = Eigen::VectorXd::Zero(u.size()), .squares = 0.0, .pixels = 1.0, .element_rms = {}}; };
+    images_.evaluate = [this](int, const Eigen::VectorXd& u, const Communicator&) {
+      return id::ImageEvaluation{.b = Eigen::VectorXd::Zero(u.size()), .squares = 0.0, .pixels = 1.0, .element_rms = {}};
+    };
     data_.M = images_.M;
     data_.noise = noise_;
     data_.pixels = Eigen::Vector2d(1.0, -1.0).asDiagonal();
@@ -191,7 +202,9 @@ class VirtualIdentification {
       record.driving = data_.driving;  // what the ends were seen to do
       std::size_t most_free = 1;
       for (const auto& stage : stages_) most_free = std::max(most_free, stage.free.size());
-      id::ForwardModel forward(world_, specimen_, material_.law, std::move(record), {.increments = test_.identify.steps_per_frame, .with_fields = false}, static_cast<int>(1 + most_free), test_.identify.groups);
+      id::ForwardModel forward(world_, specimen_, material_.law, std::move(record),
+                               {.increments = test_.identify.steps_per_frame, .with_fields = false}, static_cast<int>(1 + most_free),
+                               test_.identify.groups);
       id::GaussNewtonOptions options;
       options.functional = id::functional_from(test_.identify.functional);
       options.alpha = test_.identify.alpha;
@@ -201,7 +214,8 @@ class VirtualIdentification {
       for (const auto& info : material_.information) options.scale.push_back(info.effect.empty() ? 0.0 : info.scale);
       std::vector<double> found = truth_;
       for (const auto& stage : stages_)
-        if (const auto result = id::gauss_newton(world_, forward, images_, material_.information, stage, options, found); !result.message.empty()) return std::nullopt;
+        if (const auto result = id::gauss_newton(world_, forward, images_, material_.information, stage, options, found); !result.message.empty())
+          return std::nullopt;
       return of_free(found);
     } catch (const ConvergenceError&) {
       return std::nullopt;
@@ -227,13 +241,20 @@ std::vector<loop::Candidate> candidates_of(const loop::FieldExperiment& experime
   std::vector<loop::Candidate> candidates = experiment.candidates();
   for (std::size_t j = 0; j < material.information.size(); ++j) {
     const auto& info = material.information[j];
-    const bool known = std::any_of(candidates.begin(), candidates.end(), [&](const auto& one) { return std::count(one.parameters.begin(), one.parameters.end(), static_cast<int>(j)) > 0; });
+    const bool known = std::any_of(candidates.begin(), candidates.end(), [&](const auto& one) {
+      return std::count(one.parameters.begin(), one.parameters.end(), static_cast<int>(j)) > 0;
+    });
     if (info.effect.empty() || info.shape || !info.null_value || experiment.parameters()[j].free || known) continue;
     const auto same = std::find_if(candidates.begin(), candidates.end(), [&](const auto& one) { return one.name == info.effect; });
     if (same != candidates.end())
       same->parameters.push_back(static_cast<int>(j));
     else
-      candidates.push_back({.name = info.effect, .link = loop::Link::material, .parameters = {static_cast<int>(j)}, .sentence = "the material has the effect " + info.effect, .confused_with = "", .separated_by = ""});
+      candidates.push_back({.name = info.effect,
+                            .link = loop::Link::material,
+                            .parameters = {static_cast<int>(j)},
+                            .sentence = "the material has the effect " + info.effect,
+                            .confused_with = "",
+                            .separated_by = ""});
   }
   return candidates;
 }
@@ -245,7 +266,8 @@ void explain(const Communicator& world, const CommandOptions& options) {
   const io::Case test = read_case(options, {"specimen", "material", "simulate", "identify"}, false);
   refuse_effects(test, "explain");
   if (!(options.tolerance >= 0.0)) throw InputError("--tolerance", fmt::format("{}", options.tolerance), "a number from 0");
-  if (id::functional_from(test.identify.functional) == id::Functional::equilibrium_gap) throw InputError("identify.functional", "equilibrium_gap", "force_driven, displacement_driven, combined for imic3d explain");
+  if (id::functional_from(test.identify.functional) == id::Functional::equilibrium_gap)
+    throw InputError("identify.functional", "equilibrium_gap", "force_driven, displacement_driven, combined for imic3d explain");
   const Material material = make_material(test);
   const ParameterSet from = read_set(options.from, material), to = read_set(options.to, material);
   const auto folder = output_folder(test, options, world);
@@ -286,11 +308,12 @@ void explain(const Communicator& world, const CommandOptions& options) {
     }
     found.emplace_back(&candidate, loop::explain(difference, covariance, sizes, [&](const Eigen::VectorXd& size) {
       std::vector<double> values = test_of.declared();
-      for (std::size_t k = 0; k < candidate.parameters.size(); ++k) values[static_cast<std::size_t>(candidate.parameters[k])] = nulls[k] + size[static_cast<Eigen::Index>(k)];
+      for (std::size_t k = 0; k < candidate.parameters.size(); ++k)
+        values[static_cast<std::size_t>(candidate.parameters[k])] = nulls[k] + size[static_cast<Eigen::Index>(k)];
       return test_of.shift(values);
     }));
-    spdlog::info("{:6.0f} s  {}: chi^2 {:.3g}, {} identifications", std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(), candidate.name, found.back().second.chi_squared,
-                 found.back().second.identifications);
+    spdlog::info("{:6.0f} s  {}: chi^2 {:.3g}, {} identifications", std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(),
+                 candidate.name, found.back().second.chi_squared, found.back().second.identifications);
   }
   std::stable_sort(found.begin(), found.end(), [](const auto& x, const auto& y) {
     if ((x.second.degrees > 0) != (y.second.degrees > 0)) return x.second.degrees > 0;
@@ -302,9 +325,9 @@ void explain(const Communicator& world, const CommandOptions& options) {
   for (const auto& [candidate, one] : found)
     if (one.fits) fitting += (fitting.empty() ? "" : "; ") + candidate->name;
   const double alone = loop::chi_squared_tail(nothing, static_cast<int>(p));
-  const std::string sentence = alone >= 0.01        ? fmt::format("the two sets do not differ (chi^2 {:.1f} with {} parameters)", nothing, p)
-                               : fitting.empty()    ? "none fits: no effect that is known carries the first set into the second"
-                                                    : fmt::format("a hypothesis, no more: {} would carry the first set into the second", fitting);
+  const std::string sentence = alone >= 0.01     ? fmt::format("the two sets do not differ (chi^2 {:.1f} with {} parameters)", nothing, p)
+                               : fitting.empty() ? "none fits: no effect that is known carries the first set into the second"
+                                                 : fmt::format("a hypothesis, no more: {} would carry the first set into the second", fitting);
   nlohmann::json json;
   const auto by_name = [&](const Eigen::VectorXd& x) {
     nlohmann::json of;
@@ -319,7 +342,8 @@ void explain(const Communicator& world, const CommandOptions& options) {
   json["chi_squared_of_the_difference"] = nothing;
   json["tolerance"] = options.tolerance, json["level"] = 0.01;
   json["forces"] = std::vector<double>(test_of.forces().begin(), test_of.forces().end());
-  fmt::print("\n{}\n  {} -> {}\n\n  {:26}", test.title, from.title.empty() ? options.from.string() : from.title, to.title.empty() ? options.to.string() : to.title, "[%]");
+  fmt::print("\n{}\n  {} -> {}\n\n  {:26}", test.title, from.title.empty() ? options.from.string() : from.title,
+             to.title.empty() ? options.to.string() : to.title, "[%]");
   for (const auto& name : names) fmt::print("{:>9}", name);
   const auto row = [&](const std::string& label, const Eigen::VectorXd& values, const std::string& rest) {
     fmt::print("\n  {:26}", label);
@@ -330,18 +354,34 @@ void explain(const Communicator& world, const CommandOptions& options) {
   for (std::size_t rank = 0; rank < found.size(); ++rank) {
     const auto& [candidate, one] = found[rank];
     std::string sizes;
-    nlohmann::json of = {{"rank", rank + 1}, {"name", candidate->name}, {"link", std::string(name(candidate->link))}, {"sentence", candidate->sentence}, {"separated_by", candidate->separated_by},
-                         {"explained_percent", by_name(percent(one.explained))}, {"left_percent", by_name(percent(difference - one.explained))}, {"chi_squared", one.chi_squared},
-                         {"degrees", one.degrees}, {"p", one.p}, {"fits", one.fits}, {"on_bound", one.on_bound}, {"identifications", one.identifications}, {"message", one.message}};
+    nlohmann::json of = {{"rank", rank + 1},
+                         {"name", candidate->name},
+                         {"link", std::string(name(candidate->link))},
+                         {"sentence", candidate->sentence},
+                         {"separated_by", candidate->separated_by},
+                         {"explained_percent", by_name(percent(one.explained))},
+                         {"left_percent", by_name(percent(difference - one.explained))},
+                         {"chi_squared", one.chi_squared},
+                         {"degrees", one.degrees},
+                         {"p", one.p},
+                         {"fits", one.fits},
+                         {"on_bound", one.on_bound},
+                         {"identifications", one.identifications},
+                         {"message", one.message}};
     for (std::size_t k = 0; k < candidate->parameters.size(); ++k) {
       const auto& info = parameters[static_cast<std::size_t>(candidate->parameters[k])].info;
       const auto place = static_cast<Eigen::Index>(k);
-      of["sizes"].push_back({{"quantity", info.name}, {"unit", info.unit}, {"size", one.size[place]}, {"tangent_percent_per_unit", by_name(percent(one.tangent.col(place)))}});
+      of["sizes"].push_back({{"quantity", info.name},
+                             {"unit", info.unit},
+                             {"size", one.size[place]},
+                             {"tangent_percent_per_unit", by_name(percent(one.tangent.col(place)))}});
       if (one.degrees > 0) sizes += fmt::format("{}{} {:+.4g} {}", sizes.empty() ? "" : ", ", info.name, one.size[place], info.unit);
     }
     json["effects"].push_back(of);
     if (one.degrees > 0)
-      row(candidate->name, percent(one.explained), fmt::format("chi^2 {:.1f} with {}, p {:.1e}{}{}; {}", one.chi_squared, one.degrees, one.p, one.fits ? ", FITS" : "", one.on_bound ? ", on its bound" : "", sizes));
+      row(candidate->name, percent(one.explained),
+          fmt::format("chi^2 {:.1f} with {}, p {:.1e}{}{}; {}", one.chi_squared, one.degrees, one.p, one.fits ? ", FITS" : "",
+                      one.on_bound ? ", on its bound" : "", sizes));
     else
       fmt::print("\n  {:26}not judged", candidate->name);
     if (!one.message.empty()) fmt::print(" ({})", one.message);

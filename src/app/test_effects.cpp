@@ -33,7 +33,8 @@ void refuse_effects(const io::Case& test, const std::string& command) {
 std::vector<loop::DeclaredEffect> declared_effects(const io::Case& test) {
   std::vector<loop::DeclaredEffect> all;
   for (const auto& [effect, quantities] : test.effects)
-    for (const auto& [quantity, declared] : quantities) all.push_back({effect, quantity, declared.value, declared.lower, declared.upper, declared.free});
+    for (const auto& [quantity, declared] : quantities)
+      all.push_back({effect, quantity, declared.value, declared.lower, declared.upper, declared.free});
   return all;
 }
 
@@ -64,10 +65,14 @@ PlantedEffects::PlantedEffects(const io::Case& test) : test_(test) {
     const auto its = test.effects.find(key);
     if (its == test.effects.end()) continue;
     if (description.link == loop::Link::numerics)
-      throw InputError("effects." + key, "an effect of the numerics, for imic3d virtual", "effects of the test; a virtual test's own mesh and increments are its specimen and simulate sections");
-    if (!effect->applies(scene_)) throw InputError("effects." + key, "declared for a specimen that lacks what it acts on", "an effect that this test can have");
+      throw InputError("effects." + key, "an effect of the numerics, for imic3d virtual",
+                       "effects of the test; a virtual test's own mesh and increments are its specimen and simulate sections");
+    if (!effect->applies(scene_))
+      throw InputError("effects." + key, "declared for a specimen that lacks what it acts on", "an effect that this test can have");
     if (description.link == loop::Link::loading && (test.specimen.mid_plane_symmetry || simulate.control == "force"))
-      throw InputError("effects." + key, test.specimen.mid_plane_symmetry ? "with specimen.mid_plane_symmetry, which holds the middle of the thickness straight" : "with simulate.control: force",
+      throw InputError("effects." + key,
+                       test.specimen.mid_plane_symmetry ? "with specimen.mid_plane_symmetry, which holds the middle of the thickness straight"
+                                                        : "with simulate.control: force",
                        "mid_plane_symmetry: false and control: displacement");
     Planted planted{effect, key, {}};
     for (const auto& q : description.quantities) {
@@ -97,26 +102,32 @@ loop::MeshChange PlantedEffects::change() const {
   loop::MeshChange change;
   for (const auto& planted : planted_) {
     const loop::Link link = planted.effect->describe(scene_).link;
-    if (link == loop::Link::geometry) change.place = [this](Eigen::Vector2d& point) {
-      for (const auto& one : planted_) one.effect->place(one.values, scene_, point);
-    };
-    if (link == loop::Link::geometry || link == loop::Link::material) change.section = [this](const Eigen::Vector3d& point) {
-      double factor = 1.0;
-      for (const auto& one : planted_) factor *= one.effect->section(one.values, scene_, point);
-      if (factor <= 0.0) throw InputError("effects", fmt::format("no section is left at x = {:.4g}, y = {:.4g}", point[0], point[1]), "smaller effects, or a shorter specimen");
-      return factor;
-    };
-    if (link == loop::Link::initial && planted.effect->changes_simulation()) change.initial_strain = [this](const Eigen::Vector3d& point) {
-      double strain = 0.0;
-      for (const auto& one : planted_) strain += one.effect->initial_strain(one.values, scene_, point);
-      return strain;
-    };
+    if (link == loop::Link::geometry)
+      change.place = [this](Eigen::Vector2d& point) {
+        for (const auto& one : planted_) one.effect->place(one.values, scene_, point);
+      };
+    if (link == loop::Link::geometry || link == loop::Link::material)
+      change.section = [this](const Eigen::Vector3d& point) {
+        double factor = 1.0;
+        for (const auto& one : planted_) factor *= one.effect->section(one.values, scene_, point);
+        if (factor <= 0.0)
+          throw InputError("effects", fmt::format("no section is left at x = {:.4g}, y = {:.4g}", point[0], point[1]),
+                           "smaller effects, or a shorter specimen");
+        return factor;
+      };
+    if (link == loop::Link::initial && planted.effect->changes_simulation())
+      change.initial_strain = [this](const Eigen::Vector3d& point) {
+        double strain = 0.0;
+        for (const auto& one : planted_) strain += one.effect->initial_strain(one.values, scene_, point);
+        return strain;
+      };
   }
   return change;
 }
 
 std::function<double(int, double)> PlantedEffects::beyond() const {
-  if (std::none_of(planted_.begin(), planted_.end(), [&](const auto& one) { return one.effect->describe(scene_).link == loop::Link::loading; })) return {};
+  if (std::none_of(planted_.begin(), planted_.end(), [&](const auto& one) { return one.effect->describe(scene_).link == loop::Link::loading; }))
+    return {};
   return [this](int frame, double z) {
     double sum = 0.0;
     for (const auto& one : planted_) sum += one.effect->driven(one.values, scene_, frame - 1, z);
@@ -124,8 +135,8 @@ std::function<double(int, double)> PlantedEffects::beyond() const {
   };
 }
 
-void PlantedEffects::simulated(const mesh::Mesh& face, const Eigen::MatrixXd& displacement, const Eigen::VectorXd& force, const Eigen::Matrix2d& pixels,
-                               const Eigen::Vector2d& axis_of_lens) {
+void PlantedEffects::simulated(const mesh::Mesh& face, const Eigen::MatrixXd& displacement, const Eigen::VectorXd& force,
+                               const Eigen::Matrix2d& pixels, const Eigen::Vector2d& axis_of_lens) {
   if (planted_.empty()) return;
   face_ = face;
   scene_.surface = &face_;

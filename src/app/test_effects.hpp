@@ -37,7 +37,8 @@ class PlantedEffects {
 
   /// Once it is simulated: the front face [quad4] that the camera sees, its displacement in the plane [2n x frames, length] and the
   /// force [frames]. Checks bounds that depend on the force.
-  void simulated(const mesh::Mesh& face, const Eigen::MatrixXd& displacement, const Eigen::VectorXd& force, const Eigen::Matrix2d& pixels, const Eigen::Vector2d& axis_of_lens);
+  void simulated(const mesh::Mesh& face, const Eigen::MatrixXd& displacement, const Eigen::VectorXd& force, const Eigen::Matrix2d& pixels,
+                 const Eigen::Vector2d& axis_of_lens);
   /// The key of an effect on what the camera shows of the displacement; empty if there is none.
   [[nodiscard]] std::string seen() const;
   /// What the camera shows of the front face beyond its displacement U in a frame [2n, length].

@@ -181,7 +181,8 @@ void see_effects(PlantedEffects& planted, const std::vector<VirtualCamera>& came
   for (Eigen::Index t = 0; t < frames; ++t) seen.col(t) = in_plane(t + 1) - in_plane(0);
   const Eigen::Matrix2d pixels = camera == nullptr ? Eigen::Matrix2d::Identity() : Eigen::Matrix2d(camera->linear.leftCols<2>());
   const Eigen::Vector2d middle(0.5 * (cameras.front().image.width - 1), 0.5 * (cameras.front().image.height - 1));
-  planted.simulated(face.surface.mesh, seen, force.tail(frames), pixels, camera == nullptr ? Eigen::Vector2d(0.0, 0.0) : Eigen::Vector2d(pixels.inverse() * (middle - camera->offset)));
+  const Eigen::Vector2d axis = camera == nullptr ? Eigen::Vector2d(0.0, 0.0) : Eigen::Vector2d(pixels.inverse() * (middle - camera->offset));
+  planted.simulated(face.surface.mesh, seen, force.tail(frames), pixels, axis);
   for (Eigen::Index t = 0; t < frames; ++t) {
     const Eigen::VectorXd beyond = planted.seen_beyond(static_cast<int>(t), seen.col(t));
     for (Eigen::Index i = 0; i < face.nodes(); ++i) displacement.col(t + 1).segment<2>(face.first_unknown + 3 * i) += beyond.segment<2>(2 * i);
@@ -226,7 +227,8 @@ void virtual_test(const Communicator& world, const CommandOptions& options) {
   std::string loads = fmt::format("frame,time_{},force_{}\n", test.units.time, test.units.force);
   int images = 0, turn = 0;
   const auto image = [&](Eigen::Index frame) {
-    loads += fmt::format("{},{:.6g},{:.4f}\n", images, test.simulate->time[static_cast<std::size_t>(frame)], force[frame] + declared.load_noise * load_noise());
+    const double time = test.simulate->time[static_cast<std::size_t>(frame)];
+    loads += fmt::format("{},{:.6g},{:.4f}\n", images, time, force[frame] + declared.load_noise * load_noise());
     for (const auto& camera : cameras) {
       if (turn++ % world.size() != world.rank()) continue;
       const mesh::Mesh& surface = camera.face->surface.mesh;

@@ -37,6 +37,7 @@ using Bias = std::function<std::optional<Eigen::VectorXd>(const Eigen::VectorXd&
 /// difference of Bias; from there Bias itself is followed in Gauss-Newton steps, its tangent updated by the secant
 /// (Broyden), until the sizes stand within 2 %, `most` steps are done, or after the first of them the new tangent refuses the
 /// effect at 1e-6: nothing that is reported is extrapolated.
-[[nodiscard]] Explanation explain(const Eigen::VectorXd& difference, const Eigen::MatrixXd& covariance, const std::vector<EffectSize>& sizes, const Bias& bias, int most = 4);
+[[nodiscard]] Explanation explain(const Eigen::VectorXd& difference, const Eigen::MatrixXd& covariance, const std::vector<EffectSize>& sizes,
+                                  const Bias& bias, int most = 4);
 
 }  // namespace imic3d::loop
