@@ -77,6 +77,9 @@ void check(const Communicator& world, const CommandOptions& options) {
   if (!several) fmt::print("  images       {}\n", images);
   for (std::size_t k = 0; k < test.identify.stages.size(); ++k)
     fmt::print("  stage {}      {} from frames {}\n", k + 1, fmt::join(test.identify.stages[k].free, ", "), io::to_text(test.identify.stages[k].frames));
+  for (const auto& [effect, quantities] : test.effects)
+    for (const auto& [quantity, one] : quantities)
+      fmt::print("  effect       {}: {}{}{}\n", effect, quantity, one.value ? fmt::format(" {:g}", *one.value) : "", one.free ? " free" : "");
   fmt::print("  ranks        {}: simulations in {} group{}, frames of the correlation in {}\n", world.size(), simulations.groups(),
              simulations.groups() == 1 ? "" : "s", frames.groups());
 }

@@ -18,6 +18,7 @@
 #include "imic3d/io/run_results.hpp"
 #include "calibration_error.hpp"
 #include "curves.hpp"
+#include "test_effects.hpp"
 
 namespace imic3d::app {
 
@@ -48,6 +49,7 @@ void say(const Material& material, const std::vector<int>& free, const id::Itera
 void identify(const Communicator& world, const CommandOptions& options) {
   const auto start = std::chrono::steady_clock::now();
   const io::Case test = read_case(options, {"cameras", "loads", "material", "identify"}, true);
+  refuse_effects(test, "identify");
   if (!test.experiments.empty()) {
     if (!test.cameras.empty()) throw InputError("experiments", "given beside cameras", "images or experiments, each in a case of its own");
     identify_curves(world, options, test);

@@ -25,6 +25,7 @@
 #include "loop_report.hpp"
 #include "rig.hpp"
 #include "several_cameras.hpp"
+#include "test_effects.hpp"
 
 namespace imic3d::app {
 
@@ -194,6 +195,8 @@ loop::DeclaredModel declared_model(const io::Case& test, const Material& materia
   model.thickness = test.specimen.thickness;
   model.increments = test.identify.steps_per_frame;
   model.groups = test.identify.groups;
+  model.effects = declared_effects(test);
+  model.unit = [&test](std::string unit) { return unit_in(std::move(unit), test.units); };
   return model;
 }
 
@@ -221,20 +224,6 @@ void loop(const Communicator& world, const CommandOptions& options) {
   collectively(world, [&] {
     if (world.is_root()) write_loop_report(folder, test, experiment, report, fields, seconds());
   });
-}
-
-void effects(const Communicator& world, const CommandOptions&) {
-  if (!world.is_root()) return;
-  loop::Scene scene;  // of a test of unit size: only names, units and null values are shown
-  scene.low = Eigen::Vector2d(-0.5, -0.5), scene.high = Eigen::Vector2d(0.5, 0.5);
-  scene.time = Eigen::VectorXd::LinSpaced(2, 0.5, 1.0), scene.force = Eigen::VectorXd::Ones(2), scene.radius = 0.1;
-  for (const auto& effect : loop::effects()) {
-    const auto description = effect->describe(scene);
-    fmt::print("{} ({}): {}\n", description.name, name(description.link), description.sentence);
-    for (const auto& q : description.quantities) fmt::print("    {:24} null {:<4g} [{}]  {}\n", q.name, q.null, q.unit, q.description);
-    if (!description.confused_with.empty()) fmt::print("    confused with {}; told apart by {}\n", description.confused_with, description.separated_by);
-  }
-  fmt::print("Every parameter of the material's law that has a null value, and Poisson's ratio where it is not free, is a candidate too.\n");
 }
 
 }  // namespace imic3d::app

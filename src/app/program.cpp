@@ -55,9 +55,11 @@ int run(int argc, char** argv) {
     std::function<void()> command;
     const auto add = [&](const std::string& name, const std::string& what, auto function, const std::string& file) {
       CLI::App* sub = program.add_subcommand(name, what);
-      if (!file.empty()) sub->add_option(file, options.case_file, file == "case" ? "the case file (YAML)" : file == "calibration" ? "the calibration file (YAML)" : "a results file (HDF5)")->required();
+      sub->add_option(file == "any case" ? "case" : file, options.case_file, file.ends_with("case") ? "the case file (YAML)" : file == "calibration" ? "the calibration file (YAML)" : "a results file (HDF5)")
+          ->required(file != "any case");
       sub->add_option("--output", options.output, "folder of the results (default: as the case file says)");
       sub->callback([&command, &world, &options, function] { command = [&world, &options, function] { function(world, options); }; });
+      return sub;
     };
     add("check", "reads everything, says everything that is wrong, prints what would be run", check, "case");
     add("simulate", "the equilibrium path under prescribed displacement or force", simulate, "case");
@@ -65,7 +67,11 @@ int run(int argc, char** argv) {
     add("dic", "global finite-element digital image correlation", dic, "case");
     add("identify", "the parameters of the law and their covariance", identify, "case");
     add("loop", "finds what the identified model leaves unexplained, names it, adds it, and reports the error before and after", loop, "case");
-    add("effects", "the effects that the loop knows, with their units, null values and what they are confused with", effects, "");
+    CLI::App* reverse = add("explain", "which effect of the test, if it was left out, carries one set of identified parameters into another", explain, "case");
+    reverse->add_option("--from", options.from, "result.json of the parameters that are taken for true")->required();
+    reverse->add_option("--to", options.to, "result.json of the parameters identified in the test of the case file")->required();
+    reverse->add_option("--tolerance", options.tolerance, "relative standard deviation added to those of the sets (default 0.01)");
+    add("effects", "the effects that the loop knows, with their units (a case file's own, if given), null values and what they are confused with", effects, "any case");
     add("calibrate", "the cameras of a rig from images of a target", calibrate, "calibration");
     add("report", "one self-contained HTML page from a results file", report, "results");
     program.require_subcommand(0, 1);

@@ -6,6 +6,7 @@
 
 #include "imic3d/core/log.hpp"
 #include "imic3d/mesh/mesh.hpp"
+#include "test_effects.hpp"
 
 namespace imic3d::app {
 
@@ -29,6 +30,8 @@ std::string unit_in(std::string unit, const io::Units& units) {
   };
   replace("stress", io::stress_unit(units));
   replace("time", units.time);
+  replace("force", units.force);
+  replace("length", units.length);
   return unit;
 }
 
@@ -45,6 +48,7 @@ io::Case read_case(const CommandOptions& options, std::vector<std::string> secti
   return io::read_case(options.case_file,
                        {.parameters_of = [](const io::MaterialCase& m) { return material::make_law(choice(m))->parameters(); },
                         .read_mesh = [](const std::filesystem::path& file) { return mesh::read(file); },
+                        .effects = effect_quantities(),
                         .sections = std::move(sections),
                         .images = images});
 }

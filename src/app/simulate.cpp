@@ -7,11 +7,13 @@
 #include "imic3d/app/output.hpp"
 #include "imic3d/app/program.hpp"
 #include "imic3d/app/simulation.hpp"
+#include "test_effects.hpp"
 
 namespace imic3d::app {
 
 void simulate(const Communicator& world, const CommandOptions& options) {
   const io::Case test = read_case(options, {"specimen", "material", "simulate"}, false);
+  refuse_effects(test, "simulate");
   const Material material = make_material(test);
   const identification::Specimen specimen = make_specimen(test);
   SimulationOutput output(world, output_folder(test, options, world), test, specimen);

@@ -41,7 +41,8 @@ Eigen::VectorXd end_areas(const identification::Specimen& specimen) {
 
 void run_simulation(const Communicator& world, const io::Case& test, const identification::Specimen& specimen,
                     const Material& material,
-                    const std::function<void(int, const mechanics::FrameState&, double)>& done) {
+                    const std::function<void(int, const mechanics::FrameState&, double)>& done,
+                    const std::function<double(int, double)>& beyond) {
   const io::SimulateCase& declared = *test.simulate;
   const bool force_control = declared.control == "force";
   const std::set<int> held(specimen.held.begin(), specimen.held.end()), loaded(specimen.loaded.begin(), specimen.loaded.end());
@@ -67,6 +68,14 @@ void run_simulation(const Communicator& world, const io::Case& test, const ident
   const Eigen::VectorXd areas = force_control ? end_areas(specimen) : Eigen::VectorXd();
 
   std::vector<mechanics::LoadStep> steps;
+  const double front = specimen.volume.nodes.col(2).maxCoeff();
+  double start = declared.time.empty() ? 0.0 : declared.time.front();
+  const bool at_rest_first = specimen.volume.initial_strain.size() > 0;
+  if (at_rest_first) {
+    steps.push_back({.time = start, .prescribed = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(constrained.size())), .force = {}});
+    if (force_control) steps.back().force.setZero(3 * specimen.volume.nodes.rows());
+    start -= 1e-9 * (1.0 + std::abs(start));
+  }
   for (std::size_t frame = 1; frame < declared.value.size(); ++frame) {
     mechanics::LoadStep step;
     step.time = frame < declared.time.size() ? declared.time[frame] : static_cast<double>(frame);
@@ -81,6 +90,8 @@ void run_simulation(const Communicator& world, const io::Case& test, const ident
         if (!along(constrained[i])) continue;
         const double part = loaded.contains(constrained[i] / 3) ? (declared.centred ? 0.5 : 1.0) : (declared.centred ? -0.5 : 0.0);
         step.prescribed[static_cast<Eigen::Index>(i)] = part * value;
+        if (beyond && loaded.contains(constrained[i] / 3))
+          step.prescribed[static_cast<Eigen::Index>(i)] += beyond(static_cast<int>(frame), specimen.volume.nodes(constrained[i] / 3, 2) - front);
       }
     }
     steps.push_back(std::move(step));
@@ -88,11 +99,11 @@ void run_simulation(const Communicator& world, const io::Case& test, const ident
   const mesh::Partition partition = mesh::partition(specimen.volume, world, "mechanics_");
   mechanics::Equilibrium equilibrium(partition, specimen.volume, material.law, constrained, {.increments = declared.steps_per_frame});
   Progress progress(world, "simulation", static_cast<int>(steps.size()));
-  const auto status = equilibrium.run(steps, material.values, declared.time.empty() ? 0.0 : declared.time.front(),
+  const auto status = equilibrium.run(steps, material.values, start,
                                       [&](int t, const mechanics::FrameState& state) {
                                         double force = 0.0;
                                         for (int node : specimen.loaded) force += state.internal[3 * node + specimen.axis];
-                                        done(t + 1, state, specimen.section_factor * force);
+                                        done(at_rest_first ? t : t + 1, state, specimen.section_factor * force);
                                         progress.update(t + 1);
                                       });
   if (!status.message.empty()) throw ConvergenceError(status.message);

@@ -16,6 +16,7 @@
 #include "imic3d/imaging/placement.hpp"
 #include "imic3d/imaging/synthesis.hpp"
 #include "calibration_error.hpp"
+#include "test_effects.hpp"
 
 namespace imic3d::app {
 
@@ -164,13 +165,40 @@ nlohmann::json write_calibrations(const io::Case& test, const std::vector<Virtua
   return places;
 }
 
+/// Puts what the record and the camera add into the simulated displacement [unknowns x 1 + frames] and force [1 + frames].
+void see_effects(PlantedEffects& planted, const std::vector<VirtualCamera>& cameras, Eigen::MatrixXd& displacement, Eigen::VectorXd& force) {
+  const auto* camera = dynamic_cast<const imaging::TelecentricCamera*>(cameras.front().camera.get());
+  if (const auto key = planted.seen(); !key.empty() && (cameras.size() > 1 || camera == nullptr))
+    throw InputError("effects." + key, "with several cameras, or a pinhole one", "one telecentric camera");
+  const auto frames = force.size() - 1;
+  const auto& face = *cameras.front().face;
+  const auto in_plane = [&](Eigen::Index frame) {
+    Eigen::VectorXd U(2 * face.nodes());
+    for (Eigen::Index i = 0; i < face.nodes(); ++i) U.segment<2>(2 * i) = displacement.col(frame).segment<2>(face.first_unknown + 3 * i);
+    return U;
+  };
+  Eigen::MatrixXd seen(2 * face.nodes(), frames);
+  for (Eigen::Index t = 0; t < frames; ++t) seen.col(t) = in_plane(t + 1) - in_plane(0);
+  const Eigen::Matrix2d pixels = camera == nullptr ? Eigen::Matrix2d::Identity() : Eigen::Matrix2d(camera->linear.leftCols<2>());
+  const Eigen::Vector2d middle(0.5 * (cameras.front().image.width - 1), 0.5 * (cameras.front().image.height - 1));
+  const Eigen::Vector2d axis = camera == nullptr ? Eigen::Vector2d(0.0, 0.0) : Eigen::Vector2d(pixels.inverse() * (middle - camera->offset));
+  planted.simulated(face.surface.mesh, seen, force.tail(frames), pixels, axis);
+  for (Eigen::Index t = 0; t < frames; ++t) {
+    const Eigen::VectorXd beyond = planted.seen_beyond(static_cast<int>(t), seen.col(t));
+    for (Eigen::Index i = 0; i < face.nodes(); ++i) displacement.col(t + 1).segment<2>(face.first_unknown + 3 * i) += beyond.segment<2>(2 * i);
+  }
+  force[0] = planted.recorded_still(force[0]);
+  force.tail(frames) = planted.recorded(force.tail(frames));
+}
+
 }  // namespace
 
 void virtual_test(const Communicator& world, const CommandOptions& options) {
   const io::Case test = read_case(options, {"specimen", "material", "simulate", "virtual", "cameras"}, false);
   const io::VirtualCase& declared = *test.virtual_test;
   const Material material = make_material(test);
-  const identification::Specimen specimen = make_specimen(test, true);
+  PlantedEffects planted(test);
+  const identification::Specimen specimen = make_specimen(test, true, planted.change());
   const auto folder = options.output.empty() ? declared.directory : options.output;
   const std::vector<VirtualCamera> cameras = make_cameras(test, specimen, folder);
   collectively(world, [&] {
@@ -179,31 +207,42 @@ void virtual_test(const Communicator& world, const CommandOptions& options) {
   });
   SimulationOutput output(world, folder, test, specimen);
 
-  // Rank 0 writes; the images of the frames are shared out over the ranks as they come.
+  // The specimen is simulated first: what the record and the camera make of a frame may depend on the others.
+  const auto frames = static_cast<Eigen::Index>(test.simulate->value.size()) - 1;
+  Eigen::MatrixXd displacement = Eigen::MatrixXd::Zero(specimen.projection.rows(), frames + 1);  // of all faces; first at rest
+  Eigen::VectorXd force = Eigen::VectorXd::Zero(frames + 1);
+  run_simulation(
+      world, test, specimen, material,
+      [&](int frame, const mechanics::FrameState& state, double resultant) {
+        output.frame(frame, state, resultant);
+        displacement.col(frame) = specimen.project(state.displacement);
+        force[frame] = resultant;
+      },
+      planted.beyond());
+  output.finish();
+  see_effects(planted, cameras, displacement, force);
+
+  // Rank 0 writes; the images of the frames are shared out over the ranks.
   Gaussian load_noise(declared.seed + 77);
   std::string loads = fmt::format("frame,time_{},force_{}\n", test.units.time, test.units.force);
   int images = 0, turn = 0;
-  const Eigen::VectorXd still = Eigen::VectorXd::Zero(specimen.projection.rows());
-  const auto image = [&](const Eigen::VectorXd& displacement, double time, double force) {
-    loads += fmt::format("{},{:.6g},{:.4f}\n", images, time, force + declared.load_noise * load_noise());
+  const auto image = [&](Eigen::Index frame) {
+    const double time = test.simulate->time[static_cast<std::size_t>(frame)];
+    loads += fmt::format("{},{:.6g},{:.4f}\n", images, time, force[frame] + declared.load_noise * load_noise());
     for (const auto& camera : cameras) {
       if (turn++ % world.size() != world.rank()) continue;
       const mesh::Mesh& surface = camera.face->surface.mesh;
-      const Points moved = surface.nodes + Eigen::Map<const Points>(displacement.data() + camera.face->first_unknown, surface.nodes.rows(), 3);
+      const Points moved = surface.nodes + Eigen::Map<const Points>(displacement.col(frame).data() + camera.face->first_unknown, surface.nodes.rows(), 3);
       const imaging::InverseMapping mapping(*camera.camera, camera.texture_points, moved, surface.cells);
       imaging::write_image(imaging::record(imaging::render(mapping, *camera.texture, *camera.background, camera.image), images, camera.image),
                            camera.folder / fmt::format("frame_{:03}.png", images));
     }
     ++images;
   };
-  const double start = test.simulate->time.empty() ? 0.0 : test.simulate->time.front();
-  for (int i = 0; i < declared.static_frames; ++i) image(still, start, 0.0);
-  run_simulation(world, test, specimen, material, [&](int frame, const mechanics::FrameState& state, double force) {
-    output.frame(frame, state, force);
-    const double time = test.simulate->time.empty() ? frame : test.simulate->time[static_cast<std::size_t>(frame)];
-    image(specimen.project(state.displacement), time, force);
+  collectively(world, [&] {
+    for (int i = 0; i < declared.static_frames; ++i) image(0);
+    for (Eigen::Index frame = 1; frame <= frames; ++frame) image(frame);
   });
-  output.finish();
   world.barrier();
   if (!world.is_root()) return;
   io::write_text_file(folder / "loads.csv", loads);
@@ -212,6 +251,7 @@ void virtual_test(const Communicator& world, const CommandOptions& options) {
   truth["noise"] = {{"value", declared.noise * (declared.depth == 16 ? 65535.0 : 255.0)}, {"unit", "grey level"}};
   truth["force_noise"] = {{"value", declared.load_noise}, {"unit", test.units.force}};
   truth["static_frames"] = declared.static_frames;
+  if (const auto effects = planted.truth(); !effects.is_null()) truth["effects"] = effects;
   if (const auto places = write_calibrations(test, cameras, specimen, folder); !places.is_null()) truth["place_points"] = places;
   io::write_json(folder / "truth.json", truth);
   fmt::print("{}\n  {} images of {} camera{}, loads.csv and truth.json in {}\n", test.title, images, cameras.size(), cameras.size() == 1 ? "" : "s", folder.string());

@@ -134,6 +134,7 @@ class CaseReader {
     settle_frames();
     read_identify();
     read_loop();
+    read_effects();
     read_virtual();
 
     if (!mistakes_.empty()) {
@@ -749,6 +750,37 @@ class CaseReader {
     }
   }
 
+  void read_effects() {
+    const auto section = root_.group("effects");
+    std::vector<std::string> known;
+    for (const auto& [effect, quantities] : checks_.effects) known.push_back(effect);
+    const auto is_known = [&](const std::string& path, const char* what, const std::string& name, const std::vector<std::string>& names) {
+      if (checks_.effects.empty() || std::find(names.begin(), names.end(), name) != names.end()) return true;
+      const auto near = nearest(name, names);
+      mistake(path, fmt::format("no {} \"{}\"{}", what, name, near.empty() ? "" : ", near to " + near), fmt::format("{}", fmt::join(names, ", ")));
+      return false;
+    };
+    for (const auto& [effect, declared] : section.json().items()) {
+      if (!is_known(section.path(effect), "effect", effect, known)) continue;
+      const auto quantities = section.group(effect);
+      for (const auto& [quantity, value] : quantities.json().items()) {
+        if (!checks_.effects.empty() && !is_known(quantities.path(quantity), "quantity", quantity, checks_.effects.at(effect))) continue;
+        auto& one = case_.effects[effect][quantity];
+        if (value.is_number()) one.value = value.get<double>();
+        if (!value.is_object()) continue;
+        const auto details = quantities.group(quantity);
+        details.get("value", one.value);
+        details.get("lower", one.lower);
+        details.get("upper", one.upper);
+        details.get("free", one.free);
+        if (one.lower && one.upper && !(*one.lower < *one.upper))
+          mistake(quantities.path(quantity), fmt::format("lower {}, upper {}", *one.lower, *one.upper), "lower below upper");
+        else if (!one.value && !one.free)
+          mistake(quantities.path(quantity), "neither a value nor free: true", "a number, or {value, lower, upper, free}");
+      }
+    }
+  }
+
   void read_virtual() {
     if (!root_.has("virtual")) return;
     const auto section = root_.group("virtual");
@@ -763,6 +795,9 @@ class CaseReader {
     section.get("seed", test.seed);
     test.directory = folder_ / test.directory;
     section.get("directory", test.directory);
+    section.get("declared_mesh", test.declared_mesh);
+    if (section.has("declared_mesh") && !exists(test.declared_mesh))
+      mistake(section.path("declared_mesh"), fmt::format("no such file: {}", test.declared_mesh.string()), "a .msh or .inp file");
     if (test.texture && !exists(*test.texture))
       mistake(section.path("texture"), fmt::format("no such file: {}", test.texture->string()), "an image file");
   }

@@ -1,5 +1,7 @@
 #include "imic3d/loop/field_experiment.hpp"
 
+#include <fmt/format.h>
+
 #include <Eigen/Dense>
 #include <Eigen/SparseCholesky>
 #include <algorithm>
@@ -68,24 +70,16 @@ Eigen::SparseMatrix<double> two_components(const Eigen::SparseMatrix<double>& sc
 
 Eigen::Matrix<double, Eigen::Dynamic, 2> in_plane(const mesh::Mesh& surface) { return surface.nodes.leftCols<2>(); }
 
-/// Circle through the nodes of the largest hole: centre and radius by least squares (Kasa).
-bool find_hole(const mesh::Mesh& quads, Eigen::Vector2d& centre, double& radius) {
-  const auto contours = mesh::contours(quads);
-  const std::vector<int>* largest = nullptr;
-  for (std::size_t k = 1; k < contours.size(); ++k)
-    if (largest == nullptr || contours[k].size() > largest->size()) largest = &contours[k];
-  if (largest == nullptr) return false;
-  Eigen::MatrixXd A(largest->size(), 3);
-  Eigen::VectorXd b(largest->size());
-  for (std::size_t i = 0; i < largest->size(); ++i) {
-    const Eigen::Vector2d X = quads.nodes.row((*largest)[i]).head<2>();
-    A.row(static_cast<Eigen::Index>(i)) << 2.0 * X[0], 2.0 * X[1], 1.0;
-    b[static_cast<Eigen::Index>(i)] = X.squaredNorm();
-  }
-  const Eigen::Vector3d c = A.colPivHouseholderQr().solve(b);
-  centre = c.head<2>();
-  radius = std::sqrt(std::max(0.0, c[2] + centre.squaredNorm()));
-  return radius > 0.0;
+/// Gives an effect's parameter what the model declares of it; whether it declares anything.
+bool declare(Parameter& parameter, const std::string& effect, const std::vector<DeclaredEffect>& declared) {
+  const auto its = std::find_if(declared.begin(), declared.end(), [&](const auto& one) { return one.effect == key_of(effect) && one.quantity == parameter.info.name; });
+  if (its == declared.end()) return false;
+  auto& info = parameter.info;
+  info.lower = std::max(info.lower, its->lower.value_or(info.lower)), info.upper = std::min(info.upper, its->upper.value_or(info.upper));
+  parameter.value = its->value.value_or(*info.null_value), parameter.free = its->free;
+  if (parameter.value < info.lower || parameter.value > info.upper)
+    throw InputError("effects." + its->effect + "." + its->quantity, fmt::format("{:.6g}", parameter.value), fmt::format("a number from {:.6g} to {:.6g} [{}]", info.lower, info.upper, info.unit));
+  return true;
 }
 
 }  // namespace
@@ -111,13 +105,17 @@ FieldExperiment::FieldExperiment(Communicator world, FieldData data, DeclaredMod
     Candidate candidate{description.name, description.link, {}, description.sentence, description.confused_with, description.separated_by};
     first_.push_back(parameters_.size());
     for (const auto& q : description.quantities) {
-      candidate.parameters.push_back(static_cast<int>(parameters_.size()));
-      parameters_.push_back({.info = {.name = q.name, .unit = q.unit, .description = q.description, .lower = q.lower, .upper = q.upper, .null_value = q.null},
+      const int place = static_cast<int>(parameters_.size());
+      parameters_.push_back({.info = {.name = q.name, .unit = model_.unit ? model_.unit(q.unit) : q.unit, .description = q.description, .lower = q.lower, .upper = q.upper, .null_value = q.null},
                              .value = q.null, .step = q.step, .prior = 0.0, .free = false});
+      if (!declare(parameters_.back(), description.name, model_.effects)) candidate.parameters.push_back(place);
     }
-    ordered.push_back(std::move(candidate));
+    if (!candidate.parameters.empty()) ordered.push_back(std::move(candidate));
     effects_.push_back(std::move(effect));
   }
+  for (const auto& one : model_.effects)
+    if (std::none_of(effects_.begin(), effects_.end(), [&](const auto& effect) { return key_of(effect->describe(scene_).name) == one.effect; }))
+      throw InputError("effects." + one.effect, "declared for a specimen that lacks what it acts on", "an effect that this test can have");
   candidates_.insert(candidates_.end(), ordered.begin(), ordered.end());
   std::stable_sort(candidates_.begin(), candidates_.end(), [](const auto& a, const auto& b) { return a.link < b.link; });
   make_modes(options.modes);
@@ -128,11 +126,8 @@ FieldExperiment::~FieldExperiment() = default;
 void FieldExperiment::make_scene() {
   const auto& surface = measured_.surface;
   scene_.surface = &surface;
-  scene_.low = surface.nodes.leftCols<2>().colwise().minCoeff();
-  scene_.high = surface.nodes.leftCols<2>().colwise().maxCoeff();
-  scene_.element = (surface.nodes.row(surface.cells(0, 0)) - surface.nodes.row(surface.cells(0, 2))).norm() / std::sqrt(2.0);
+  measure(scene_, surface);
   scene_.thickness = model_.thickness;
-  scene_.has_hole = find_hole(surface, scene_.hole, scene_.radius);
   scene_.time = measured_.time, scene_.force = measured_.force, scene_.start_time = measured_.start_time;
   scene_.pixels = measured_.pixels, scene_.axis_of_lens = measured_.axis_of_lens;
   for (std::size_t j = 0; j < model_.values.size(); ++j)

@@ -135,6 +135,26 @@ output: out
   EXPECT_EQ(test.output, folder.path() / "out");
 }
 
+TEST_F(CaseFile, EffectsOfTheTestAreReadAndChecked) {
+  CaseChecks checks = all_checks;
+  checks.effects = {{"force_zero", {"force_offset"}}, {"taper", {"taper_x", "taper_y"}}};
+  const Case test = read(good_case + "effects: {force_zero: {force_offset: 400}, taper: {taper_y: {lower: -0.1, upper: 0.2, free: true}}}\n", checks);
+  EXPECT_EQ(test.effects.at("force_zero").at("force_offset").value, 400.0);
+  EXPECT_FALSE(test.effects.at("force_zero").at("force_offset").free);
+  const auto& taper = test.effects.at("taper");
+  ASSERT_EQ(taper.size(), 1U);
+  EXPECT_FALSE(taper.at("taper_y").value.has_value());
+  EXPECT_TRUE(taper.at("taper_y").free);
+  EXPECT_EQ(taper.at("taper_y").upper, 0.2);
+  for (const auto& [effects, words] : std::map<std::string, std::string>{
+           {"force zero: {force_offset: 1}", "effects.force zero: no effect \"force zero\", near to force_zero; allowed: force_zero, taper"},
+           {"taper: {taper_z: 1}", "effects.taper.taper_z: no quantity \"taper_z\", near to taper_x; allowed: taper_x, taper_y"},
+           {"taper: {taper_x: {upper: 1}}", "effects.taper.taper_x: neither a value nor free: true; allowed: a number, or {value, lower, upper, free}"},
+           {"taper: {taper_x: {free: true, lower: 2, upper: 1}}", "effects.taper.taper_x: lower 2, upper 1; allowed: lower below upper"},
+           {"taper: {taper_x: much}", "effects.taper.taper_x: \"much\"; allowed: a number, or {value, lower, upper, free}"}})
+    EXPECT_THAT(mistakes(good_case + "effects: {" + effects + "}\n", checks), HasSubstr(words));
+}
+
 TEST_F(CaseFile, PlaneStressSaysWhatItHasNoUseFor) {
   const std::string plane = changed(good_case, "element: hex8", "kinematics: plane_stress, element: quad8");
   const Case test = read(plane);
@@ -188,7 +208,7 @@ colour: red
       "case.yaml:12 material.law: \"j3\"; allowed: j2, elastic\n"
       "case.yaml:12 material.parameters.E: \"abc\"; allowed: a number, or {value, lower, upper}\n"
       "case.yaml:12 material.parameters.nu.uper: unknown key, near to upper; allowed: lower, upper, value\n"
-      "case.yaml:13 colour: unknown key; allowed: cameras, dic, experiments, identify, loads, loop, material, output, simulate, "
+      "case.yaml:13 colour: unknown key; allowed: cameras, dic, effects, experiments, identify, loads, loop, material, output, simulate, "
       "specimen, title, units, virtual");
 }
 

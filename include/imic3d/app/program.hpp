@@ -17,6 +17,8 @@ int run(int argc, char** argv);
 struct CommandOptions {
   std::filesystem::path case_file;
   std::filesystem::path output;  ///< folder of the results; empty: as the case file says
+  std::filesystem::path from, to;  ///< explain: result.json of the two sets of parameters
+  double tolerance = 0.01;         ///< explain: relative standard deviation of what the sets' own deviations leave out
 };
 
 // One function per command, each in a file of its own name.
@@ -26,6 +28,7 @@ void virtual_test(const Communicator& world, const CommandOptions& options);
 void dic(const Communicator& world, const CommandOptions& options);
 void identify(const Communicator& world, const CommandOptions& options);
 void loop(const Communicator& world, const CommandOptions& options);
+void explain(const Communicator& world, const CommandOptions& options);
 void effects(const Communicator& world, const CommandOptions& options);
 void calibrate(const Communicator& world, const CommandOptions& options);
 void report(const Communicator& world, const CommandOptions& options);

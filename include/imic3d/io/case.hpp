@@ -178,6 +178,13 @@ struct LoopCase {
   std::map<std::string, double> prior;           ///< standard deviation of a declared value as it is known beforehand
 };
 
+/// One quantity of an effect of the test (`imic3d effects` lists them) as it is declared.
+struct EffectCase {
+  std::optional<double> value;   ///< its null value if not given
+  std::optional<double> lower, upper;
+  bool free = false;             ///< to be identified by imic3d loop
+};
+
 struct SimulateCase {
   std::string control = "displacement";  ///< `displacement`, `force`
   std::vector<double> time;              ///< one entry per frame (frame 0 is the reference)
@@ -197,6 +204,7 @@ struct VirtualCase {
   int static_frames = 3;                         ///< frames before loading
   unsigned seed = 1;
   std::filesystem::path directory = "virtual";
+  std::filesystem::path declared_mesh;  ///< 2D mesh of the part that is identified: effects are sized by it; specimen.mesh if empty
 };
 
 struct Case {
@@ -212,6 +220,7 @@ struct Case {
   DicCase dic;
   IdentifyCase identify;
   LoopCase loop;
+  std::map<std::string, std::map<std::string, EffectCase>> effects;  ///< of the test, by effect and quantity
   std::optional<SimulateCase> simulate;
   std::optional<VirtualCase> virtual_test;
   std::filesystem::path output;  ///< folder for results
@@ -231,6 +240,8 @@ struct CaseChecks {
   std::function<std::vector<ParameterInfo>(const MaterialCase&)> parameters_of;
   /// Reads the mesh (mesh::read); groups and the need of a thickness are not checked without it.
   std::function<mesh::Mesh(const std::filesystem::path&)> read_mesh;
+  /// Quantities of each effect that a test may have, by the effect's key; neither names are checked without it.
+  std::map<std::string, std::vector<std::string>> effects{};
   /// Sections that must be there: `cameras`, `loads`, `material`, `identify`, `simulate`, `virtual`.
   std::vector<std::string> sections;
   /// Whether the images must be there (all of one size and depth), and a row of loads for each.

@@ -38,6 +38,9 @@ struct Scene {
   [[nodiscard]] double clock(Eigen::Index t) const { return (time[t] - start_time) / std::max(1e-300, time[time.size() - 1] - start_time); }
 };
 
+/// What a scene knows of the surface [quad4] alone: its box, the size of its elements and its largest hole.
+void measure(Scene& scene, const mesh::Mesh& surface);
+
 /// How the simulation is made; the null effect leaves it as declared.
 struct Numerics {
   int refinements = 0;           ///< of the mesh, beyond the declared ones
@@ -87,6 +90,9 @@ class Effect {
   /// Links of the chain that ask for a simulation of their own.
   [[nodiscard]] virtual bool changes_simulation() const { return false; }
 };
+
+/// An effect's name as a key of the case file: `force zero` is `force_zero`.
+[[nodiscard]] std::string key_of(std::string name);
 
 /// All effects that act outside the law, in the order of the links.
 [[nodiscard]] std::vector<std::shared_ptr<const Effect>> effects();

@@ -40,6 +40,13 @@ struct MeshChange {
   int refinements = 0;                                             ///< beyond the declared ones
 };
 
+/// A quantity of an effect that the declared model contains.
+struct DeclaredEffect {
+  std::string effect, quantity;            ///< the former as `key_of` writes it
+  std::optional<double> value, lower, upper;
+  bool free = false;
+};
+
 struct DeclaredModel {
   std::shared_ptr<const material::FiniteStrainLaw> law;
   std::vector<ParameterInfo> information;  ///< of the law's parameters, in its order
@@ -49,6 +56,8 @@ struct DeclaredModel {
   double thickness = 1.0;
   int increments = 1;                      ///< between two frames
   int groups = 0;                          ///< of ranks
+  std::vector<DeclaredEffect> effects{};   ///< no candidates any more
+  std::function<std::string(std::string)> unit{};  ///< `length`, `force` and `time` as the case names them
 };
 
 struct FieldOptions {

@@ -1,0 +1,66 @@
+#pragma once
+// Effects of the test as the case file declares them: planted in a virtual test, or part of the declared model.
+
+#include <nlohmann/json_fwd.hpp>
+
+#include "imic3d/app/setup.hpp"
+#include "imic3d/loop/effect.hpp"
+
+namespace imic3d::app {
+
+/// Quantities of each effect by its key, for io::CaseChecks.
+[[nodiscard]] std::map<std::string, std::vector<std::string>> effect_quantities();
+
+/// A scene of unit size: names, units and null values of the effects do not depend on it.
+[[nodiscard]] loop::Scene unit_scene();
+
+/// Throws InputError if the case declares effects, which `command` would have to ignore.
+void refuse_effects(const io::Case& test, const std::string& command);
+
+/// The declared effects as the loop's model takes them.
+[[nodiscard]] std::vector<loop::DeclaredEffect> declared_effects(const io::Case& test);
+
+/// The effects that a virtual test has. Frames are those after the reference, from 0.
+class PlantedEffects {
+ public:
+  /// The scene's lengths are those of the declared specimen. Throws InputError: an effect that cannot be planted (numerics), that
+  /// the specimen lacks the thing for, or that is beyond its bounds.
+  explicit PlantedEffects(const io::Case& test);
+  PlantedEffects(const PlantedEffects&) = delete;
+  PlantedEffects& operator=(const PlantedEffects&) = delete;
+
+  /// How the generator's specimen is to be made.
+  [[nodiscard]] loop::MeshChange change() const;
+  /// Beyond the prescribed displacement along the axis in a frame of `simulate` (from 1), of a node of the loaded end at depth z
+  /// [length]; empty if nothing is.
+  [[nodiscard]] std::function<double(int frame, double z)> beyond() const;
+
+  /// Once it is simulated: the front face [quad4] that the camera sees, its displacement in the plane [2n x frames, length] and the
+  /// force [frames]. Checks bounds that depend on the force.
+  void simulated(const mesh::Mesh& face, const Eigen::MatrixXd& displacement, const Eigen::VectorXd& force, const Eigen::Matrix2d& pixels,
+                 const Eigen::Vector2d& axis_of_lens);
+  /// The key of an effect on what the camera shows of the displacement; empty if there is none.
+  [[nodiscard]] std::string seen() const;
+  /// What the camera shows of the front face beyond its displacement U in a frame [2n, length].
+  [[nodiscard]] Eigen::VectorXd seen_beyond(int frame, const Eigen::VectorXd& U) const;
+  /// The force as it is recorded [frames, force], and in the frames before loading, where it is `still`.
+  [[nodiscard]] Eigen::VectorXd recorded(Eigen::VectorXd force) const;
+  [[nodiscard]] double recorded_still(double still) const;
+  /// For truth.json: effect -> quantity -> {value, unit}.
+  [[nodiscard]] nlohmann::json truth() const;
+
+ private:
+  struct Planted {
+    std::shared_ptr<const loop::Effect> effect;
+    std::string key;
+    std::vector<double> values;
+  };
+  void check_bounds(bool with_force) const;
+
+  const io::Case& test_;
+  loop::Scene scene_;
+  mesh::Mesh declared_, face_;  // that the scene points to
+  std::vector<Planted> planted_;
+};
+
+}  // namespace imic3d::app

@@ -1,0 +1,198 @@
+#!/usr/bin/python3
+"""Effects of the test, planted by `imic3d virtual`: found again in the record, in the images and in the fields by other means.
+
+Usage: planted.py EXECUTABLE
+"""
+import csv
+import json
+import pathlib
+import sys
+import tempfile
+
+import h5py
+import numpy
+import scipy.interpolate
+from PIL import Image
+
+from runs import end, gmsh, require, run
+
+PLATE = """
+title: Plate with effects
+specimen: {{mesh: {mesh}.msh, thickness: 4, kinematics: plane_stress, held: bottom, loaded: top}}
+cameras:
+  - {{name: front, pixel_size: 0.08, place: {{origin: [149.5, 164.5]}}{images}}}
+material:
+  hardening: power_linear
+  tie_initial_modulus: true
+  parameters: {{E: 198e3, nu: 0.25, S_y: 284, H: 1480, delta: 0.042}}
+simulate:
+  centred: true
+  value: [0, 0.008, 0.03, 0.1, 0.2]
+virtual: {{size: [300, 330], noise: 0.002, depth: 16, load_noise: 5, static_frames: 2, directory: {name}, declared_mesh: coarse.msh}}
+output: {name}
+effects: {effects}
+"""
+BAR = """
+title: Bar with effects
+specimen: {{mesh: bar.msh, thickness: 2, {kinematics}, held: bottom, loaded: top}}
+cameras:
+  - {{name: front, pixel_size: 0.1, place: {{origin: [60, 170]}}}}
+material: {{law: elastic, parameters: {{E: 200e3, nu: 0.3}}}}
+simulate: {{clamped: false, value: [0, 0.003, 0.006]}}
+virtual: {{size: [121, 341], static_frames: 1, directory: {name}, declared_mesh: declared.msh}}
+output: {name}
+effects: {effects}
+"""
+PIXEL, FRAMES = 0.08, 6
+
+
+def bar(path, low, high, rows, columns=16, half_width=4.0):
+    """Quadrilaterals of a straight bar along y, Gmsh 2.2."""
+    nodes = [(half_width * (2 * i / columns - 1), low + (high - low) * j / rows) for j in range(rows + 1) for i in range(columns + 1)]
+    number = lambda i, j: j * (columns + 1) + i + 1
+    elements = [f"1 2 {tag} {tag} {number(i, j)} {number(i + 1, j)}" for tag, j in ((1, 0), (2, rows)) for i in range(columns)]
+    elements += [f"3 2 3 3 {number(i, j)} {number(i + 1, j)} {number(i + 1, j + 1)} {number(i, j + 1)}" for j in range(rows) for i in range(columns)]
+    path.write_text('$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n3\n1 1 "bottom"\n1 2 "top"\n2 3 "specimen"\n$EndPhysicalNames\n'
+                    f"$Nodes\n{len(nodes)}\n" + "".join(f"{k} {x} {y} 0\n" for k, (x, y) in enumerate(nodes, 1)) + "$EndNodes\n"
+                    f"$Elements\n{len(elements)}\n" + "".join(f"{k} {e}\n" for k, e in enumerate(elements, 1)) + "$EndElements\n")
+
+
+def forces(folder):
+    with open(folder / "loads.csv") as file:
+        return numpy.array([float(row["force_N"]) for row in csv.DictReader(file)])
+
+
+def hole_radius(image):
+    """From the area of the dark disk in the middle of a reference image [mm]: specimen 0.2 of the grey levels and more, background 0.1."""
+    grey = numpy.asarray(Image.open(image)).astype(float) / 65535.0
+    rows, columns = numpy.mgrid[:grey.shape[0], :grey.shape[1]]
+    near = numpy.hypot(columns - 149.5, rows - 164.5) * PIXEL < 4.0
+    return numpy.sqrt(numpy.sum((grey < 0.15) & near) / numpy.pi) * PIXEL
+
+
+def main():
+    program = sys.argv[1]
+    folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_planted_"))
+    gmsh("plate_with_hole", folder / "fine.msh", length=28, size_hole=0.8, size_far=2.0)
+    gmsh("plate_with_hole", folder / "coarse.msh", length=20, size_hole=1.0, size_far=2.5)
+
+    def plate(name, effects="{}", status=0):
+        (folder / f"{name}.yaml").write_text(PLATE.format(mesh="fine", images="", name=name, effects=effects))
+        return run(program, "virtual", folder / f"{name}.yaml", 1, status=status, errors=status != 0)
+
+    def correlated(name):
+        """Displacement of the declared mesh that the images show [frames, nodes, 2], and its nodes."""
+        (folder / f"dic_{name}.yaml").write_text(PLATE.format(mesh="coarse", images=f", images: '{name}/images/*.png', reference: 0-1", name=f"dic_{name}", effects="{}"))
+        run(program, "dic", folder / f"dic_{name}.yaml", 1)
+        with h5py.File(folder / f"dic_{name}/results.h5") as file:
+            return file["dic/displacement"][:][..., :2], file["surface/nodes"][:, :2]
+
+    plate("plain")
+    plain = forces(folder / "plain")
+
+    # Record: the same noise is drawn, so differences are exact (loads.csv has 1e-4 N).
+    plate("record", "{force_zero: {force_offset: 400}}")
+    require(numpy.max(numpy.abs(forces(folder / "record") - plain - 400)) < 1.5e-4, "the force zero is in every row of the record, static frames too")
+    require(json.loads((folder / "record/truth.json").read_text())["effects"] == {"force_zero": {"force_offset": {"value": 400.0, "unit": "N"}}}, "truth.json says so")
+    same = all((folder / f"plain/images/frame_{i:03}.png").read_bytes() == (folder / f"record/images/frame_{i:03}.png").read_bytes() for i in range(FRAMES))
+    require(same, "and the images are the same")
+    with h5py.File(folder / "plain/results.h5") as file:
+        true = file["frames/force_predicted"][:]
+    # The delay is a quarter of a frame: F(t - 0.25) between frames, before the test 0.
+    plate("delay", "{delay_of_the_force: {force_delay: 0.25}}")
+    before = numpy.concatenate([[0.0], true[1:-1]])
+    require(numpy.max(numpy.abs(forces(folder / "delay")[2:] - plain[2:] + 0.25 * (true[1:] - before))) < 2e-4, "a delay of the force shifts it in time")
+    plate("loaded", "{preload: {preload: 5000}}")
+    shift = forces(folder / "loaded") - plain
+    require(abs(shift[0]) < 1.5e-4 and numpy.max(numpy.abs(shift[2:] + 5000)) < 1.5e-4, "a preload is missing in the record, which is zero at the reference")
+
+    # Camera: the difference of two correlations is a uniform growth about the image's centre.
+    drift = 2e-3
+    plate("drift", f"{{magnification_drift: {{magnification_drift: {drift}}}}}")
+    base, nodes = correlated("plain")
+    grown, _ = correlated("drift")
+    for frame, clock in ((3, 0.5), (5, 1.0)):
+        apart = grown[frame] - base[frame]
+        at = nodes + base[frame]
+        for k, axis in enumerate("xy"):
+            fit, covariance = numpy.polyfit(at[:, k], apart[:, k], 1, cov=True)
+            deviation = numpy.sqrt(covariance[0, 0])
+            require(abs(fit[0] - drift * clock) < max(5 * deviation, 0.01 * drift) and deviation < 0.02 * drift,
+                    f"frame {frame}: the images grow along {axis} by {fit[0]:.6f} +- {deviation:.6f}, planted {drift * clock:.6f}")
+    moved, _ = correlated("loaded")  # displacements count from the loaded state: in the plastic frames too they lack the same
+    with h5py.File(folder / "plain/results.h5") as file:
+        at, u, resultant = file["mesh/nodes"][:, :2], file["fields/displacement"][1, :, :2], file["frames/force_predicted"][1]
+    elastic = numpy.stack([scipy.interpolate.griddata(at, u[:, k], nodes) for k in range(2)], axis=1) * 5000 / resultant
+    inside = numpy.isfinite(elastic).all(axis=1)
+    for frame in (3, 5):
+        scale = numpy.sum((moved[frame] - base[frame])[inside] * elastic[inside]) / numpy.sum(elastic[inside]**2)
+        require(abs(scale + 1) < 0.02, f"frame {frame}: a preload is missing in the displacement ({scale:.3f} of its elastic field)")
+
+    # Geometry: the hole's edge in the image. The mesh's hole is a polygon of 20 sides; pixels cut by it count by chance, 0.02 px of the radius.
+    polygon = numpy.sqrt(numpy.sin(numpy.pi / 10) / (numpy.pi / 10))
+    grown_by = 0.24
+    plate("hole", f"{{hole_radius: {{hole_radius_error: {grown_by}}}}}")
+    radius, larger = (hole_radius(folder / f"{name}/images/frame_000.png") for name in ("plain", "hole"))
+    require(abs(larger - radius - polygon * grown_by) < 0.1 * PIXEL and abs(radius - polygon * 2.5) < 0.3 * PIXEL,
+            f"the hole in the image has a radius of {radius:.3f} mm and with the effect {larger:.3f}, {larger - radius:.3f} more (planted {polygon * grown_by:.3f})")
+    require(forces(folder / "hole")[-1] < 0.99 * plain[-1], "and carries less")
+
+    # A bar of 30 mm of which 16, from y = -10, are declared: sizes and places are those of the declared part.
+    bar(folder / "bar.msh", -15.0, 15.0, 60)
+    bar(folder / "declared.msh", -10.0, 6.0, 32)
+
+    def of_bar(name, effects, kinematics="kinematics: plane_stress"):
+        (folder / f"{name}.yaml").write_text(BAR.format(name=name, effects=effects, kinematics=kinematics))
+        run(program, "virtual", folder / f"{name}.yaml", 1)
+        return h5py.File(folder / f"{name}/results.h5")
+
+    slope = 0.01
+    with of_bar("taper", f"{{taper: {{taper_y: {slope}}}}}") as file:
+        nodes, u = file["mesh/nodes"][:], file["fields/displacement"][2, :, 1]
+        force = file["frames/force_predicted"][2]
+    levels = numpy.unique(nodes[:, 1].round(6))
+    mean = numpy.array([u[numpy.abs(nodes[:, 1] - y) < 1e-6].mean() for y in levels])
+    middle, strain = 0.5 * (levels[1:] + levels[:-1]), numpy.diff(mean) / numpy.diff(levels)
+    area = 8.0 * 2.0 * (1.0 + slope * (middle + 2.0))
+    inner = numpy.abs(middle) < 14.5
+    worst = numpy.max(numpy.abs(strain * 200e3 * area / force - 1)[inner])
+    require(worst < 2e-3, f"with a taper the strain is F/(E A(x)) within {worst:.1e}; it grows by {strain[inner].max() / strain[inner].min():.3f} along the bar")
+
+    size = 2e-4
+    with of_bar("residual", f"{{residual_stress: {{residual_strain: {size}}}}}") as file:
+        nodes, cells = file["mesh/nodes"][:], file["mesh/cells"][:]
+        stress = file["fields/cauchy_stress"][:, :, 1]
+        resultant = file["frames/force_predicted"][:]
+    at = nodes[cells].mean(axis=1)
+    near = numpy.abs(at[:, 1]) < 8
+    expected = 200e3 * size * (1 - 3 * (at[:, 0] / 4.0) ** 2)
+    worst = numpy.max(numpy.abs(stress[0] - expected)[near])
+    require(worst < 0.02 * 200e3 * size, f"at rest the residual stress is parabolic across the width (within {worst:.2f} of {200e3 * size:.0f} MPa)")
+    require(abs(resultant[0]) < 1e-2 * abs(resultant[1]), "without a resultant")
+    worst = numpy.max(numpy.abs(stress[2] - stress[0] - 200e3 * 0.006 / 30)[near])
+    require(worst < 0.3, f"and the load adds to it (within {worst:.2f} MPa)")
+
+    share = 0.1
+    with of_bar("bent", f"{{misalignment: {{bending_share: {share}}}}}", "layers: 2") as file:
+        nodes, u = file["mesh/nodes"][:], file["fields/displacement"][2, :, 1]
+    for name, z, factor in (("front", nodes[:, 2].max(), 1.0), ("middle", nodes[:, 2].max() - 1.0, 1 - share), ("back", nodes[:, 2].max() - 2.0, 1 - 2 * share)):
+        top = (numpy.abs(nodes[:, 1] - 15) < 1e-6) & (numpy.abs(nodes[:, 2] - z) < 1e-6)
+        require(numpy.max(numpy.abs(u[top] - 0.006 * factor)) < 1e-9, f"the {name} of the loaded end moves by {factor} of the front")
+
+    # What is not understood, or would say nothing, is refused.
+    for effects, words in (("{force_zer: {force_offset: 1}}", 'no effect "force_zer", near to force_zero'),
+                           ("{force_zero: {offset: 1}}", 'no quantity "offset"'),
+                           ("{force_zero: {force_offset: 1e6}}", "effects.force_zero.force_offset"),
+                           ("{hole_radius: {hole_radius_error: 1}}", "a number from -0.5 to 0.5 [mm]"),
+                           ("{hole_radius: {hole_radius_error: {free: true}}}", "no value"),
+                           ("{hole_radius: {hole_radius_error: {lower: 0}}}", "neither a value nor free: true"),
+                           ("{misalignment: {bending_share: 0.1}}", "lacks what it acts on"),
+                           ("{coarse_mesh: {mesh_error: 1}}", "an effect of the numerics")):
+        said = plate("refused", effects, status=2)
+        require(words in said, f"{effects}: {said.strip()}")
+    said = run(program, "simulate", folder / "record.yaml", 1, status=2, errors=True)
+    require("force_zero declared, for imic3d simulate" in said, "imic3d simulate does not ignore an effect")
+    end()
+
+
+main()

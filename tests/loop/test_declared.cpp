@@ -1,0 +1,107 @@
+// Effects that the declared model contains: a known one is in the prediction, a free one among the unknowns, neither a candidate.
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+
+#include "../identification/plate.hpp"
+#include "imic3d/core/error.hpp"
+#include "imic3d/loop/field_experiment.hpp"
+#include "imic3d/loop/fit.hpp"
+
+namespace imic3d::loop {
+namespace {
+
+/// The strip of identification/plate.hpp, measured without noise, with a load cell that reads `offset` without load.
+struct Strip {
+  FieldData data;
+  DeclaredModel model;
+
+  explicit Strip(double offset) {
+    const identification::testing::Plate plate({0.002, 0.004, 0.02, 0.05});
+    data.surface = plate.specimen.surface.mesh;
+    data.M = plate.images.M;
+    data.displacement = data.driving = plate.record.surface_displacement;
+    data.smooth = [](Eigen::MatrixXd field) { return field; };
+    data.frames = plate.record.frames, data.time = plate.record.time;
+    data.force = plate.record.force.array() + offset;
+    data.force_noise = 5.0;
+    model.law = plate.law, model.information = plate.law->parameters(), model.values = plate.truth;
+    model.priors.assign(plate.truth.size(), 0.0), model.free.assign(plate.truth.size(), 0);
+    model.free[0] = 1;
+    model.specimen = [](const MeshChange&) {
+      return identification::make_specimen(mesh::extrude(identification::testing::strip(), 0.5, 1), "bottom", "top", 1, true);
+    };
+  }
+
+  [[nodiscard]] FieldExperiment experiment() const { return {Communicator{}, data, model, {.modes = 12}}; }
+};
+
+int place_of(const FieldExperiment& experiment, const std::string& name) {
+  for (std::size_t j = 0; j < experiment.parameters().size(); ++j)
+    if (experiment.parameters()[j].info.name == name) return static_cast<int>(j);
+  return -1;
+}
+
+bool is_candidate(const FieldExperiment& experiment, const std::string& name) {
+  return std::any_of(experiment.candidates().begin(), experiment.candidates().end(), [&](const auto& one) { return one.name == name; });
+}
+
+std::vector<double> declared(const FieldExperiment& experiment) {
+  std::vector<double> values;
+  for (const auto& p : experiment.parameters()) values.push_back(p.value);
+  return values;
+}
+
+TEST(Declared, AKnownEffectIsInThePrediction) {
+  Strip strip(120.0);
+  FieldExperiment without = strip.experiment();
+  EXPECT_TRUE(is_candidate(without, "force zero"));
+  EXPECT_NEAR((without.unwhitened(declared(without)).second.array() - 120.0).abs().maxCoeff(), 0.0, 0.05);
+  strip.model.effects = {{.effect = "force_zero", .quantity = "force_offset", .value = 120.0, .lower = {}, .upper = {}}};
+  FieldExperiment with = strip.experiment();
+  EXPECT_FALSE(is_candidate(with, "force zero"));
+  EXPECT_FALSE(with.parameters()[static_cast<std::size_t>(place_of(with, "force_offset"))].free);
+  EXPECT_NEAR(with.unwhitened(declared(with)).second.cwiseAbs().maxCoeff(), 0.0, 0.05);
+}
+
+TEST(Declared, AFreeEffectIsIdentified) {
+  Strip strip(120.0);
+  strip.model.effects = {{.effect = "force_zero", .quantity = "force_offset", .value = {}, .lower = -200.0, .upper = {}, .free = true}};
+  FieldExperiment experiment = strip.experiment();
+  const int offset = place_of(experiment, "force_offset");
+  EXPECT_TRUE(experiment.parameters()[static_cast<std::size_t>(offset)].free);
+  EXPECT_EQ(experiment.parameters()[static_cast<std::size_t>(offset)].value, 0.0);
+  EXPECT_EQ(experiment.parameters()[static_cast<std::size_t>(offset)].info.lower, -200.0);
+  EXPECT_FALSE(is_candidate(experiment, "force zero"));
+  auto start = declared(experiment);
+  start[0] = 180e3;
+  const Weight weight(experiment.data(), Eigen::MatrixXd(static_cast<Eigen::Index>(experiment.data().size()), 0));
+  const Fit found = fit(experiment, weight, rows_of_frames(experiment.data(), {1, 1, 1, 1}), {0, offset}, start);
+  EXPECT_NEAR(found.values[0], 198e3, 50.0);
+  EXPECT_NEAR(found.values[static_cast<std::size_t>(offset)], 120.0, 0.5);
+}
+
+TEST(Declared, OneOfTwoQuantitiesLeavesTheOtherACandidate) {
+  Strip strip(0.0);
+  strip.model.effects = {{.effect = "taper", .quantity = "taper_y", .value = 0.01, .lower = {}, .upper = {}}};
+  const FieldExperiment experiment = strip.experiment();
+  for (const auto& one : experiment.candidates())
+    if (one.name == "taper") {
+      ASSERT_EQ(one.parameters.size(), 1U);
+      EXPECT_EQ(one.parameters.front(), place_of(experiment, "taper_x"));
+    }
+  EXPECT_TRUE(is_candidate(experiment, "taper"));
+}
+
+TEST(Declared, WhatTheSpecimenLacksIsRefused) {
+  Strip strip(0.0);
+  strip.model.effects = {{.effect = "hole_radius", .quantity = "hole_radius_error", .value = 0.1, .lower = {}, .upper = {}}};
+  EXPECT_THROW((void)strip.experiment(), InputError);
+  strip.model.effects = {{.effect = "force_zero", .quantity = "force_offset", .value = 1e9, .lower = {}, .upper = {}}};
+  EXPECT_THROW((void)strip.experiment(), InputError);
+}
+
+}  // namespace
+}  // namespace imic3d::loop
