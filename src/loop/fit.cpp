@@ -174,20 +174,44 @@ Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::I
       result.converged = true;
       break;
     }
-    // More and more damped until the residual falls; a parameter changes by no more than half, and stays within its bounds.
+    // More and more damped until the residual falls; a parameter changes by no more than half. One that would leave its bounds stops
+    // there, and the rest is solved again.
+    const auto info_of = [&](Eigen::Index j) -> const ParameterInfo& { return parameters[static_cast<std::size_t>(free[static_cast<std::size_t>(j)])].info; };
     bool moved = false;
     for (int trial = 0; trial < 8 && !moved; ++trial) {
-      const Eigen::VectorXd step = scale.asDiagonal() * (H + damping * I).ldlt().solve(b);
+      Eigen::VectorXd change = Eigen::VectorXd::Zero(unknowns);
+      std::vector<Eigen::Index> open;
+      for (Eigen::Index j = 0; j < unknowns; ++j) {
+        const double value = result.values[static_cast<std::size_t>(free[static_cast<std::size_t>(j)])];
+        if (!((value <= info_of(j).lower && b[j] < 0.0) || (value >= info_of(j).upper && b[j] > 0.0))) open.push_back(j);
+      }
+      while (!open.empty()) {
+        const Eigen::VectorXd right = (b - H * change.cwiseQuotient(scale))(open);
+        const Eigen::MatrixXd matrix = (H + damping * I)(open, open);
+        const Eigen::VectorXd step = scale(open).asDiagonal() * matrix.ldlt().solve(right);
+        std::vector<Eigen::Index> inside;
+        for (std::size_t i = 0; i < open.size(); ++i) {
+          const Eigen::Index j = open[i];
+          const auto k = static_cast<std::size_t>(free[static_cast<std::size_t>(j)]);
+          const double value = result.values[k], wanted = value + step[static_cast<Eigen::Index>(i)];
+          if (wanted < info_of(j).lower)
+            change[j] = info_of(j).lower - value;
+          else if (wanted > info_of(j).upper)
+            change[j] = info_of(j).upper - value;
+          else
+            inside.push_back(j);
+        }
+        if (inside.size() == open.size()) {
+          for (std::size_t i = 0; i < open.size(); ++i) change[open[i]] = step[static_cast<Eigen::Index>(i)];
+          break;
+        }
+        open = inside;
+      }
       std::vector<double> values = result.values;
       for (Eigen::Index j = 0; j < unknowns; ++j) {
         const auto k = static_cast<std::size_t>(free[static_cast<std::size_t>(j)]);
-        const auto& info = parameters[k].info;
-        double change = step[j];
-        const double usual = info.shape ? info.scale : std::abs(parameters[k].value), most = std::max(0.5 * std::abs(values[k]), 0.1 * usual);
-        if (!info.null_value || info.shape) change = std::clamp(change, -most, most);
-        // A bound that excludes its own end (E > 0) is approached by halves.
-        change = std::clamp(change, 0.5 * (info.lower - values[k]), 0.5 * (info.upper - values[k]));
-        values[k] += change;
+        const double usual = info_of(j).shape ? info_of(j).scale : std::abs(parameters[k].value), most = std::max(0.5 * std::abs(values[k]), 0.1 * usual);
+        values[k] += !info_of(j).null_value || info_of(j).shape ? std::clamp(change[j], -most, most) : change[j];
       }
       const auto there = experiment.residuals({values}).front();
       const double cost = there.size() == 0 ? INFINITY : Eigen::VectorXd(Eigen::VectorXd(weight(there))(rows)).squaredNorm() + prior_cost(values);
