@@ -22,6 +22,7 @@
 #include "imic3d/io/run_results.hpp"
 #include "imic3d/loop/closing.hpp"
 #include "imic3d/loop/field_experiment.hpp"
+#include "loop_curves.hpp"
 #include "loop_report.hpp"
 #include "rig.hpp"
 #include "several_cameras.hpp"
@@ -191,6 +192,12 @@ loop::DeclaredModel declared_model(const io::Case& test, const Material& materia
   for (const auto& stage : test.identify.stages)
     for (const auto& name : stage.free) model.free[static_cast<std::size_t>(material.index(name))] = 1;
   for (const auto& [name, deviation] : test.loop.prior) model.priors[static_cast<std::size_t>(material.index(name))] = deviation;
+  if (test.material.law != "elastic") {
+    const ExtendedMaterial extended = make_extended_material(test);
+    for (std::size_t j = 0; j < extended.information.size(); ++j)
+      if (extended.declared[j] == 0) model.lacking.push_back(extended.information[j]);
+  }
+  model.extended = [&test](const std::vector<std::string>& effects) { return extended_law(test, effects); };
   model.specimen = [&test](const loop::MeshChange& change) { return make_specimen(test, false, change); };
   model.thickness = test.specimen.thickness;
   model.increments = test.identify.steps_per_frame;
@@ -205,7 +212,11 @@ loop::DeclaredModel declared_model(const io::Case& test, const Material& materia
 void loop(const Communicator& world, const CommandOptions& options) {
   const auto start = std::chrono::steady_clock::now();
   const auto seconds = [&] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(); };
-  const io::Case test = read_case(options, {"specimen", "cameras", "loads", "material", "identify"}, true);
+  const io::Case test = read_case(options, {"cameras", "loads", "material", "identify"}, true);
+  if (!test.experiments.empty()) {
+    loop_on_curves(world, options, test);
+    return;
+  }
   if (several_cameras(test))
     throw InputError("cameras", fmt::format("{} cameras, the first is {}", test.cameras.size(), test.cameras.front().model), "one telecentric camera for imic3d loop");
   const Material material = make_material(test);

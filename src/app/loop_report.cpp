@@ -61,6 +61,7 @@ nlohmann::json loop_summary(const loop::Experiment& experiment, const loop::Repo
       const auto& its = candidates[static_cast<std::size_t>(model.others[i])].parameters;
       for (std::size_t c = 0; c < its.size(); ++c) {
         const auto& info = parameters[static_cast<std::size_t>(its[c])].info;
+        if (info.shape) break;  // shapes come last, and have no size
         const auto column = static_cast<Eigen::Index>(c);
         nlohmann::json bias;
         for (Eigen::Index j = 0; j < s.bias.rows(); ++j)

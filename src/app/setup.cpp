@@ -53,19 +53,42 @@ io::Case read_case(const CommandOptions& options, std::vector<std::string> secti
                         .images = images});
 }
 
-Material make_material(const io::Case& test) {
-  Material result;
-  result.law = material::make_law(choice(test.material, test.specimen.plane_stress()));
+namespace {
+
+/// Bounds of the case file, units and scales in those of the case; what the case file does not declare at its null value.
+ExtendedMaterial material_of(const io::Case& test, const material::LawChoice& chosen) {
+  ExtendedMaterial result;
+  result.law = material::make_law(chosen);
   for (ParameterInfo info : result.law->parameters()) {
-    const auto& declared = test.material.parameters.at(info.name);
-    if (declared.lower) info.lower = std::max(info.lower, *declared.lower);
-    if (declared.upper) info.upper = std::min(info.upper, *declared.upper);
-    info.scale = usual_size(info, result.values.empty() ? declared.value : result.values.front());  // E is every law's first
+    const auto found = test.material.parameters.find(info.name);
+    const bool declared = found != test.material.parameters.end();
+    if (declared && found->second.lower) info.lower = std::max(info.lower, *found->second.lower);
+    if (declared && found->second.upper) info.upper = std::min(info.upper, *found->second.upper);
+    const double value = declared ? found->second.value : info.null_value.value_or(0.0);
+    info.scale = usual_size(info, result.values.empty() ? value : result.values.front());  // E is every law's first
     info.unit = unit_in(info.unit, test.units);
-    result.values.push_back(declared.value);
+    result.values.push_back(value);
     result.information.push_back(std::move(info));
+    result.declared.push_back(declared ? 1 : 0);
   }
   return result;
+}
+
+}  // namespace
+
+Material make_material(const io::Case& test) { return material_of(test, choice(test.material, test.specimen.plane_stress())); }
+
+std::shared_ptr<const material::FiniteStrainLaw> extended_law(const io::Case& test, const std::vector<std::string>& effects) {
+  material::LawChoice chosen = choice(test.material, test.specimen.plane_stress());
+  chosen.effects.insert(chosen.effects.end(), effects.begin(), effects.end());
+  return material::make_law(chosen);
+}
+
+ExtendedMaterial make_extended_material(const io::Case& test) {
+  material::LawChoice chosen = choice(test.material, test.specimen.plane_stress());
+  if (chosen.law == "elastic") throw InputError("material.law", "elastic", "j2 for imic3d loop: the effects that it knows are those of a plastic law");
+  chosen.effects = material::known_effects();
+  return material_of(test, chosen);
 }
 
 namespace {

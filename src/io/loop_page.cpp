@@ -55,6 +55,35 @@ std::string candidates(const json& model) {
                             shown(model["threshold"], 3));
 }
 
+/// Of bars: rms per group, and the residual of every bar over its strain, before and after.
+std::string curves(const json& summary) {
+  std::string out = "<h2>Bars</h2>\n<table>\n<tr><th>group</th><th></th><th>rows</th><th>rms before</th><th>after</th><th>unit</th></tr>\n";
+  for (const auto& group : summary["groups"])
+    out += fmt::format("<tr{}><td>{}</td><td class=\"left\">{}</td><td>{}</td><td>{}</td><td>{}</td><td class=\"left\">{}</td></tr>\n", group["held_out"].get<bool>() ? " class=\"held\"" : "",
+                       escaped(group["name"].get<std::string>()), group["held_out"].get<bool>() ? "held out" : "fitted", group["rows"].get<long>(), shown(group["before"], 3), shown(group["after"], 3),
+                       escaped(group["unit"].get<std::string>()));
+  out += "</table>\n<div class=\"plots\">\n";
+  std::vector<std::string> done;
+  for (const auto& first : summary["curves"]) {
+    const auto group = first["group"].get<std::string>();
+    if (std::find(done.begin(), done.end(), group) != done.end()) continue;
+    done.push_back(group);
+    for (const char* when : {"before", "after"}) {
+      std::vector<Curve> lines;
+      for (const auto& one : summary["curves"]) {
+        if (one["group"] != group) continue;
+        const auto measured = numbers(one["measured"]), predicted = numbers(one[when]);
+        std::vector<double> gap;
+        for (std::size_t i = 0; i < measured.size(); ++i) gap.push_back(measured[i] - predicted[i]);
+        lines.push_back({"", numbers(one["strain"]), gap, one["held_out"].get<bool>() ? "#888888" : std::string(when) == "before" ? "#b2182b" : "#1f5fa8", true, false, 1.0});
+      }
+      out += svg({.title = fmt::format("{}: measured − predicted, {} (grey: held out)", group, when), .x_label = "logarithmic strain",
+                  .y_label = fmt::format("stress [{}]", summary["groups"][0]["unit"].get<std::string>()), .curves = lines});
+    }
+  }
+  return out + "</div>\n";
+}
+
 }  // namespace
 
 void write_loop_page(const std::filesystem::path& page, const json& summary, const std::vector<ReportPicture>& pictures) {
@@ -105,6 +134,7 @@ void write_loop_page(const std::filesystem::path& page, const json& summary, con
   out += fmt::format("<h2>What this test cannot see</h2>\n<p>{}</p>\n", escaped(joined(summary["invisible"])));
   out += "<p class=\"note\">These may be there, of any size; the column of the smallest size found says what each would have to be to be noticed.</p>\n";
 
+  if (summary.contains("curves")) out += curves(summary);
   if (!pictures.empty()) out += "<h2>Pictures</h2>\n<div class=\"pictures\">\n";
   for (const auto& picture : pictures) {
     std::ifstream stream(picture.file, std::ios::binary);

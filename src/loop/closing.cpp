@@ -129,7 +129,7 @@ class Loop {
     for (int pass = 0; pass < 2; ++pass) {
       experiment_.learn_bias(best.values);
       best = fit(experiment_, plain, rows_, free, best.values);
-      say(fmt::format("  bias of mesh and correlation learned: chi {:.3f}", std::sqrt(best.cost / static_cast<double>(rows_.size()))));
+      say(fmt::format("  what mesh, correlation and scatter err by is learned: chi {:.3f}", std::sqrt(best.cost / static_cast<double>(rows_.size()))));
     }
     say(fmt::format("null ensemble: {} draws of the noise", options_.draws));
     null_ = experiment_.noise(best.values, options_.draws);
@@ -200,32 +200,35 @@ class Loop {
   }
 
   void score_others(Model& model) {
-    std::vector<int> asked;
     for (int k = 0; k < static_cast<int>(experiment_.candidates().size()); ++k) {
-      if (std::find(model.added.begin(), model.added.end(), k) != model.added.end()) continue;
+      if (std::find(model.added.begin(), model.added.end(), k) != model.added.end() || !has_its_turn(k, model)) continue;
       const auto& its = candidate(k).parameters;
       if (std::any_of(its.begin(), its.end(), [&](int j) { return std::find(model.fit.free.begin(), model.fit.free.end(), j) != model.fit.free.end(); })) continue;
       model.others.push_back(k);
-      asked.insert(asked.end(), its.begin(), its.end());
     }
-    // One derivative for each parameter, and another with a longer step: where they differ both marks are kept.
-    const Eigen::MatrixXd near = derivatives(experiment_, weight_, model.fit.values, asked);
+    const auto signatures = marks(experiment_, weight_, model.fit.values, model.others);
     ScoreProblem problem;
     problem.residual = model.fit.residual(rows_);
     problem.sensitivity = model.fit.sensitivity(rows_, Eigen::all);
     problem.null = white_null_(rows_, Eigen::all);
-    Eigen::Index column = 0;
     std::vector<int> kept;
-    for (int k : model.others) {
-      const auto count = static_cast<Eigen::Index>(candidate(k).parameters.size());
-      const Eigen::MatrixXd signature = near.middleCols(column, count)(rows_, Eigen::all);
-      column += count;
+    for (std::size_t i = 0; i < signatures.size(); ++i) {
+      const Eigen::MatrixXd signature = signatures[i](rows_, Eigen::all);
       if (signature.norm() == 0.0) continue;
       problem.signatures.push_back(signature);
-      kept.push_back(k);
+      const auto& its = candidate(model.others[i]).parameters;
+      problem.sizes.push_back(static_cast<int>(std::count_if(its.begin(), its.end(), [&](int j) { return !experiment_.parameters()[static_cast<std::size_t>(j)].info.shape; })));
+      kept.push_back(model.others[i]);
     }
     model.others = kept;
     model.scores = score(problem);
+  }
+
+  /// Whether the candidate without which it would be that one itself is in the model, or is none here.
+  bool has_its_turn(int k, const Model& model) const {
+    const auto& all = experiment_.candidates();
+    const auto other = std::find_if(all.begin(), all.end(), [&](const Candidate& c) { return !candidate(k).after.empty() && c.name == candidate(k).after; });
+    return other == all.end() || std::find(model.added.begin(), model.added.end(), static_cast<int>(other - all.begin())) != model.added.end();
   }
 
   void announce(const Model& model, const std::string& what) const {
@@ -271,22 +274,30 @@ class Loop {
       trial.candidate = at.others[i];
       trial.model.added = at.added;
       trial.model.added.push_back(trial.candidate);
-      // From the null value and from the size that the score predicts; the better one stands.
-      std::vector<double> predicted = at.fit.values;
+      // From the size that the score predicts (next to the null value where a shape decides what it is, for three of its values), and
+      // from the null value; the best one stands.
       const auto& its = candidate(trial.candidate).parameters;
-      for (std::size_t k = 0; k < its.size(); ++k) {
-        const auto j = static_cast<std::size_t>(its[k]);
-        const auto& info = experiment_.parameters()[j].info;
-        const double margin = 0.05 * (info.upper - info.lower);
-        predicted[j] = std::clamp(predicted[j] + at.scores.candidates[i].size[static_cast<Eigen::Index>(k)], info.lower + margin, info.upper - margin);
+      const bool shaped = std::any_of(its.begin(), its.end(), [&](int j) { return experiment_.parameters()[static_cast<std::size_t>(j)].info.shape; });
+      std::vector<std::vector<double>> starts;
+      for (double factor : shaped ? std::vector<double>{1.0, 8.0, 0.125} : std::vector<double>{1.0}) {
+        std::vector<double>& start = starts.emplace_back(at.fit.values);
+        for (std::size_t k = 0; k < its.size(); ++k) {
+          const auto j = static_cast<std::size_t>(its[k]);
+          const Parameter& p = experiment_.parameters()[j];
+          const double margin = std::isfinite(p.info.upper - p.info.lower) ? 0.05 * (p.info.upper - p.info.lower) : p.step;
+          const double size = shaped ? p.step : at.scores.candidates[i].size[static_cast<Eigen::Index>(k)];
+          const double wanted = !p.info.shape ? start[j] + size : start[j] != 0.0 ? factor * start[j] : factor < 1.0 ? 0.0 : factor * p.info.scale / 8.0;
+          start[j] = std::clamp(wanted, p.info.lower + margin, p.info.upper - margin);
+        }
       }
+      starts.push_back(at.fit.values);
       bool fitted = false;
-      for (const auto& start : {predicted, at.fit.values}) {
+      for (const auto& start : starts) {
         try {
           Fit one = fit(experiment_, weight_, rows_, free_of(trial.model.added), start);
           if (!fitted || one.cost < trial.model.fit.cost) trial.model.fit = std::move(one);
           fitted = true;
-          if (trial.model.fit.converged && trial.model.fit.cost < at.fit.cost) break;
+          if (!shaped && trial.model.fit.converged && trial.model.fit.cost < at.fit.cost) break;
         } catch (const ConvergenceError& error) {
           trial.model.message = error.what();
         }
@@ -315,7 +326,9 @@ class Loop {
     const auto& parameters = experiment_.parameters();
     for (int j : candidate(trial.candidate).parameters) {
       const auto& info = parameters[static_cast<std::size_t>(j)].info;
-      const double value = model.fit.values[static_cast<std::size_t>(j)], margin = 0.01 * (info.upper - info.lower);
+      if (info.shape) continue;
+      const double value = model.fit.values[static_cast<std::size_t>(j)];
+      const double margin = std::isfinite(info.upper - info.lower) ? 0.01 * (info.upper - info.lower) : 0.1 * parameters[static_cast<std::size_t>(j)].step;
       if (value < info.lower + margin || value > info.upper - margin) {
         trial.plausible = false;
         trial.objection = fmt::format("{} = {:.4g} is at its bound", info.name, value);
@@ -428,10 +441,9 @@ class Loop {
     } else {
       text += "No known effect explains it";
       if (!report_.named.empty()) text += ", though it helps to add: " + list(report_.named);
-      const auto numbers = experiment_.frame_numbers();
       Eigen::Index worst = 0;
       (after.misfit.frames - after.misfit.null_frames).maxCoeff(&worst);
-      text += fmt::format(". It is largest in frame {}. ", numbers[static_cast<std::size_t>(worst)]);
+      text += fmt::format(". It is largest in {}. ", experiment_.frame_name(static_cast<int>(worst)));
     }
     text += change;
   }

@@ -8,19 +8,27 @@
 #include <cmath>
 #include <list>
 #include <map>
+#include <optional>
 #include <random>
 
 #include "imic3d/core/error.hpp"
 #include "imic3d/correlation/smoothing.hpp"
+#include "imic3d/loop/law_effects.hpp"
 
 namespace imic3d::loop {
 
 namespace id = identification;
 
 /// Law, geometry, numerics and ends of one series.
+struct FieldExperiment::Key {
+  std::vector<double> specimen;          // values of the effects' parameters that change it or the numerics; empty: as declared
+  std::vector<std::string> law_effects;  // beside the declared ones
+  auto operator<=>(const Key&) const = default;
+};
+
 struct FieldExperiment::Simulation {
   std::vector<double> law;
-  std::vector<double> variant;  // values of the effects' parameters that change the specimen or the numerics, zeros else
+  Key variant;
   Eigen::MatrixXd driving;      // [2n x frames]
   std::vector<double> loading;  // values of all effects' parameters, for what is driven beyond the surface
 };
@@ -34,7 +42,7 @@ struct FieldExperiment::Variant {
 
 struct FieldExperiment::Groups {
   GroupLayout layout;
-  std::list<std::pair<std::vector<double>, Variant>> variants;  // this group's, the last used first
+  std::list<std::pair<Key, Variant>> variants;  // this group's, the last used first
 };
 
 namespace {
@@ -86,15 +94,19 @@ bool declare(Parameter& parameter, const std::string& effect, const std::vector<
 
 FieldExperiment::FieldExperiment(Communicator world, FieldData data, DeclaredModel model, const FieldOptions& options)
     : world_(world), measured_(std::move(data)), model_(std::move(model)), groups_(new Groups{GroupLayout(world, 64, model_.groups), {}}) {
+  std::optional<Candidate> poissons_ratio;
   for (std::size_t j = 0; j < model_.values.size(); ++j) {
     const double value = model_.values[j];
     parameters_.push_back({.info = model_.information[j], .value = value, .step = 1e-3 * (value != 0.0 ? std::abs(value) : 1.0),
                            .prior = model_.priors[j], .free = model_.free[j] != 0});
     if (model_.information[j].name == "nu" && !model_.free[j])
-      candidates_.push_back({.name = "Poisson's ratio", .link = Link::material, .parameters = {static_cast<int>(j)},
-                             .sentence = "Poisson's ratio is not the declared one", .confused_with = "magnification drift, parallax",
-                             .separated_by = "a second camera; a handbook value"});
+      poissons_ratio = {.name = "Poisson's ratio", .link = Link::material, .parameters = {static_cast<int>(j)},
+                        .sentence = "Poisson's ratio is not the declared one", .confused_with = "magnification drift, parallax",
+                        .separated_by = "a second camera; a handbook value", .after = {}};
   }
+  for (const auto& info : model_.lacking) parameters_.push_back(at_null(info));
+  candidates_ = law_candidates(model_.lacking, std::vector<char>(model_.lacking.size(), 0), static_cast<int>(model_.values.size()));
+  if (poissons_ratio) candidates_.push_back(*poissons_ratio);
   displacement_bias_ = Eigen::MatrixXd::Zero(measured_.displacement.rows(), measured_.displacement.cols());
   force_bias_ = Eigen::VectorXd::Zero(measured_.force.size());
   make_scene();
@@ -102,7 +114,7 @@ FieldExperiment::FieldExperiment(Communicator world, FieldData data, DeclaredMod
   for (auto& effect : effects()) {
     if (!effect->applies(scene_)) continue;
     const auto description = effect->describe(scene_);
-    Candidate candidate{description.name, description.link, {}, description.sentence, description.confused_with, description.separated_by};
+    Candidate candidate{description.name, description.link, {}, description.sentence, description.confused_with, description.separated_by, {}};
     first_.push_back(parameters_.size());
     for (const auto& q : description.quantities) {
       const int place = static_cast<int>(parameters_.size());
@@ -179,10 +191,11 @@ std::span<const double> FieldExperiment::values_of(std::size_t effect, const std
   return std::span(values).subspan(first_[effect], next - first_[effect]);
 }
 
-FieldExperiment::Variant& FieldExperiment::variant(const std::vector<double>& key) {
+FieldExperiment::Variant& FieldExperiment::variant(const Key& wanted) {
+  const std::vector<double>& key = wanted.specimen;
   auto& variants = groups_->variants;
   for (auto it = variants.begin(); it != variants.end(); ++it)
-    if (it->first == key) {
+    if (it->first == wanted) {
       variants.splice(variants.begin(), variants, it);
       return variants.front().second;
     }
@@ -210,7 +223,7 @@ FieldExperiment::Variant& FieldExperiment::variant(const std::vector<double>& ke
         return strain;
       };
   }
-  variants.emplace_front(key, Variant{});
+  variants.emplace_front(wanted, Variant{});
   Variant& made = variants.front().second;
   made.specimen = model_.specimen(change);
   made.before_test = before_test;
@@ -231,7 +244,7 @@ FieldExperiment::Variant& FieldExperiment::variant(const std::vector<double>& ke
   if (before_test) record.time[0] = measured_.start_time, record.start_time -= 1e-9 * (1.0 + std::abs(measured_.start_time));
   record.force = Eigen::VectorXd::Zero(frames);
   record.surface_displacement = record.driving = Eigen::MatrixXd::Zero(2 * own.nodes.rows(), frames);
-  made.model = std::make_unique<id::ForwardModel>(groups_->layout.group(), made.specimen, model_.law, std::move(record),
+  made.model = std::make_unique<id::ForwardModel>(groups_->layout.group(), made.specimen, wanted.law_effects.empty() ? model_.law : model_.extended(wanted.law_effects), std::move(record),
                                                   mechanics::EquilibriumOptions{.increments = model_.increments * numerics.increments_factor, .with_fields = false}, 1, 1);
   return made;
 }
@@ -291,7 +304,21 @@ std::vector<std::pair<Eigen::MatrixXd, Eigen::VectorXd>> FieldExperiment::simula
 }
 
 FieldExperiment::Simulation FieldExperiment::simulation_of(const std::vector<double>& values, const Eigen::MatrixXd& driving) const {
-  Simulation one{{values.begin(), values.begin() + static_cast<std::ptrdiff_t>(model_.values.size())}, {}, driving, {}};
+  const auto count = static_cast<std::ptrdiff_t>(model_.values.size());
+  Simulation one{{values.begin(), values.begin() + count}, {}, driving, {}};
+  // Effects of the law cost time: only those that are there.
+  for (std::size_t j = model_.values.size(); j < model_.values.size() + model_.lacking.size(); ++j) {
+    const auto& info = parameters_[j].info;
+    auto& there = one.variant.law_effects;
+    if (!info.shape && values[j] != *info.null_value && std::find(there.begin(), there.end(), info.effect) == there.end()) there.push_back(info.effect);
+  }
+  if (!one.variant.law_effects.empty()) {
+    one.law.clear();
+    for (const auto& info : model_.extended(one.variant.law_effects)->parameters()) {
+      const auto same = [&](const Parameter& p) { return p.info.name == info.name; };
+      one.law.push_back(values[static_cast<std::size_t>(std::find_if(parameters_.begin(), parameters_.end(), same) - parameters_.begin())]);
+    }
+  }
   std::vector<double> own(parameters_.size(), 0.0);
   bool changed = false, before_test = false, loaded = false;
   for (std::size_t k = 0; k < effects_.size(); ++k) {
@@ -309,8 +336,8 @@ FieldExperiment::Simulation FieldExperiment::simulation_of(const std::vector<dou
     }
   }
   if (changed) {
-    one.variant = {0.0, 1.0, before_test ? 1.0 : 0.0};
-    one.variant.insert(one.variant.end(), own.begin(), own.end());
+    one.variant.specimen = {0.0, 1.0, before_test ? 1.0 : 0.0};
+    one.variant.specimen.insert(one.variant.specimen.end(), own.begin(), own.end());
   }
   if (loaded) one.loading = own;
   return one;
@@ -351,11 +378,12 @@ std::vector<FieldExperiment::Prediction> FieldExperiment::predict(const std::vec
       const auto its = values_of(k, sets[s]);
       if ((numerics.refinements == 0 && numerics.increments_factor == 1) || its[0] == 0.0) continue;
       Simulation other = base;
-      if (other.variant.empty()) {
-        other.variant = {0.0, 1.0, 0.0};
-        for (const auto& p : parameters_) other.variant.push_back(p.info.null_value.value_or(0.0));
+      std::vector<double>& key = other.variant.specimen;
+      if (key.empty()) {
+        key = {0.0, 1.0, 0.0};
+        for (const auto& p : parameters_) key.push_back(p.info.null_value.value_or(0.0));
       }
-      other.variant[0] = numerics.refinements, other.variant[1] = numerics.increments_factor;
+      key[0] = numerics.refinements, key[1] = numerics.increments_factor;
       rest -= its[0];
       add(std::move(other), s, its[0]);
     }
@@ -414,11 +442,12 @@ std::pair<Eigen::MatrixXd, Eigen::VectorXd> FieldExperiment::unwhitened(const st
 
 std::pair<Eigen::MatrixXd, Eigen::VectorXd> FieldExperiment::synthetic_test(const std::vector<double>& values, int seed) {
   Simulation one = simulation_of(values, measured_.driving);
-  if (one.variant.empty()) {
-    one.variant = {0.0, 1.0, 0.0};
-    for (const auto& p : parameters_) one.variant.push_back(p.info.null_value.value_or(0.0));
+  std::vector<double>& key = one.variant.specimen;
+  if (key.empty()) {
+    key = {0.0, 1.0, 0.0};
+    for (const auto& p : parameters_) key.push_back(p.info.null_value.value_or(0.0));
   }
-  one.variant[0] += 1.0, one.variant[1] *= 2.0;
+  key[0] += 1.0, key[1] *= 2.0;
   const auto frames = measured_.force.size();
   Eigen::MatrixXd surface;
   Eigen::VectorXd force;

@@ -2,6 +2,7 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
+#include <array>
 #include <cmath>
 
 #include "imic3d/core/error.hpp"
@@ -54,6 +55,13 @@ double signed_step(const Parameter& parameter, double value, double steps) {
   return value + step <= parameter.info.upper ? step : -step;
 }
 
+/// Other values of a shape: an eighth and eight times; from 0, a third of its usual size and that.
+std::array<double, 2> other_shapes(const Parameter& p, double value) {
+  const double usual = p.info.scale > 0.0 ? p.info.scale : 1.0;
+  const double low = value != 0.0 ? value / 8.0 : usual / 3.0, high = value != 0.0 ? 8.0 * value : usual;
+  return {std::clamp(low, p.info.lower, p.info.upper), std::clamp(high, p.info.lower, p.info.upper)};
+}
+
 struct Linear {
   Eigen::VectorXd residual;
   Eigen::MatrixXd sensitivity;
@@ -79,8 +87,51 @@ Linear linearise(Experiment& experiment, const Weight& weight, const std::vector
 
 }  // namespace
 
-Eigen::MatrixXd derivatives(Experiment& experiment, const Weight& weight, const std::vector<double>& values, const std::vector<int>& parameters, double steps) {
-  return linearise(experiment, weight, values, parameters, steps).sensitivity;
+std::vector<Eigen::MatrixXd> marks(Experiment& experiment, const Weight& weight, const std::vector<double>& values, const std::vector<int>& candidates) {
+  struct Column {
+    std::size_t plus, minus;  // simulations, 0: as it is
+    double over;
+  };
+  std::vector<std::vector<double>> sets = {values};
+  std::vector<std::vector<Column>> columns;
+  const auto& parameters = experiment.parameters();
+  for (int k : candidates) {
+    auto& its = columns.emplace_back();
+    const auto& candidate = experiment.candidates()[static_cast<std::size_t>(k)];
+    std::vector<double> present = values;  // every size a step from null
+    double step_of_sizes = 1.0;
+    for (int j : candidate.parameters) {
+      const auto& p = parameters[static_cast<std::size_t>(j)];
+      if (p.info.shape) continue;
+      step_of_sizes = signed_step(p, values[static_cast<std::size_t>(j)], 1.0);
+      present[static_cast<std::size_t>(j)] += step_of_sizes;
+    }
+    for (int j : candidate.parameters) {
+      const auto i = static_cast<std::size_t>(j);
+      const auto& p = parameters[i];
+      if (!p.info.shape) {
+        const double step = signed_step(p, values[i], 1.0);
+        sets.push_back(values);
+        sets.back()[i] += step;
+        its.push_back({sets.size() - 1, 0, step});
+        continue;
+      }
+      for (double shape : other_shapes(p, values[i])) {
+        sets.push_back(present);
+        sets.back()[i] = shape;
+        its.push_back({sets.size() - 1, 0, step_of_sizes});
+      }
+    }
+  }
+  const auto residuals = experiment.residuals(sets);
+  std::vector<Eigen::MatrixXd> result;
+  for (const auto& its : columns) {
+    auto& matrix = result.emplace_back(Eigen::MatrixXd::Zero(residuals.front().size(), static_cast<Eigen::Index>(its.size())));
+    for (std::size_t c = 0; c < its.size(); ++c)
+      if (const auto &plus = residuals[its[c].plus], &minus = residuals[its[c].minus]; plus.size() > 0 && minus.size() > 0 && (minus - plus).norm() > experiment.round_off())
+        matrix.col(static_cast<Eigen::Index>(c)) = weight((minus - plus) / its[c].over);
+  }
+  return result;
 }
 
 Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::Index>& rows, const std::vector<int>& free, std::vector<double> start,
@@ -96,6 +147,7 @@ Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::I
     return sum;
   };
   Fit result{.free = free, .values = std::move(start), .residual = {}, .sensitivity = {}};
+  double damping = 1e-8;  // Levenberg's, of columns of unit length
   for (result.iterations = 0; result.iterations <= options.max_iterations; ++result.iterations) {
     const Linear at = linearise(experiment, weight, result.values, free, 1.0);
     if (at.residual.size() == 0) throw ConvergenceError("the model cannot follow the measured displacement of the ends");
@@ -116,31 +168,59 @@ Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::I
       H(j, j) += std::pow(scale[j] / p.prior, 2);
       b[j] -= scale[j] * (result.values[static_cast<std::size_t>(free[static_cast<std::size_t>(j)])] - p.value) / (p.prior * p.prior);
     }
-    H.diagonal().array() += 1e-12;
-    const Eigen::VectorXd step = scale.asDiagonal() * H.ldlt().solve(b);
-    const double expected = b.dot(H.ldlt().solve(b));
+    const Eigen::MatrixXd I = Eigen::MatrixXd::Identity(unknowns, unknowns);
+    const double expected = b.dot((H + 1e-12 * I).ldlt().solve(b));
     if (expected < options.tolerance * static_cast<double>(std::max<Eigen::Index>(1, unknowns))) {
       result.converged = true;
       break;
     }
-    // Shorter and shorter until the residual falls; a parameter changes by no more than half, and stays within its bounds.
+    // More and more damped until the residual falls; a parameter changes by no more than half. One that would leave its bounds stops
+    // there, and the rest is solved again.
+    const auto info_of = [&](Eigen::Index j) -> const ParameterInfo& { return parameters[static_cast<std::size_t>(free[static_cast<std::size_t>(j)])].info; };
     bool moved = false;
-    double fraction = 1.0;
-    for (int trial = 0; trial < 6 && !moved; ++trial, fraction *= 0.3) {
+    for (int trial = 0; trial < 8 && !moved; ++trial) {
+      Eigen::VectorXd change = Eigen::VectorXd::Zero(unknowns);
+      std::vector<Eigen::Index> open;
+      for (Eigen::Index j = 0; j < unknowns; ++j) {
+        const double value = result.values[static_cast<std::size_t>(free[static_cast<std::size_t>(j)])];
+        if (!((value <= info_of(j).lower && b[j] < 0.0) || (value >= info_of(j).upper && b[j] > 0.0))) open.push_back(j);
+      }
+      while (!open.empty()) {
+        const Eigen::VectorXd right = (b - H * change.cwiseQuotient(scale))(open);
+        const Eigen::MatrixXd matrix = (H + damping * I)(open, open);
+        const Eigen::VectorXd step = scale(open).asDiagonal() * matrix.ldlt().solve(right);
+        std::vector<Eigen::Index> inside;
+        for (std::size_t i = 0; i < open.size(); ++i) {
+          const Eigen::Index j = open[i];
+          const auto k = static_cast<std::size_t>(free[static_cast<std::size_t>(j)]);
+          const double value = result.values[k], wanted = value + step[static_cast<Eigen::Index>(i)];
+          if (wanted < info_of(j).lower)
+            change[j] = info_of(j).lower - value;
+          else if (wanted > info_of(j).upper)
+            change[j] = info_of(j).upper - value;
+          else
+            inside.push_back(j);
+        }
+        if (inside.size() == open.size()) {
+          for (std::size_t i = 0; i < open.size(); ++i) change[open[i]] = step[static_cast<Eigen::Index>(i)];
+          break;
+        }
+        open = inside;
+      }
       std::vector<double> values = result.values;
       for (Eigen::Index j = 0; j < unknowns; ++j) {
         const auto k = static_cast<std::size_t>(free[static_cast<std::size_t>(j)]);
-        const auto& info = parameters[k].info;
-        double change = fraction * step[j];
-        if (!info.null_value) change = std::clamp(change, -0.5 * std::abs(values[k]), 0.5 * std::abs(values[k]));
-        // A bound that excludes its own end (E > 0) is approached by halves.
-        change = std::clamp(change, 0.5 * (info.lower - values[k]), 0.5 * (info.upper - values[k]));
-        values[k] += change;
+        const double usual = info_of(j).shape ? info_of(j).scale : std::abs(parameters[k].value), most = std::max(0.5 * std::abs(values[k]), 0.1 * usual);
+        values[k] += !info_of(j).null_value || info_of(j).shape ? std::clamp(change[j], -most, most) : change[j];
       }
       const auto there = experiment.residuals({values}).front();
-      if (there.size() == 0) continue;
-      const double cost = Eigen::VectorXd(Eigen::VectorXd(weight(there))(rows)).squaredNorm() + prior_cost(values);
-      if (cost < result.cost) result.values = std::move(values), moved = true;
+      const double cost = there.size() == 0 ? INFINITY : Eigen::VectorXd(Eigen::VectorXd(weight(there))(rows)).squaredNorm() + prior_cost(values);
+      if (cost < result.cost) {
+        result.values = std::move(values), moved = true;
+        if (trial == 0) damping = std::max(1e-10, 0.1 * damping);
+      } else {
+        damping = std::max(1e-4, 10.0 * damping);
+      }
     }
     if (!moved) {
       result.converged = expected < 0.05 * static_cast<double>(unknowns) || expected < 1e-6 * result.cost;

@@ -40,8 +40,9 @@ class Test {
       largest = std::max(largest, deviations(log_chi_squared_tail(statistic(j, z), static_cast<int>(columns_[j].count))));
     return largest;
   }
-  [[nodiscard]] Eigen::VectorXd size(std::size_t j, const Eigen::VectorXd& z) const { return pseudo_inverse(information_[j]) * (weights_[j] * z); }
-  [[nodiscard]] Eigen::MatrixXd covariance(std::size_t j) const { return pseudo_inverse(information_[j]); }
+  /// Of the first `k` parameters, the rest held at null.
+  [[nodiscard]] Eigen::VectorXd size(std::size_t j, Eigen::Index k, const Eigen::VectorXd& z) const { return covariance(j, k) * (weights_[j].topRows(k) * z); }
+  [[nodiscard]] Eigen::MatrixXd covariance(std::size_t j, Eigen::Index k) const { return pseudo_inverse(information_[j].topLeftCorner(k, k)); }
   [[nodiscard]] const Eigen::MatrixXd& information(std::size_t j) const { return information_[j]; }
 
  private:
@@ -56,7 +57,7 @@ class Test {
 Eigen::MatrixXd covariance(const Eigen::MatrixXd& Z, const Eigen::MatrixXd& G) {
   const auto draws = static_cast<double>(Z.cols()), m = static_cast<double>(Z.rows());
   const Eigen::MatrixXd sample = Z * Z.transpose() / draws;
-  const double scale = (sample.diagonal().array() / G.diagonal().array().max(1e-300)).mean();
+  const double scale = sample.trace() / std::max(G.trace(), 1e-300);
   const double share = m / (m + draws);
   return (1.0 - share) * sample + share * scale * G;
 }
@@ -86,7 +87,10 @@ Scores score(const ScoreProblem& problem) {
   for (std::size_t j = 0; j < families; ++j) A.middleCols(columns[j].first, columns[j].count) = problem.signatures[j];
   for (Eigen::Index i = 0; i < m; ++i) before[i] = std::max(A.col(i).norm(), 1e-300);
   A = projected(A);
-  for (Eigen::Index i = 0; i < m; ++i) length[i] = std::max(A.col(i).norm(), 1e-300), A.col(i) /= length[i];
+  for (Eigen::Index i = 0; i < m; ++i) {
+    length[i] = std::max(A.col(i).norm(), 1e-300);
+    A.col(i) *= length[i] > 1e-7 * before[i] ? 1.0 / length[i] : 0.0;  // what is left of an invisible mark is round-off
+  }
 
   const Eigen::VectorXd Pr = projected(problem.residual);
   const Eigen::MatrixXd PR = projected(problem.null);
@@ -140,11 +144,12 @@ Scores score(const ScoreProblem& problem) {
     const Eigen::MatrixXd own = A.middleCols(first, count);
     const Eigen::VectorXd fitted = own.completeOrthogonalDecomposition().solve(Pr);
     one.drop = (own * fitted).squaredNorm();
-    const Eigen::VectorXd scale = length.segment(first, count).cwiseInverse();
-    one.size = test.size(j, z).cwiseProduct(scale);
-    one.deviation = test.covariance(j).diagonal().cwiseMax(0.0).cwiseSqrt().cwiseProduct(scale);
-    one.detectable = ((result.threshold + 0.84) / test.information(j).diagonal().cwiseMax(1e-300).array().sqrt()).matrix().cwiseProduct(scale);
-    one.bias = pull * problem.signatures[j];
+    const Eigen::Index sizes = problem.sizes.empty() ? count : problem.sizes[j];
+    const Eigen::VectorXd scale = length.segment(first, sizes).cwiseInverse();
+    one.size = test.size(j, sizes, z).cwiseProduct(scale);
+    one.deviation = test.covariance(j, sizes).diagonal().cwiseMax(0.0).cwiseSqrt().cwiseProduct(scale);
+    one.detectable = ((result.threshold + 0.84) / test.information(j).diagonal().head(sizes).cwiseMax(1e-300).array().sqrt()).matrix().cwiseProduct(scale);
+    one.bias = pull * problem.signatures[j].leftCols(sizes);
     result.candidates.push_back(std::move(one));
   }
   result.cosine.setIdentity(static_cast<Eigen::Index>(families), static_cast<Eigen::Index>(families));

@@ -31,6 +31,14 @@ struct Material {
 
 [[nodiscard]] Material make_material(const io::Case& test);
 
+/// The declared law extended by everything that it may lack: what is not declared stands at its null value.
+struct ExtendedMaterial : Material {
+  std::vector<char> declared;  ///< whether a parameter belongs to the declared law
+};
+[[nodiscard]] ExtendedMaterial make_extended_material(const io::Case& test);
+/// The declared law with these effects beside its own.
+[[nodiscard]] std::shared_ptr<const material::FiniteStrainLaw> extended_law(const io::Case& test, const std::vector<std::string>& effects);
+
 /// Cameras that look at the front, or at the back, as places in Case::cameras.
 [[nodiscard]] std::vector<int> cameras_of(const io::Case& test, bool back);
 

@@ -85,6 +85,11 @@ class Effect {
   virtual void see(Values, const Scene&, int /*frame*/, const Eigen::VectorXd& /*U*/, Eigen::VectorXd& /*error*/) const {}
   /// Record: turns the force on the specimen [frames] into the one that is recorded.
   virtual void record(Values, const Scene&, Eigen::VectorXd& /*force*/) const {}
+  /// Record of a uniform test: turns the recorded strain of a bar [rows] into that of its material; Scene::force is the recorded
+  /// stress.
+  virtual void gauge(Values, const Scene&, Eigen::VectorXd& /*strain*/) const {}
+  /// Whether it acts on uniform tests too, where there is no surface.
+  [[nodiscard]] virtual bool acts_on_curves() const { return false; }
   /// Numerics: what the simulation is made of with the effect at one; a prediction between is interpolated.
   virtual void numerics(Numerics&) const {}
   /// Links of the chain that ask for a simulation of their own.

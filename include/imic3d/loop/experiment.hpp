@@ -31,6 +31,7 @@ struct Candidate {
   std::string sentence;         ///< what it says of the test, to be read after "it is: "
   std::string confused_with;
   std::string separated_by;     ///< the measurement that would tell it from these
+  std::string after;            ///< a candidate without which it would be that one itself; empty: none
 };
 
 constexpr int force_channel = -1;
@@ -50,9 +51,12 @@ class Experiment {
   [[nodiscard]] virtual const std::vector<Candidate>& candidates() const = 0;
   [[nodiscard]] virtual const std::vector<Datum>& data() const = 0;   ///< [N]
   [[nodiscard]] virtual std::vector<int> frame_numbers() const = 0;   ///< of the record, as the user knows them
+  [[nodiscard]] virtual std::string frame_name(int frame) const { return "frame " + std::to_string(frame_numbers()[static_cast<std::size_t>(frame)]); }
   /// One residual [N] for each set of parameter values; the sets as concurrent groups of ranks. Collective. Empty where the
   /// model could not follow (a set out of reach of the solver).
   [[nodiscard]] virtual std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) = 0;
+  /// Norm of a difference of two residuals that is round-off.
+  [[nodiscard]] virtual double round_off() const { return 0.0; }
   /// Learns what the procedure itself errs by with these values: a synthetic test without noise is made of the model on a
   /// finer mesh and taken through the measurement; what is left of it is taken off every residual from then on. Collective.
   virtual void learn_bias(const std::vector<double>& /*values*/) {}

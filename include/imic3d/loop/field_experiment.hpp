@@ -52,6 +52,9 @@ struct DeclaredModel {
   std::vector<ParameterInfo> information;  ///< of the law's parameters, in its order
   std::vector<double> values, priors;      ///< priors: standard deviations, 0 where nothing is known
   std::vector<char> free;                  ///< declared unknown
+  std::vector<ParameterInfo> lacking;      ///< parameters of the effects of the law that are not declared
+  /// The declared law with these effects beside its own.
+  std::function<std::shared_ptr<const material::FiniteStrainLaw>(const std::vector<std::string>& effects)> extended;
   std::function<identification::Specimen(const MeshChange&)> specimen;
   double thickness = 1.0;
   int increments = 1;                      ///< between two frames
@@ -99,7 +102,8 @@ class FieldExperiment final : public Experiment {
   struct Prediction { Eigen::MatrixXd displacement; Eigen::VectorXd force; };
 
   [[nodiscard]] std::vector<std::pair<Eigen::MatrixXd, Eigen::VectorXd>> simulate(const std::vector<Simulation>& wanted);
-  Variant& variant(const std::vector<double>& key);
+  struct Key;         // what a specimen with its forward model is made for
+  Variant& variant(const Key& key);
   [[nodiscard]] Simulation simulation_of(const std::vector<double>& values, const Eigen::MatrixXd& driving) const;
   [[nodiscard]] std::vector<Prediction> predict(const std::vector<std::vector<double>>& sets, const std::vector<const Eigen::MatrixXd*>& drivings);
   [[nodiscard]] Eigen::VectorXd whitened(const Eigen::MatrixXd& displacement, const Eigen::VectorXd& force) const;

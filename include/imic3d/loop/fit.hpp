@@ -1,5 +1,5 @@
 #pragma once
-// Non-linear least squares on an experiment's residual: Gauss-Newton with bounds, priors and step control.
+// Non-linear least squares on an experiment's residual: Gauss-Newton with bounds, priors and damping (Levenberg).
 
 #include <Eigen/Core>
 #include <vector>
@@ -26,7 +26,7 @@ class Weight {
 [[nodiscard]] std::vector<Eigen::Index> rows_of_frames(const std::vector<Datum>& data, const std::vector<char>& frames);
 
 struct FitOptions {
-  int max_iterations = 15;
+  int max_iterations = 30;
   double tolerance = 1e-3;  ///< expected decrease of the residual's square (chi^2) that ends the iterations, per parameter
 };
 
@@ -45,9 +45,10 @@ struct Fit {
 [[nodiscard]] Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::Index>& rows, const std::vector<int>& free,
                       std::vector<double> start, const FitOptions& options = {});
 
-/// Whitened signatures d(predicted)/d(parameter) [N] of parameters at `values`, all simulations side by side; a zero column
-/// where the model could not be computed. `steps`: multiples of Parameter::step. Collective.
-[[nodiscard]] Eigen::MatrixXd derivatives(Experiment& experiment, const Weight& weight, const std::vector<double>& values,
-                                          const std::vector<int>& parameters, double steps = 1.0);
+/// Whitened marks of candidates [N x columns] at `values`, all simulations side by side: first d(predicted)/d(parameter) of each
+/// size, then for each shape (ParameterInfo::shape), which has no meaning while the sizes are null, the mark of the sizes with two
+/// other values of it. Zero columns where the model could not be computed. Collective.
+[[nodiscard]] std::vector<Eigen::MatrixXd> marks(Experiment& experiment, const Weight& weight, const std::vector<double>& values,
+                                                 const std::vector<int>& candidates);
 
 }  // namespace imic3d::loop

@@ -10,7 +10,8 @@ namespace imic3d::loop {
 struct ScoreProblem {
   Eigen::VectorXd residual;                 ///< measured - predicted [N]
   Eigen::MatrixXd sensitivity;              ///< d(predicted)/d(free parameters) [N x p], prior rows included
-  std::vector<Eigen::MatrixXd> signatures;  ///< of each candidate: d(predicted)/d(its parameters) [N x k]
+  std::vector<Eigen::MatrixXd> signatures;  ///< of each candidate: d(predicted)/d(its sizes), then with other shapes [N x columns]
+  std::vector<int> sizes;                   ///< of each candidate: the columns that are sizes [k]; empty: all
   Eigen::MatrixXd null;                     ///< residuals that noise alone makes, before the parameters are fitted [N x draws]
 };
 

@@ -7,7 +7,8 @@ namespace imic3d::loop {
 
 std::vector<std::shared_ptr<const Effect>> effects() {
   return {coarse_mesh(),  large_increments(), interpolation_bias(), force_gain(), force_offset(),    force_delay(), magnification_drift(), parallax(), lens_distortion(),
-          camera_bump(),  hole_radius(),      hole_offset(),        taper(),      preload(),         residual_stress(), misalignment(),    stiff_region()};
+          camera_bump(),  hole_radius(),      hole_offset(),        taper(),      preload(),         residual_stress(), misalignment(),    stiff_region(),
+          strain_gain(),  compliance()};
 }
 
 double near_hole(const Scene& scene, double distance) {

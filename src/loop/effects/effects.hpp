@@ -18,6 +18,8 @@ std::shared_ptr<const Effect> force_gain();
 std::shared_ptr<const Effect> force_offset();
 std::shared_ptr<const Effect> force_delay();
 std::shared_ptr<const Effect> magnification_drift();
+std::shared_ptr<const Effect> strain_gain();
+std::shared_ptr<const Effect> compliance();
 std::shared_ptr<const Effect> parallax();
 std::shared_ptr<const Effect> lens_distortion();
 std::shared_ptr<const Effect> camera_bump();

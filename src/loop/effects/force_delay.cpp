@@ -25,10 +25,12 @@ class ForceDelay final : public Effect {
       Eigen::Index after = 0;
       while (after + 1 < now.size() && scene.time[after] < time) ++after;
       const double t0 = after == 0 ? scene.start_time : scene.time[after - 1], F0 = after == 0 ? 0.0 : now[after - 1];
-      return F0 + (now[after] - F0) * (time - t0) / std::max(1e-300, scene.time[after] - t0);
+      if (scene.time[after] <= t0) return now[after];
+      return F0 + (now[after] - F0) * (time - t0) / (scene.time[after] - t0);
     };
     for (Eigen::Index t = 0; t < now.size(); ++t) force[t] = value_at(scene.time[t] - values[0]);
   }
+  [[nodiscard]] bool acts_on_curves() const override { return true; }
 };
 
 }  // namespace

@@ -18,6 +18,7 @@ class ForceGain final : public Effect {
             .separated_by = "a prior on E; a second load cell"};
   }
   void record(Values values, const Scene&, Eigen::VectorXd& force) const override { force *= values[0]; }
+  [[nodiscard]] bool acts_on_curves() const override { return true; }
 };
 
 }  // namespace

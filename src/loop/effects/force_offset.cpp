@@ -19,6 +19,7 @@ class ForceOffset final : public Effect {
             .separated_by = "frames without load, unloading to zero"};
   }
   void record(Values values, const Scene&, Eigen::VectorXd& force) const override { force.array() += values[0]; }
+  [[nodiscard]] bool acts_on_curves() const override { return true; }
 };
 
 }  // namespace

@@ -27,7 +27,8 @@ enum class Effect : std::size_t {
   voce_term,
   plateau,
   damage,
-  pressure
+  pressure,
+  voce_term_2
 };
 
 struct Entry {
@@ -49,10 +50,11 @@ inline constexpr std::array list = {entry<KinematicHardening<1>>(),
                                     entry<Viscosity>(),
                                     entry<JohnsonCookRate>(),
                                     entry<Heating>(),
-                                    entry<VoceTerm>(),
+                                    entry<VoceTerm<1>>(),
                                     entry<Plateau>(),
                                     entry<Damage>(),
-                                    entry<Pressure>()};
+                                    entry<Pressure>(),
+                                    entry<VoceTerm<2>>()};
 
 /// Which effects a law has, and where their parameters stand.
 class Selection {

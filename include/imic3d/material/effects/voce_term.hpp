@@ -7,19 +7,22 @@
 
 namespace imic3d::material::effects {
 
-/// Added to the yield stress: Q_v (1 - exp(-b_v p)). Q_v = 0: nothing; negative: cyclic softening.
+/// Added to the yield stress: Q_v (1 - exp(-b_v p)). Q_v = 0: nothing; negative: cyclic softening. The second one of them is
+/// Q_v2, b_v2.
+template <int number>
 struct VoceTerm {
-  static constexpr const char* name = "voce_term";
+  static_assert(number == 1 || number == 2);
+  static constexpr const char* name = number == 1 ? "voce_term" : "voce_term_2";
   static constexpr const char* summary = "one more saturating hardening term";
 
   static std::vector<ParameterInfo> parameters() {
-    return {{.name = "Q_v",
+    return {{.name = number == 1 ? "Q_v" : "Q_v2",
              .unit = "stress",
              .description = "stress at which the term saturates",
              .null_value = 0.0,
              .effect = name,
              .scale = 5e-4},
-            {.name = "b_v",
+            {.name = number == 1 ? "b_v" : "b_v2",
              .unit = "-",
              .description = "rate of saturation per plastic strain",
              .lower = 0.0,

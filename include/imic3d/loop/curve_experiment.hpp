@@ -1,0 +1,96 @@
+#pragma once
+// Stress-strain curves of bars: what the loop needs of uniform tests.
+
+#include <functional>
+#include <memory>
+
+#include "imic3d/core/parallel.hpp"
+#include "imic3d/identification/curves.hpp"
+#include "imic3d/loop/effect.hpp"
+#include "imic3d/loop/experiment.hpp"
+
+namespace imic3d::loop {
+
+/// The declared law, and the effects that it may lack.
+struct CurveModel {
+  /// The declared law with these effects beside its own; not one of plane stress.
+  std::function<std::shared_ptr<const material::FiniteStrainLaw>(const std::vector<std::string>& effects)> extended;
+  std::vector<ParameterInfo> information;                ///< of the parameters of the law with all of them, in its order
+  std::vector<double> values, priors;                    ///< null values of what is not declared; priors: 0 where nothing is known
+  std::vector<char> declared, free;                      ///< whether a parameter belongs to the declared law; whether it is unknown
+};
+
+struct CurveLoopOptions {
+  int bins = 24;              ///< of the way that the strain goes, of curves that are repeated
+  int numbers_per_frame = 24; ///< of a curve that is not
+};
+
+/// A frame is a bar, or a piece of a curve that has no repetition. Repeated bars are compared in bins of the way that their strain goes: the mean of
+/// measured - predicted in each. Bars of one material differ: each is off by a random cubic of that way, whose covariance all
+/// groups of repetitions share, and by what is left of it in each bin, both estimated from the bars' deviations from the mean
+/// of their group (expectation-maximisation). How little few bars tell of it is part of the null. A curve without repetitions
+/// has the noise of its points. Whitened with that.
+class CurveExperiment final : public Experiment {
+ public:
+  CurveExperiment(Communicator world, std::vector<identification::Curve> curves, CurveModel model, const CurveLoopOptions& options = {});
+
+  [[nodiscard]] const std::vector<Parameter>& parameters() const override { return parameters_; }
+  [[nodiscard]] const std::vector<Candidate>& candidates() const override { return candidates_; }
+  [[nodiscard]] const std::vector<Datum>& data() const override { return data_; }
+  [[nodiscard]] std::vector<int> frame_numbers() const override;
+  [[nodiscard]] std::string frame_name(int frame) const override;
+  [[nodiscard]] std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) override;
+  /// The lateral strains of a bar are found to 1e-10 of its stress.
+  [[nodiscard]] double round_off() const override;
+  void learn_bias(const std::vector<double>& values) override;
+  [[nodiscard]] Eigen::MatrixXd noise(const std::vector<double>& values, int draws) override;
+
+  /// Frames that are held out: those that the curves say; else every fourth of the bars of a group, none where there is no group.
+  [[nodiscard]] std::vector<int> held_out() const;
+  [[nodiscard]] const std::vector<identification::Curve>& curves() const { return curves_; }
+  [[nodiscard]] int curve_of(int frame) const;
+  /// Whether a curve is several frames.
+  [[nodiscard]] bool cut_into_pieces(int curve) const;
+  /// Stress at all rows of each curve; empty if the law cannot follow one of them.
+  [[nodiscard]] std::vector<Eigen::VectorXd> predict(const std::vector<double>& values) const;
+  /// Standard deviation of a number of group `group` that is not explained by the bars' cubics [stress].
+  [[nodiscard]] double bin_noise(int curve) const { return bin_noise_[static_cast<std::size_t>(curve)]; }
+  /// Predictions of the whole set made so far.
+  [[nodiscard]] int simulations() const { return simulations_; }
+
+ private:
+  struct Bin {
+    int curve = 0, number = 0;
+    double x = 0.0;  // way of the strain over the longest of the group
+    std::vector<Eigen::Index> rows;
+    bool held_out = false;
+  };
+  static constexpr int degree = 3;  // of a bar's own polynomial
+
+  void make_bins(const CurveLoopOptions& options);
+  void make_whitening();
+  [[nodiscard]] Eigen::VectorXd binned(const std::vector<Eigen::VectorXd>& predicted) const;  // measured - predicted [N, stress]
+  [[nodiscard]] Eigen::VectorXd whitened(const Eigen::VectorXd& raw) const;
+  [[nodiscard]] Eigen::MatrixXd basis(Eigen::Index first, Eigen::Index count) const;
+  [[nodiscard]] std::span<const double> values_of(std::size_t effect, const std::vector<double>& values) const;
+
+  Communicator world_;
+  std::vector<identification::Curve> curves_;
+  CurveModel model_;
+  std::vector<Scene> scenes_;  // of each curve
+  std::vector<std::shared_ptr<const Effect>> effects_;
+  std::vector<std::size_t> first_;  // parameter of each effect
+  std::vector<Parameter> parameters_;
+  std::vector<Candidate> candidates_;
+  std::vector<std::pair<std::string, std::size_t>> group_gains_;  // group, parameter
+  std::vector<Datum> data_;
+  std::vector<Bin> bins_;
+  std::vector<std::pair<Eigen::Index, Eigen::Index>> bars_;  // first bin, bins of each curve
+  std::vector<double> bin_noise_;                            // of each curve [stress]
+  Eigen::MatrixXd scatter_;                                  // covariance of the bars' coefficients [degree + 1 square]; empty: none
+  double freedom_ = 0.0;                                     // bars beyond one of each group
+  std::vector<Eigen::MatrixXd> whitening_;                   // inverse Cholesky factor of each bar
+  mutable int simulations_ = 0;
+};
+
+}  // namespace imic3d::loop

@@ -1,0 +1,15 @@
+#pragma once
+// What the declared law may lack, as candidates.
+
+#include "imic3d/loop/experiment.hpp"
+
+namespace imic3d::loop {
+
+/// One candidate for each effect among `information` (ParameterInfo::effect), with its parameters at `first` and on. Parameters
+/// that are `declared` make no candidate. `scale` of the information is a usual size in its unit.
+[[nodiscard]] std::vector<Candidate> law_candidates(const std::vector<ParameterInfo>& information, const std::vector<char>& declared, int first = 0);
+
+/// The parameter of an effect of the law at its null value.
+[[nodiscard]] Parameter at_null(const ParameterInfo& info);
+
+}  // namespace imic3d::loop

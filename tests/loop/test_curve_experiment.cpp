@@ -1,0 +1,105 @@
+// Bars that differ: what the experiment learns of their scatter, and what the loop finds in them.
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <map>
+#include <random>
+
+#include "imic3d/loop/closing.hpp"
+#include "imic3d/loop/curve_experiment.hpp"
+#include "imic3d/loop/law_effects.hpp"
+
+namespace imic3d::loop {
+namespace {
+
+const std::map<std::string, double> truth = {{"E", 200e3}, {"nu", 0.3}, {"S_y", 250.0}, {"S_inf", 420.0}, {"b", 18.0}, {"H", 700.0}};
+
+CurveModel model(std::map<std::string, double> values) {
+  CurveModel m;
+  m.extended = [](const std::vector<std::string>& effects) { return material::make_law({.law = "j2", .hardening = "voce", .effects = effects}); };
+  for (ParameterInfo info : m.extended(material::known_effects())->parameters()) {
+    const auto found = values.find(info.name);
+    info.scale = usual_size(info, 200e3);
+    m.values.push_back(found != values.end() ? found->second : info.null_value.value_or(0.0));
+    m.declared.push_back(truth.contains(info.name) ? 1 : 0);
+    m.free.push_back(truth.contains(info.name) && info.name != "nu" ? 1 : 0);
+    m.information.push_back(std::move(info));
+  }
+  m.priors.assign(m.values.size(), 0.0);
+  return m;
+}
+
+/// Bars at two rates to 10 % strain, each off by a random parabola, with noise of the rows.
+std::vector<identification::Curve> bars(unsigned seed, const std::map<std::string, double>& lacking, int count = 6) {
+  auto values = truth;
+  values.insert(lacking.begin(), lacking.end());
+  const CurveModel m = model(values);
+  std::mt19937_64 random(seed);
+  std::normal_distribution<double> normal;
+  std::vector<identification::Curve> all;
+  for (const auto& [group, rate] : {std::pair("slow", 1e-4), std::pair("fast", 10.0)})
+    for (int k = 0; k < count; ++k) {
+      identification::Curve curve;
+      curve.name = std::string(group) + std::to_string(k), curve.group = group;
+      curve.history.strain = Eigen::VectorXd::LinSpaced(150, 0.0, k == 1 ? 0.07 : 0.1);
+      curve.history.time = curve.history.strain / rate;
+      curve.stress = material::pull_bar(*m.extended(material::known_effects()), m.values, curve.history).engineering;
+      const double a = 5.0 * normal(random), b = 3.0 * normal(random), c = 2.0 * normal(random);
+      for (Eigen::Index row = 1; row < curve.stress.size(); ++row) {
+        const double s = 20.0 * curve.history.strain[row] - 1.0;
+        curve.stress[row] += a + b * s + c * 0.5 * (3.0 * s * s - 1.0) + 2.0 * normal(random);
+      }
+      curve.deviation = 6.0;
+      curve.use.assign(150, identification::Curve::fitted);
+      curve.use[0] = identification::Curve::not_judged;
+      all.push_back(std::move(curve));
+    }
+  return all;
+}
+
+Report loop_on(CurveExperiment& experiment) { return close_loop(experiment, {.held_out = experiment.held_out()}); }
+
+TEST(CurveExperiment, ResidualsOfTheTruthAreWhite) {
+  CurveExperiment experiment(Communicator(), bars(1, {}, 20), model(truth));
+  std::vector<double> values;
+  for (const auto& p : experiment.parameters()) values.push_back(p.value);
+  experiment.learn_bias(values);
+  const auto r = experiment.residuals({values}).front();
+  // 40 bars of 24 numbers: the mean square is 1 within 3 sd, and neighbours are not correlated.
+  EXPECT_NEAR(r.squaredNorm() / static_cast<double>(r.size()), 1.0, 3.0 * std::sqrt(2.0 / static_cast<double>(r.size())));
+  const double neighbours = r.head(r.size() - 1).dot(r.tail(r.size() - 1)) / static_cast<double>(r.size());
+  EXPECT_LT(std::abs(neighbours), 4.0 / std::sqrt(static_cast<double>(r.size())));
+  // The null ensemble knows that the scatter is an estimate: a little more than 1, no less.
+  const Eigen::MatrixXd null = experiment.noise(values, 100);
+  EXPECT_GT(null.squaredNorm() / static_cast<double>(null.size()), 0.97);
+  EXPECT_LT(null.squaredNorm() / static_cast<double>(null.size()), 1.2);
+}
+
+TEST(CurveExperiment, EveryFourthBarIsHeldOut) {
+  CurveExperiment experiment(Communicator(), bars(1, {}), model(truth));
+  EXPECT_EQ(experiment.held_out(), (std::vector<int>{2, 8}));
+  EXPECT_EQ(experiment.frame_name(2).substr(0, 12), "slow2 (slow)");
+}
+
+TEST(CurveExperiment, NothingIsFoundWhereNothingIsMissing) {
+  CurveExperiment experiment(Communicator(), bars(2, {}), model(truth));
+  const Report report = loop_on(experiment);
+  EXPECT_EQ(report.verdict, Verdict::nothing_found) << report.sentence;
+}
+
+/// One rate of two cannot tell a factor on the fast bars from a viscous stress that is small everywhere: the verdict may be a set,
+/// but the truth is in it.
+TEST(CurveExperiment, RateIsInTheSet) {
+  CurveExperiment experiment(Communicator(), bars(3, {{"C_rate", 0.012}, {"rate_0", 1e-3}}), model(truth));
+  const Report report = loop_on(experiment);
+  ASSERT_FALSE(report.set.empty()) << report.sentence;
+  std::vector<std::string> names;
+  for (int k : report.set) names.push_back(experiment.candidates()[static_cast<std::size_t>(k)].name);
+  EXPECT_NE(std::find(names.begin(), names.end(), "rate"), names.end()) << report.sentence;
+  EXPECT_LT(report.final.misfit.held_out, 0.5 * report.declared.misfit.held_out);
+}
+
+}  // namespace
+}  // namespace imic3d::loop

@@ -1,0 +1,255 @@
+#!/usr/bin/python3
+"""Blind trials of `imic3d loop` on stress-strain curves: bars of a material are made by a program of its own (one-dimensional
+plasticity, integrated in small implicit steps; nothing of imic3d), with an effect that the case file does not declare, bars that
+differ, noise and rounding; imic3d has to say what is missing. LOOP: sizes are multiples of the smallest detectable one (MDE), which a
+test without any effect reports.
+
+tools/blind_suite.py [--reduced] [--seeds N] [--out FOLDER] [--imic3d PROGRAM]
+
+Writes FOLDER/trials.csv (one line a trial), FOLDER/table.md and prints the table."""
+
+import argparse
+import csv
+import json
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+TRUTH = dict(E=200e3, S_y=250.0, S_inf=420.0, b=18.0, H=700.0)
+DEFAULT = dict(C_1=0.0, gamma_1=50.0, C_rate=0.0, rate_0=1e-3, eta=0.0, m=0.3, heating=0.0, cooling=0.0, Q_v=0.0, b_v=150.0, eps_L=0.0,
+               damage=0.0, eps_D=0.0, force_offset=0.0, force_delay=0.0, force_gain=1.0, strain_gain=1.0, compliance=0.0,
+               fast_gain=1.0, ageing=0.0, slip=0.0, twinning=0.0)
+
+
+def integrate(time, strain, p):
+    """Axial Kirchhoff stress at the rows of a bar: logarithmic strain prescribed, virgin at row 0."""
+    eps_p, q, X, work, stress = 0.0, 0.0, 0.0, 0.0, [0.0]
+    for i in range(1, len(strain)):
+        n = max(1, int(math.ceil(abs(strain[i] - strain[i - 1]) / 4e-4)))
+        de, dt = (strain[i] - strain[i - 1]) / n, (time[i] - time[i - 1]) / n
+        for k in range(1, n + 1):
+            eps = strain[i - 1] + k * de
+
+            def state(dp, sign):
+                X1 = (X + p["C_1"] * dp * sign) / (1.0 + p["gamma_1"] * dp)
+                w1 = (work + abs(p["E"] * (eps - eps_p - sign * dp)) * dp) / (1.0 + p["cooling"] * dt)
+                qq = q + dp
+                s = max(0.0, qq - p["eps_L"])
+                y = p["S_y"] + (p["S_inf"] - p["S_y"]) * (1.0 - math.exp(-p["b"] * s)) + p["H"] * s + p["Q_v"] * (1.0 - math.exp(-p["b_v"] * qq))
+                y += p["twinning"] * math.sin(2.0 * math.pi * qq / 0.02)  # out of the library: waves of hardening
+                rate = dp / dt if dt > 0 else 0.0
+                y *= (1.0 + p["C_rate"] * math.log1p(rate / p["rate_0"])) * (1.0 - p["heating"] * w1)
+                y += p["eta"] * rate ** p["m"] if rate > 0 else 0.0
+                return X1, w1, y
+
+            trial = p["E"] * (eps - eps_p)
+            sign = 1.0 if trial - X >= 0 else -1.0
+
+            def gap(dp):
+                X1, w1, y = state(dp, sign)
+                return sign * (trial - p["E"] * sign * dp - X1) - y
+
+            if gap(0.0) > 0.0:
+                low, high = 0.0, abs(de) + abs(trial) / p["E"]
+                for _ in range(60):
+                    middle = 0.5 * (low + high)
+                    if gap(middle) > 0.0:
+                        low = middle
+                    else:
+                        high = middle
+                dp = 0.5 * (low + high)
+                X, work, _ = state(dp, sign)
+                eps_p += sign * dp
+                q += dp
+            else:
+                work /= 1.0 + p["cooling"] * dt
+        stress.append(p["E"] * (strain[i] - eps_p) * math.exp(-p["damage"] * max(0.0, q - p["eps_D"])))
+    return np.array(stress)
+
+
+def groups():
+    """Name, bars, rate, turning points of the logarithmic strain."""
+    return [("slow", 6, 1e-4, [0.12]), ("middle", 5, 1e-2, [0.12]), ("fast", 5, 10.0, [0.12]), ("cycles", 4, 1e-3, [0.015, -0.015, 0.015, -0.015, 0.02])]
+
+
+def history(rate, turns, rows):
+    path = np.concatenate([[0.0], turns])
+    length = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path)))])
+    along = np.linspace(0.0, 1.0, rows) ** (1.0 if len(turns) > 1 else 1.5) * length[-1]
+    return along / rate, np.interp(along, length, path)
+
+
+def make(folder, effect, seed):
+    """The curves and the case file of one trial."""
+    random = np.random.default_rng(seed)
+    folder.mkdir(parents=True, exist_ok=True)
+    p = TRUTH | DEFAULT | effect
+    lines = ["title: blind trial", "units: {length: mm, force: N, time: s}",
+             "material: {law: j2, hardening: voce, parameters: {E: {value: 200e3, lower: 150e3, upper: 250e3}, nu: 0.3, S_y: {value: 230, lower: 50, upper: 900},"
+             " S_inf: {value: 450, lower: 50, upper: 1500}, b: {value: 14, lower: 0.5, upper: 300}, H: {value: 600, lower: 0, upper: 5000}}}", "experiments:"]
+    for name, bars, rate, turns in groups():
+        files = []
+        for bar in range(bars):
+            time, strain = history(rate, turns, 240 if len(turns) == 1 else 320)
+            true = strain / p["strain_gain"]
+            stress = integrate(time, true, p)
+            if p["compliance"]:
+                for _ in range(3):  # the strain of the bar is what is left of the recorded one
+                    true = strain - p["compliance"] * stress * np.exp(-true)
+                    stress = integrate(time, true, p)
+            engineering = stress * np.exp(-true)
+            x = np.abs(np.diff(strain, prepend=0.0)).cumsum()
+            x = 2.0 * x / x[-1] - 1.0
+            c = random.normal(size=3) * [5.0, 3.0, 2.0]  # bars differ [MPa]
+            engineering = engineering + (c[0] + c[1] * x + c[2] * 0.5 * (3 * x * x - 1)) * np.minimum(1.0, np.abs(engineering) / 200.0)
+            if name == "fast":
+                engineering = engineering * p["fast_gain"]
+            engineering = engineering + p["ageing"] * np.sin(2 * np.pi * time / time[-1] * 7)  # out of the library: a hum
+            engineering = engineering + p["slip"] * (strain > 0.06) * (1 if bar % 2 else -1)    # out of the library: jumps of either sign
+            engineering = np.interp(time - p["force_delay"], time, engineering) * p["force_gain"] + p["force_offset"]
+            engineering = np.round(engineering + random.normal(size=len(time)) * 2.0, 1)
+            file = folder / f"{name}_{bar}.csv"
+            np.savetxt(file, np.column_stack([time, np.round(np.expm1(strain), 6), engineering]), delimiter=",", header="time,strain,stress", comments="", fmt="%.9g")
+            files.append(file.name)
+        lines.append(f"  - {{name: {name}, file: [{', '.join(files)}], time: time, strain: strain, stress: stress, from: 0.0005}}")
+    lines += ["identify: {stages: [{free: [E, S_y, S_inf, b, H]}]}", "output: run"]
+    (folder / "case.yaml").write_text("\n".join(lines) + "\n")
+
+
+def run(program, folder):
+    with open(folder / "log.txt", "w") as log:
+        status = subprocess.run([program, "loop", "case.yaml"], cwd=folder, stdout=log, stderr=subprocess.STDOUT).returncode
+    if status != 0:
+        return None
+    return json.loads((folder / "run" / "result.json").read_text())
+
+
+# name in the library: (parameter of the generator, shapes, engineering size, largest that is planted)
+EFFECTS = {
+    "rate": ("C_rate", dict(rate_0=1e-3), 0.01, 0.1),
+    "viscosity": ("eta", dict(m=0.3), 10.0, 100.0),
+    "heating": ("heating", dict(cooling=0.0), 1e-3, 6e-3),
+    "kinematic": ("C_1", dict(gamma_1=50.0), 3000.0, 2e4),
+    "voce_term": ("Q_v", dict(b_v=150.0), 40.0, 200.0),
+    "plateau": ("eps_L", {}, 0.01, 0.05),
+    "damage": ("damage", dict(eps_D=0.0), 1.0, 5.0),
+    "force zero": ("force_offset", {}, 8.0, 100.0),
+    "strain gain": ("strain_gain", {}, 1.03, 1.3),
+    "compliance": ("compliance", {}, 1e-6, 1e-5),
+    "gain of fast": ("fast_gain", {}, 1.05, 1.5),
+}
+OUTSIDE = {"hum": dict(ageing=12.0), "waves of hardening": dict(twinning=12.0), "jumps": dict(slip=15.0)}
+NULLS = {"strain_gain": 1.0, "fast_gain": 1.0, "force_gain": 1.0}
+
+
+def main():
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--reduced", action="store_true", help="six effects, one seed, 10 x MDE, three nulls")
+    parser.add_argument("--seeds", type=int, default=2)
+    parser.add_argument("--nulls", type=int, default=20)
+    parser.add_argument("--out", default="runs/blind_suite")
+    parser.add_argument("--imic3d", default="build/release/imic3d")
+    options = parser.parse_args()
+    out, program = Path(options.out), os.path.abspath(options.imic3d)
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    out.mkdir(parents=True, exist_ok=True)
+    rows = []
+
+    def trial(kind, effect, multiple, planted, seed):
+        folder = out / f"{kind}_{effect}_{multiple}_{seed}".replace(" ", "_")
+        make(folder, planted, seed)
+        result = run(program, folder)
+        row = dict(kind=kind, effect=effect, multiple=multiple, seed=seed, verdict="failed", named="", set="", outcome="failed", held_before=math.nan, held_after=math.nan,
+                   held_null=math.nan, worst_bias_before=math.nan, worst_bias_after=math.nan, inside=math.nan, seconds=math.nan)
+        if result is not None:
+            named, chosen = result["named"], result["set"]
+            verdict = result["verdict"]
+            if kind in ("null", "outside"):
+                outcome = {"nothing found": "nothing", "unexplained": "unexplained"}.get(verdict, "wrong" if kind == "outside" else "false alarm")
+            elif verdict == "nothing found":
+                outcome = "missed"
+            elif verdict == "unexplained":
+                outcome = "unexplained"
+            elif effect in chosen:
+                outcome = "right" if len(chosen) == 1 else ("in the set" if verdict == "ambiguous" else "right among added")
+            else:
+                outcome = "wrong"
+            bias = lambda model: max(abs(result[model]["parameters"][n]["value"] / v - 1.0) for n, v in TRUTH.items())
+            row |= dict(verdict=verdict, named=" + ".join(named), set=", ".join(chosen), outcome=outcome, held_before=result["before"]["chi"]["held_out"],
+                        held_after=result["after"]["chi"]["held_out"], held_null=result["after"]["chi"]["null_held_out"], worst_bias_before=bias("before"), worst_bias_after=bias("after"),
+                        seconds=result["time"]["value"])
+            if outcome == "right" and effect in EFFECTS:
+                parameter = "gain of fast" if effect == "gain of fast" else EFFECTS[effect][0]
+                found = result["after"]["parameters"].get(parameter)
+                if found:
+                    row["inside"] = int(abs(found["value"] - planted[EFFECTS[effect][0]]) < 1.96 * found["standard_deviation"])
+        rows.append(row)
+        print(f"{kind:8} {effect:20} {multiple!s:6} seed {seed}: {row['verdict']:14} {row['outcome']:18} {row['set'] or row['named']}", flush=True)
+        return result
+
+    # Nulls, and from the first the smallest detectable sizes.
+    detectable, kappa, invisible = {}, {}, set()
+    for seed in range(3 if options.reduced else options.nulls):
+        result = trial("null", "-", 0, {}, 1000 + seed)
+        if seed == 0 and result:
+            for one in result["before"]["candidates"]:
+                if one["name"] in EFFECTS:
+                    detectable[one["name"]], kappa[one["name"]] = one["sizes"][0]["detectable"], one["kappa"]
+            invisible = set(result["invisible"])
+    effects = list(EFFECTS)[:3] + ["kinematic", "force zero", "gain of fast"] if options.reduced else list(EFFECTS)
+    for effect in effects:
+        parameter, shapes, usual, largest = EFFECTS[effect]
+        null = NULLS.get(parameter, 0.0)
+        sizes = {"10": null + 10 * detectable[effect]} if options.reduced else {str(k): null + k * detectable[effect] for k in (1, 3, 10, 50)} | {"usual": usual}
+        for multiple, size in sizes.items():
+            if size > largest:
+                continue
+            for seed in range(1 if options.reduced else options.seeds):
+                trial("effect", effect, multiple, {parameter: size} | shapes, 1 + seed)
+    for name, planted in OUTSIDE.items():
+        for seed in range(1 if options.reduced else options.seeds):
+            trial("outside", name, "-", planted, 100 + seed)
+
+    with open(out / "trials.csv", "w", newline="") as stream:
+        writer = csv.DictWriter(stream, rows[0].keys())
+        writer.writeheader()
+        writer.writerows(rows)
+    lines = ["| trial | n | found | right, alone | in the set | unexplained | missed | wrong | failed |", "|---|---|---|---|---|---|---|---|---|"]
+    kinds = [("effect", m, f"{m} × MDE" if m != "usual" else "an engineer's size") for m in dict.fromkeys(r["multiple"] for r in rows if r["kind"] == "effect")]
+    for kind, multiple, title in kinds + [("outside", "-", "outside the library")]:
+        its = [r for r in rows if r["kind"] == kind and r["multiple"] == multiple]
+        if not its:
+            continue
+        count = lambda *names: sum(r["outcome"] in names for r in its)
+        lines.append(f"| {title} | {len(its)} | {len(its) - count('missed', 'nothing', 'failed')} | {count('right')} | {count('in the set', 'right among added')} | {count('unexplained')} |"
+                     f" {count('missed', 'nothing')} | {count('wrong')} | {count('failed')} |")
+    nulls = [r for r in rows if r["kind"] == "null"]
+    alarms = sum(r["outcome"] != "nothing" for r in nulls)
+    lines.append(f"\nFalse alarms: {alarms} of {len(nulls)}. Invisible: {', '.join(sorted(invisible)) or 'none'}.")
+    named = [r for r in rows if r["outcome"] in ("right", "in the set")]
+    if named:
+        inside = [r["held_after"] <= 1.05 * r["held_null"] for r in named]
+        lines.append(f"Held-out χ within the null's 95 % (5 % more allowed) after an attribution: {sum(inside)} of {len(named)}.")
+    cover = [r["inside"] for r in rows if r["inside"] == r["inside"]]
+    if cover:
+        lines.append(f"The size's 95 % interval covers the truth: {sum(cover)} of {len(cover)}.")
+    big = [r for r in rows if r["multiple"] == "50" and r["outcome"] == "right"]
+    if big:
+        lines.append(f"Worst bias of a parameter at 50 × MDE, median: {100 * np.median([r['worst_bias_before'] for r in big]):.2f} % before, {100 * np.median([r['worst_bias_after'] for r in big]):.2f} % after.")
+    text = "\n".join(lines)
+    (out / "table.md").write_text(text + "\n")
+    print("\n" + text)
+    # The test: no false alarm among the three nulls, no wrong name, and nothing failed.
+    if options.reduced:
+        bad = [r for r in rows if r["outcome"] in ("wrong", "failed", "false alarm", "missed")]
+        right = sum(r["outcome"] in ("right", "in the set") for r in rows if r["kind"] == "effect")
+        if bad or right < 5:
+            sys.exit(f"{len(bad)} bad outcomes, {right} of 6 effects named")
+
+
+if __name__ == "__main__":
+    main()
