@@ -174,8 +174,10 @@ def main():
                 outcome = "missed"
             elif verdict == "unexplained":
                 outcome = "unexplained"
-            elif effect in chosen:
-                outcome = "right" if len(chosen) == 1 else ("in the set" if verdict == "ambiguous" else "right among added")
+            elif verdict == "ambiguous" and effect in chosen:
+                outcome = "in the set"
+            elif effect in named:
+                outcome = "right" if len(named) == 1 else "right and more"
             else:
                 outcome = "wrong"
             bias = lambda model: max(abs(result[model]["parameters"][n]["value"] / v - 1.0) for n, v in TRUTH.items())
@@ -218,14 +220,14 @@ def main():
         writer = csv.DictWriter(stream, rows[0].keys())
         writer.writeheader()
         writer.writerows(rows)
-    lines = ["| trial | n | found | right, alone | in the set | unexplained | missed | wrong | failed |", "|---|---|---|---|---|---|---|---|---|"]
+    lines = ["| trial | n | found | right, alone | in the set, or with another | unexplained | missed | wrong | failed |", "|---|---|---|---|---|---|---|---|---|"]
     kinds = [("effect", m, f"{m} × MDE" if m != "usual" else "an engineer's size") for m in dict.fromkeys(r["multiple"] for r in rows if r["kind"] == "effect")]
     for kind, multiple, title in kinds + [("outside", "-", "outside the library")]:
         its = [r for r in rows if r["kind"] == kind and r["multiple"] == multiple]
         if not its:
             continue
         count = lambda *names: sum(r["outcome"] in names for r in its)
-        lines.append(f"| {title} | {len(its)} | {len(its) - count('missed', 'nothing', 'failed')} | {count('right')} | {count('in the set', 'right among added')} | {count('unexplained')} |"
+        lines.append(f"| {title} | {len(its)} | {len(its) - count('missed', 'nothing', 'failed')} | {count('right')} | {count('in the set', 'right and more')} | {count('unexplained')} |"
                      f" {count('missed', 'nothing')} | {count('wrong')} | {count('failed')} |")
     nulls = [r for r in rows if r["kind"] == "null"]
     alarms = sum(r["outcome"] != "nothing" for r in nulls)

@@ -51,7 +51,7 @@ namespace {
 
 /// A step of the parameter that stays within its bounds.
 double signed_step(const Parameter& parameter, double value, double steps) {
-  const double step = steps * parameter.step;
+  const double step = steps * (parameter.info.shape && value != 0.0 ? 1e-3 * std::abs(value) : parameter.step);
   return value + step <= parameter.info.upper ? step : -step;
 }
 
@@ -210,8 +210,13 @@ Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::I
       std::vector<double> values = result.values;
       for (Eigen::Index j = 0; j < unknowns; ++j) {
         const auto k = static_cast<std::size_t>(free[static_cast<std::size_t>(j)]);
-        const double usual = info_of(j).shape ? info_of(j).scale : std::abs(parameters[k].value), most = std::max(0.5 * std::abs(values[k]), 0.1 * usual);
-        values[k] += !info_of(j).null_value || info_of(j).shape ? std::clamp(change[j], -most, most) : change[j];
+        const double value = std::abs(values[k]), usual = 0.1 * std::abs(parameters[k].value);
+        if (info_of(j).shape)  // may lie anywhere over decades
+          values[k] += value > 0.0 ? std::clamp(change[j], -0.7 * value, 2.0 * value) : std::clamp(change[j], -0.1 * info_of(j).scale, 0.1 * info_of(j).scale);
+        else if (!info_of(j).null_value)
+          values[k] += std::clamp(change[j], -std::max(0.5 * value, usual), std::max(0.5 * value, usual));
+        else
+          values[k] += change[j];
       }
       const auto there = experiment.residuals({values}).front();
       const double cost = there.size() == 0 ? INFINITY : Eigen::VectorXd(Eigen::VectorXd(weight(there))(rows)).squaredNorm() + prior_cost(values);
