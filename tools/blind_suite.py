@@ -94,7 +94,7 @@ def make(folder, effect, seed):
     for name, bars, rate, turns in groups():
         files = []
         for bar in range(bars):
-            time, strain = history(rate, turns, 240 if len(turns) == 1 else 320)
+            time, strain = history(rate, turns, 120 if len(turns) == 1 else 200)
             true = strain / p["strain_gain"]
             stress = integrate(time, true, p)
             if p["compliance"]:

@@ -297,7 +297,8 @@ class Loop {
           Fit one = fit(experiment_, weight_, rows_, free_of(trial.model.added), start);
           if (!fitted || one.cost < trial.model.fit.cost) trial.model.fit = std::move(one);
           fitted = true;
-          if (!shaped && trial.model.fit.converged && trial.model.fit.cost < at.fit.cost) break;
+          const bool down_to_noise = std::sqrt(trial.model.fit.cost / static_cast<double>(rows_.size())) < at.misfit.null_fitted;
+          if (trial.model.fit.converged && trial.model.fit.cost < at.fit.cost && (!shaped || down_to_noise)) break;
         } catch (const ConvergenceError& error) {
           trial.model.message = error.what();
         }
@@ -383,7 +384,11 @@ class Loop {
         if (trial.candidate == round.set.front()) return &trial;
         continue;
       }
-      const bool helps = trial.model.misfit.held_out < at.misfit.held_out && trial.model.fit.cost < at.fit.cost;
+      // A fifth of what noise does not explain, on fitted and on held-out frames.
+      const auto excess = [](double chi, double null) { return std::max(0.0, chi * chi - null * null); };
+      const Misfit &now = trial.model.misfit, &was = at.misfit;
+      const bool helps = excess(now.held_out, now.null_held_out) <= 0.8 * excess(was.held_out, was.null_held_out) && excess(now.fitted, now.null_fitted) <= 0.8 * excess(was.fitted, was.null_fitted) &&
+                         trial.model.fit.cost < at.fit.cost;
       if (helps && (best == nullptr || trial.model.fit.cost < best->model.fit.cost)) best = &trial;
     }
     return best;

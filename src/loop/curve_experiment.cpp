@@ -246,7 +246,7 @@ std::vector<Eigen::VectorXd> CurveExperiment::residuals(const std::vector<std::v
 
 double CurveExperiment::round_off() const {
   double square = 0.0;
-  for (std::size_t i = 0; i < bins_.size(); ++i) square += std::pow(1e-9 * curves_[static_cast<std::size_t>(bins_[i].curve)].stress(bins_[i].rows).mean() / bin_noise_[static_cast<std::size_t>(bins_[i].curve)], 2);
+  for (std::size_t i = 0; i < bins_.size(); ++i) square += std::pow(1e-6 * curves_[static_cast<std::size_t>(bins_[i].curve)].stress(bins_[i].rows).mean() / bin_noise_[static_cast<std::size_t>(bins_[i].curve)], 2);
   return std::sqrt(square);
 }
 

@@ -314,7 +314,8 @@ FieldExperiment::Simulation FieldExperiment::simulation_of(const std::vector<dou
   }
   if (!one.variant.law_effects.empty()) {
     one.law.clear();
-    for (const auto& info : model_.extended(one.variant.law_effects)->parameters()) {
+    const auto law = model_.extended(one.variant.law_effects);
+    for (const auto& info : law->parameters()) {
       const auto same = [&](const Parameter& p) { return p.info.name == info.name; };
       one.law.push_back(values[static_cast<std::size_t>(std::find_if(parameters_.begin(), parameters_.end(), same) - parameters_.begin())]);
     }

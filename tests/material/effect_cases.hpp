@@ -33,7 +33,7 @@ inline std::vector<EffectCase> effect_cases() {
           with_effects("rate", {"rate"}, {0.02, 1e-3}),
           with_effects("heating", {"heating"}, {2e-3, 0.3}),
           with_effects("voce term", {"voce_term"}, {60, 40}),
-          with_effects("two voce terms", {"voce_term_2", "voce_term"}, {60, 40, 25, 600}),
+          with_effects("two voce terms", {"voce_term_2", "voce_term"}, {60, 40, 25, 70}),
           with_effects("plateau", {"plateau"}, {5e-4}),
           with_effects("damage", {"damage"}, {1.5, 4e-4}),
           with_effects("pressure", {"pressure"}, {0.15, 0.08}),
@@ -41,7 +41,7 @@ inline std::vector<EffectCase> effect_cases() {
                        {"kinematic", "kinematic_2", "kinematic_3", "hill", "viscosity", "rate", "heating", "voce_term",
                         "plateau", "damage", "pressure", "voce_term_2"},
                        {20e3, 150,  3e3,  12,  60e3, 1200, 1.2,  0.85, 1.1,  25,   80,  0.4,
-                        0.02, 1e-3, 2e-4, 0.3, 60,   40,   5e-4, 1.5,  4e-4, 0.15, 0.08, 30, 300})};
+                        0.02, 1e-3, 2e-4, 0.3, 60,   40,   5e-4, 1.5,  4e-4, 0.15, 0.08, 30, 60})};
 }
 
 /// The law of a choice with every effect at its null value.

@@ -61,7 +61,8 @@ TEST(Registry, EffectsBringTheirParametersInTheOrderOfTheLibrary) {
   EXPECT_THAT(parameter_names({.hardening = "linear", .effects = {"rate", "kinematic"}}),
               ElementsAre("E", "nu", "S_y", "H", "C_1", "gamma_1", "C_rate", "rate_0"));
   EXPECT_EQ(make_law({.hardening = "linear", .effects = {"rate", "kinematic"}})->name(), "j2 linear + rate + kinematic");
-  for (const auto& info : make_law({.effects = known_effects()})->parameters()) {
+  const auto extended = make_law({.effects = known_effects()});
+  for (const auto& info : extended->parameters()) {
     EXPECT_EQ(info.effect.empty(), !info.null_value.has_value()) << info.name;
     if (info.effect.empty()) continue;
     EXPECT_GT(info.scale, 0.0) << info.name;

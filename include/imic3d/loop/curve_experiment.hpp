@@ -40,7 +40,7 @@ class CurveExperiment final : public Experiment {
   [[nodiscard]] std::vector<int> frame_numbers() const override;
   [[nodiscard]] std::string frame_name(int frame) const override;
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) override;
-  /// The lateral strains of a bar are found to 1e-10 of its stress.
+  /// 1e-6 of the stress: a law with an effect at its null value solves other equations than one without it.
   [[nodiscard]] double round_off() const override;
   void learn_bias(const std::vector<double>& values) override;
   [[nodiscard]] Eigen::MatrixXd noise(const std::vector<double>& values, int draws) override;
