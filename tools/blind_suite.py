@@ -116,7 +116,7 @@ def make(folder, effect, seed):
             np.savetxt(file, np.column_stack([time, np.round(np.expm1(strain), 6), engineering]), delimiter=",", header="time,strain,stress", comments="", fmt="%.9g")
             files.append(file.name)
         lines.append(f"  - {{name: {name}, file: [{', '.join(files)}], time: time, strain: strain, stress: stress, from: 0.0005}}")
-    lines += ["identify: {stages: [{free: [E, S_y, S_inf, b, H]}]}", "output: run"]
+    lines += ["identify: {stages: [{free: [E, S_y, S_inf, b, H]}]}", "loop: {rivals: 3, additions: 2}", "output: run"]
     (folder / "case.yaml").write_text("\n".join(lines) + "\n")
 
 
@@ -148,7 +148,7 @@ NULLS = {"strain_gain": 1.0, "fast_gain": 1.0, "force_gain": 1.0}
 
 def main():
     parser = argparse.ArgumentParser()
-    parser.add_argument("--reduced", action="store_true", help="six effects, one seed, 10 x MDE, three nulls")
+    parser.add_argument("--reduced", action="store_true", help="six effects, one seed, 10 x MDE, two nulls, one outside the library; fails where a verdict is wrong")
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--nulls", type=int, default=20)
     parser.add_argument("--out", default="runs/blind_suite")
@@ -195,14 +195,14 @@ def main():
 
     # Nulls, and from the first the smallest detectable sizes.
     detectable, kappa, invisible = {}, {}, set()
-    for seed in range(3 if options.reduced else options.nulls):
+    for seed in range(2 if options.reduced else options.nulls):
         result = trial("null", "-", 0, {}, 1000 + seed)
         if seed == 0 and result:
             for one in result["before"]["candidates"]:
                 if one["name"] in EFFECTS:
                     detectable[one["name"]], kappa[one["name"]] = one["sizes"][0]["detectable"], one["kappa"]
             invisible = set(result["invisible"])
-    effects = list(EFFECTS)[:3] + ["kinematic", "force zero", "gain of fast"] if options.reduced else list(EFFECTS)
+    effects = ["rate", "viscosity", "kinematic", "damage", "force zero", "gain of fast"] if options.reduced else list(EFFECTS)
     for effect in effects:
         parameter, shapes, usual, largest = EFFECTS[effect]
         null = NULLS.get(parameter, 0.0)
@@ -212,7 +212,7 @@ def main():
                 continue
             for seed in range(1 if options.reduced else options.seeds):
                 trial("effect", effect, multiple, {parameter: size} | shapes, 1 + seed)
-    for name, planted in OUTSIDE.items():
+    for name, planted in list(OUTSIDE.items())[2 if options.reduced else 0:]:
         for seed in range(1 if options.reduced else options.seeds):
             trial("outside", name, "-", planted, 100 + seed)
 
@@ -245,12 +245,11 @@ def main():
     text = "\n".join(lines)
     (out / "table.md").write_text(text + "\n")
     print("\n" + text)
-    # The test: no false alarm among the three nulls, no wrong name, and nothing failed.
     if options.reduced:
-        bad = [r for r in rows if r["outcome"] in ("wrong", "failed", "false alarm", "missed")]
+        bad = [r for r in rows if r["outcome"] in ("wrong", "right and more", "failed", "false alarm", "missed")]
         right = sum(r["outcome"] in ("right", "in the set") for r in rows if r["kind"] == "effect")
         if bad or right < 5:
-            sys.exit(f"{len(bad)} bad outcomes, {right} of 6 effects named")
+            sys.exit(f"{len(bad)} bad outcomes, {right} of {len(effects)} effects named")
 
 
 if __name__ == "__main__":
