@@ -116,7 +116,7 @@ def make(folder, effect, seed):
             np.savetxt(file, np.column_stack([time, np.round(np.expm1(strain), 6), engineering]), delimiter=",", header="time,strain,stress", comments="", fmt="%.9g")
             files.append(file.name)
         lines.append(f"  - {{name: {name}, file: [{', '.join(files)}], time: time, strain: strain, stress: stress, from: 0.0005}}")
-    lines += ["identify: {stages: [{free: [E, S_y, S_inf, b, H]}]}", "loop: {rivals: 3, additions: 2}", "output: run"]
+    lines += ["identify: {stages: [{free: [E, S_y, S_inf, b, H]}]}", "loop: {rivals: 3, additions: 2, starts: [1.0, 0.9]}", "output: run"]
     (folder / "case.yaml").write_text("\n".join(lines) + "\n")
 
 
