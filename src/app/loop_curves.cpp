@@ -57,7 +57,7 @@ void loop_on_curves(const Communicator& world, const CommandOptions& options, co
   if (!test.cameras.empty()) throw InputError("experiments", "given beside cameras", "images or experiments, each in a case of its own");
   const ExtendedMaterial material = make_extended_material(test);
   loop::CurveModel model{[&test](const std::vector<std::string>& effects) { return extended_law(test, effects); }, material.information, material.values, std::vector<double>(material.values.size(), 0.0), material.declared,
-                         std::vector<char>(material.values.size(), 0)};
+                         std::vector<char>(material.values.size(), 0), [&test](std::string word) { return unit_in(std::move(word), test.units); }};
   for (const auto& stage : test.identify.stages)
     for (const auto& name : stage.free) model.free[static_cast<std::size_t>(material.index(name))] = 1;
   for (const auto& [name, deviation] : test.loop.prior) model.priors[static_cast<std::size_t>(material.index(name))] = deviation;

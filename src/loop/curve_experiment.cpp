@@ -40,7 +40,7 @@ CurveExperiment::CurveExperiment(Communicator world, std::vector<id::Curve> curv
     first_.push_back(parameters_.size());
     for (const auto& q : description.quantities) {
       candidate.parameters.push_back(static_cast<int>(parameters_.size()));
-      parameters_.push_back({.info = {.name = q.name, .unit = q.unit == "force" ? "stress" : q.unit, .description = q.description, .lower = q.lower, .upper = q.upper, .null_value = q.null},
+      parameters_.push_back({.info = {.name = q.name, .unit = model_.unit(q.unit == "force" ? "stress" : q.unit), .description = q.description, .lower = q.lower, .upper = q.upper, .null_value = q.null},
                              .value = q.null, .step = q.step, .prior = 0.0, .free = false});
     }
     candidates_.push_back(std::move(candidate));

@@ -18,6 +18,7 @@ struct CurveModel {
   std::vector<ParameterInfo> information;                ///< of the parameters of the law with all of them, in its order
   std::vector<double> values, priors;                    ///< null values of what is not declared; priors: 0 where nothing is known
   std::vector<char> declared, free;                      ///< whether a parameter belongs to the declared law; whether it is unknown
+  std::function<std::string(std::string)> unit = [](std::string word) { return word; };  ///< `stress`, `time` in the units of the test
 };
 
 struct CurveLoopOptions {
