@@ -10,7 +10,6 @@
 #include <cmath>
 #include <map>
 #include <nlohmann/json.hpp>
-#include <random>
 
 #include "imic3d/app/observation.hpp"
 #include "imic3d/app/output.hpp"
@@ -108,8 +107,8 @@ struct Continued {
 };
 
 /// Images of a surface [quad4] that moves by U [2 nodes x frames, length], made of the reference and correlated like the
-/// measured ones: [2n x frames, length]. `seed` > 0: with the measured noise, rounded to grey levels. Collective.
-Eigen::MatrixXd correlated(const Observation& seen, const io::Case& test, const Communicator& world, const mesh::Mesh& cut, const Eigen::MatrixXd& U, int seed) {
+/// measured ones, without noise: [2n x frames, length]. Collective.
+Eigen::MatrixXd correlated(const Observation& seen, const io::Case& test, const Communicator& world, const mesh::Mesh& cut, const Eigen::MatrixXd& U) {
   const double scale = std::sqrt(std::abs(telecentric(seen).linear.leftCols<2>().determinant()));
   const Continued whole(cut, test, 30.0 / scale);
   const mesh::Mesh& surface = whole.surface;
@@ -130,13 +129,7 @@ Eigen::MatrixXd correlated(const Observation& seen, const io::Case& test, const 
   };
   const imaging::PixelPoints at_rest = pixels(Eigen::VectorXd::Zero(2 * surface.nodes.rows()));
   const auto source = [&](int t) {
-    imaging::Image image = imaging::render(imaging::InverseMapping(at_rest, pixels(whole(U.col(t))), surface.cells), texture, background, options);
-    if (seed > 0) {
-      std::mt19937_64 random(static_cast<std::uint64_t>(seed) * 100003U + static_cast<std::uint64_t>(t));
-      std::normal_distribution<float> normal(0.0F, static_cast<float>(seen.noise));
-      for (float& grey : image.grey) grey = std::round(grey + normal(random));
-    }
-    return image;
+    return imaging::render(imaging::InverseMapping(at_rest, pixels(whole(U.col(t))), surface.cells), texture, background, options);
   };
   const auto frames = seen.faces.front().dic->run(world, static_cast<int>(U.cols()), source);
   Eigen::MatrixXd measured(frames.front().displacement.size(), U.cols());
@@ -167,8 +160,8 @@ loop::FieldData field_data(const Communicator& world, Observation& seen, const i
   }
   data.driving = driving_displacement(seen, data.displacement);
   data.smooth = [&seen](Eigen::MatrixXd field) { return driving_displacement(seen, std::move(field)); };
-  data.correlate = [&seen, &test, &world, frames](const mesh::Mesh& surface, const Eigen::MatrixXd& U, int seed) {
-    return correlated(seen, test, world, surface, U.leftCols(frames), seed);
+  data.correlate = [&seen, &test, &world, frames](const mesh::Mesh& surface, const Eigen::MatrixXd& U) {
+    return correlated(seen, test, world, surface, U.leftCols(frames));
   };
   data.frames.assign(record.frames.begin(), record.frames.begin() + frames);
   data.time = record.time.head(frames);

@@ -7,6 +7,7 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "imic3d/core/bounded_step.hpp"
 #include "imic3d/core/error.hpp"
 
 namespace imic3d::identification {
@@ -193,36 +194,10 @@ CurveFit fit(const CurveSet& set, const std::vector<ParameterInfo>& information,
     const Eigen::VectorXd g = now.derivatives.transpose() * now.residual;
     bool better = false;
     for (int attempt = 0; attempt < 30 && !better; ++attempt) {
-      // Damped step of the open parameters; those that it would carry over a bound stop there, and the rest is solved
-      // again.
-      Eigen::VectorXd step = Eigen::VectorXd::Zero(unknowns);
-      std::vector<Eigen::Index> open;
+      Eigen::VectorXd to_low(unknowns), to_high(unknowns);
       for (Eigen::Index j = 0; j < unknowns; ++j)
-        if (H(j, j) > 0.0 && !held(j, g[j])) open.push_back(j);
-      while (!open.empty()) {
-        Eigen::VectorXd right = (g - H * step)(open);
-        Eigen::MatrixXd matrix = H(open, open);
-        const Eigen::VectorXd scale = matrix.diagonal().cwiseSqrt().cwiseInverse();
-        matrix = scale.asDiagonal() * matrix * scale.asDiagonal();
-        matrix.diagonal().array() += damping;
-        const Eigen::VectorXd solution = scale.cwiseProduct(matrix.ldlt().solve(scale.cwiseProduct(right)));
-        std::vector<Eigen::Index> inside;
-        for (std::size_t i = 0; i < open.size(); ++i) {
-          const Eigen::Index j = open[i];
-          const double value = result.parameters[of(j)], wanted = value + solution[static_cast<Eigen::Index>(i)];
-          if (wanted < low(j))
-            step[j] = low(j) - value;
-          else if (wanted > high(j))
-            step[j] = high(j) - value;
-          else
-            inside.push_back(j);
-        }
-        if (inside.size() == open.size()) {
-          for (std::size_t i = 0; i < open.size(); ++i) step[open[i]] = solution[static_cast<Eigen::Index>(i)];
-          break;
-        }
-        open = inside;
-      }
+        to_low[j] = low(j) - result.parameters[of(j)], to_high[j] = high(j) - result.parameters[of(j)];
+      const Eigen::VectorXd step = bounded_step(H, g, to_low, to_high, damping);
       std::vector<double> trial = result.parameters;
       double eta = 0.0;
       for (Eigen::Index j = 0; j < unknowns; ++j) {

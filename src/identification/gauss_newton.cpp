@@ -9,6 +9,7 @@
 #include <cmath>
 #include <random>
 
+#include "imic3d/core/bounded_step.hpp"
 #include "imic3d/core/error.hpp"
 
 namespace imic3d::identification {
@@ -150,53 +151,20 @@ NormalEquations assemble(Communicator world, ForwardModel& model, const ImageDat
   return sums;
 }
 
-/// Solves Eq. (10) within the bounds: a parameter that would leave them is put on the bound and the others solved again.
-Eigen::VectorXd bounded_step(const NormalEquations& normal, const std::vector<double>& parameters,
-                             const std::vector<ParameterInfo>& information, const Stage& stage,
-                             const GaussNewtonOptions& options) {
+/// Solves Eq. (10) within the bounds and the largest step.
+Eigen::VectorXd step_within_bounds(const NormalEquations& normal, const std::vector<double>& parameters,
+                                   const std::vector<ParameterInfo>& information, const Stage& stage,
+                                   const GaussNewtonOptions& options) {
   const auto unknowns = normal.right.size();
-  Eigen::VectorXd scale(unknowns), low(unknowns), high(unknowns);
+  Eigen::VectorXd low(unknowns), high(unknowns);
   for (Eigen::Index j = 0; j < unknowns; ++j) {
     const auto k = static_cast<std::size_t>(stage.free[static_cast<std::size_t>(j)]);
-    scale[j] = std::max(scale_of(parameters, static_cast<int>(k), options), 1e-12);
-    const double reach = options.largest_step * scale[j];
+    const double reach = options.largest_step * std::max(scale_of(parameters, static_cast<int>(k), options), 1e-12);
     // Bounds that exclude their own end (E > 0) are approached by halves.
     low[j] = std::max(-reach, 0.5 * (information[k].lower - parameters[k]) * (1.0 + 1e-12));
     high[j] = std::min(reach, 0.5 * (information[k].upper - parameters[k]) * (1.0 + 1e-12));
   }
-  Eigen::VectorXd step = Eigen::VectorXd::Zero(unknowns);
-  std::vector<Eigen::Index> open;
-  for (Eigen::Index j = 0; j < unknowns; ++j) open.push_back(j);
-  while (!open.empty()) {
-    const auto size = static_cast<Eigen::Index>(open.size());
-    Eigen::MatrixXd matrix(size, size);
-    Eigen::VectorXd right(size);
-    const Eigen::VectorXd rest = normal.right - normal.matrix * step;
-    for (Eigen::Index i = 0; i < size; ++i) {
-      right[i] = rest[open[static_cast<std::size_t>(i)]] * scale[open[static_cast<std::size_t>(i)]];
-      for (Eigen::Index j = 0; j < size; ++j)
-        matrix(i, j) = normal.matrix(open[static_cast<std::size_t>(i)], open[static_cast<std::size_t>(j)]) *
-                       scale[open[static_cast<std::size_t>(i)]] * scale[open[static_cast<std::size_t>(j)]];
-    }
-    const Eigen::VectorXd solution = matrix.ldlt().solve(right);
-    Eigen::Index worst = -1;
-    double excess = 1.0;
-    for (Eigen::Index i = 0; i < size; ++i) {
-      const auto j = open[static_cast<std::size_t>(i)];
-      const double value = solution[i] * scale[j];
-      const double ratio = value > 0.0 ? value / std::max(high[j], 1e-300) : value / std::min(low[j], -1e-300);
-      if (ratio > excess) excess = ratio, worst = i;
-    }
-    if (worst < 0) {
-      for (Eigen::Index i = 0; i < size; ++i)
-        step[open[static_cast<std::size_t>(i)]] = solution[i] * scale[open[static_cast<std::size_t>(i)]];
-      break;
-    }
-    const auto j = open[static_cast<std::size_t>(worst)];
-    step[j] = solution[worst] > 0.0 ? high[j] : low[j];
-    open.erase(open.begin() + worst);
-  }
-  return step;
+  return bounded_step(normal.matrix, normal.right, low, high);
 }
 
 Iterate describe(const NormalEquations& normal, const std::vector<double>& parameters, double eta) {
@@ -465,7 +433,7 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
   note(normal, 0.0);
 
   for (int iteration = 1; iteration <= options.max_iterations && !result.converged; ++iteration) {
-    Eigen::VectorXd step = bounded_step(normal, parameters, information, stage, options);  // Eq. (10)
+    Eigen::VectorXd step = step_within_bounds(normal, parameters, information, stage, options);  // Eq. (10)
     const double before = result.iterates.back().cost;
     const int frames_before = result.iterates.back().frames;
     double eta = 0.0;

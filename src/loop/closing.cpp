@@ -406,7 +406,6 @@ class Loop {
     if (per_frame * frames_ != r.size()) return;
     const Eigen::MatrixXd R = r.reshaped(per_frame, frames_);
     const Eigen::BDCSVD<Eigen::MatrixXd> svd(R, Eigen::ComputeThinU | Eigen::ComputeThinV);
-    report_.remainder.space = svd.matrixU().col(0);
     report_.remainder.time = svd.singularValues()[0] * svd.matrixV().col(0);
     report_.remainder.share = std::pow(svd.singularValues()[0], 2) / std::max(1e-300, R.squaredNorm());
   }

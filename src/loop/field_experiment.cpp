@@ -441,7 +441,7 @@ std::pair<Eigen::MatrixXd, Eigen::VectorXd> FieldExperiment::unwhitened(const st
   return {measured_.displacement - displacement_bias_ - p.displacement, measured_.force - force_bias_ - p.force};
 }
 
-std::pair<Eigen::MatrixXd, Eigen::VectorXd> FieldExperiment::synthetic_test(const std::vector<double>& values, int seed) {
+std::pair<Eigen::MatrixXd, Eigen::VectorXd> FieldExperiment::synthetic_test(const std::vector<double>& values) {
   Simulation one = simulation_of(values, measured_.driving);
   std::vector<double>& key = one.variant.specimen;
   if (key.empty()) {
@@ -468,7 +468,7 @@ std::pair<Eigen::MatrixXd, Eigen::VectorXd> FieldExperiment::synthetic_test(cons
   ++simulations_;
   world_.broadcast(std::span(surface.data(), static_cast<std::size_t>(surface.size())));
   world_.broadcast(std::span(force.data(), static_cast<std::size_t>(force.size())));
-  Eigen::MatrixXd seen = measured_.correlate(own, surface, seed);
+  Eigen::MatrixXd seen = measured_.correlate(own, surface);
   for (Eigen::Index t = 0; t < frames; ++t) {
     const Eigen::VectorXd U = seen.col(t);
     Eigen::VectorXd error = Eigen::VectorXd::Zero(U.size());
@@ -476,38 +476,17 @@ std::pair<Eigen::MatrixXd, Eigen::VectorXd> FieldExperiment::synthetic_test(cons
     seen.col(t) += error;
   }
   for (std::size_t k = 0; k < effects_.size(); ++k) effects_[k]->record(values_of(k, values), scene_, force);
-  if (seed > 0) {
-    std::mt19937_64 random(static_cast<std::uint64_t>(seed));
-    std::normal_distribution<double> normal;
-    for (double& F : force) F += measured_.force_noise * normal(random);
-  }
   return {std::move(seen), std::move(force)};
 }
 
 void FieldExperiment::learn_bias(const std::vector<double>& values) {
   if (!measured_.correlate) return;
-  const auto [seen, force] = synthetic_test(values, 0);
+  const auto [seen, force] = synthetic_test(values);
   const Eigen::MatrixXd driving = measured_.smooth(seen);
   const auto p = predict({values}, {&driving}).front();
   if (p.force.size() == 0) throw ConvergenceError("the model cannot follow the displacement of the synthetic test's ends");
   displacement_bias_ = seen - p.displacement;
   force_bias_ = force - p.force;
-}
-
-Eigen::VectorXd FieldExperiment::full_draw(const std::vector<double>& values, int seed) {
-  const auto [seen, force] = synthetic_test(values, seed);
-  const Eigen::MatrixXd driving = measured_.smooth(seen);
-  const auto p = predict({values}, {&driving}).front();
-  if (p.force.size() == 0) throw ConvergenceError("the model cannot follow the displacement of the synthetic test's ends");
-  return whitened(seen - displacement_bias_ - p.displacement, force - force_bias_ - p.force);
-}
-
-double FieldExperiment::noise_scale(const std::vector<double>& values) {
-  const auto [U, F] = unwhitened(values);
-  const Eigen::MatrixXd white = U * over_time_.transpose() / measured_.noise;
-  const double all = white.cwiseProduct(measured_.M * white).sum(), smooth = (modes_ * white).squaredNorm();
-  const auto beyond = static_cast<double>((measured_.M.rows() - modes_.rows()) * measured_.force.size());
-  return beyond > 0.0 ? std::sqrt(std::max(0.0, all - smooth) / beyond) : 1.0;
 }
 
 Eigen::MatrixXd FieldExperiment::noise(const std::vector<double>& values, int draws) {

@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 
+#include "imic3d/core/bounded_step.hpp"
 #include "imic3d/core/error.hpp"
 
 namespace imic3d::loop {
@@ -50,8 +51,8 @@ std::vector<Eigen::Index> rows_of_frames(const std::vector<Datum>& data, const s
 namespace {
 
 /// A step of the parameter that stays within its bounds.
-double signed_step(const Parameter& parameter, double value, double steps) {
-  const double step = steps * (parameter.info.shape && value != 0.0 ? 1e-3 * std::abs(value) : parameter.step);
+double signed_step(const Parameter& parameter, double value) {
+  const double step = parameter.info.shape && value != 0.0 ? 1e-3 * std::abs(value) : parameter.step;
   return value + step <= parameter.info.upper ? step : -step;
 }
 
@@ -67,12 +68,12 @@ struct Linear {
   Eigen::MatrixXd sensitivity;
 };
 
-Linear linearise(Experiment& experiment, const Weight& weight, const std::vector<double>& at, const std::vector<int>& parameters, double steps) {
+Linear linearise(Experiment& experiment, const Weight& weight, const std::vector<double>& at, const std::vector<int>& parameters) {
   std::vector<std::vector<double>> sets(1 + parameters.size(), at);
   std::vector<double> moves;
   for (std::size_t j = 0; j < parameters.size(); ++j) {
     const auto k = static_cast<std::size_t>(parameters[j]);
-    moves.push_back(signed_step(experiment.parameters()[k], at[k], steps));
+    moves.push_back(signed_step(experiment.parameters()[k], at[k]));
     sets[1 + j][k] += moves.back();
   }
   const auto residuals = experiment.residuals(sets);
@@ -103,14 +104,14 @@ std::vector<Eigen::MatrixXd> marks(Experiment& experiment, const Weight& weight,
     for (int j : candidate.parameters) {
       const auto& p = parameters[static_cast<std::size_t>(j)];
       if (p.info.shape) continue;
-      step_of_sizes = signed_step(p, values[static_cast<std::size_t>(j)], 1.0);
+      step_of_sizes = signed_step(p, values[static_cast<std::size_t>(j)]);
       present[static_cast<std::size_t>(j)] += step_of_sizes;
     }
     for (int j : candidate.parameters) {
       const auto i = static_cast<std::size_t>(j);
       const auto& p = parameters[i];
       if (!p.info.shape) {
-        const double step = signed_step(p, values[i], 1.0);
+        const double step = signed_step(p, values[i]);
         sets.push_back(values);
         sets.back()[i] += step;
         its.push_back({sets.size() - 1, 0, step});
@@ -147,77 +148,40 @@ Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::I
     return sum;
   };
   Fit result{.free = free, .values = std::move(start), .residual = {}, .sensitivity = {}};
-  double damping = 1e-8;  // Levenberg's, of columns of unit length
+  double damping = 1e-8;  // Levenberg's and Marquardt's
   for (result.iterations = 0; result.iterations <= options.max_iterations; ++result.iterations) {
-    const Linear at = linearise(experiment, weight, result.values, free, 1.0);
-    if (at.residual.size() == 0) throw ConvergenceError("the model cannot follow the measured displacement of the ends");
+    const Linear at = linearise(experiment, weight, result.values, free);
+    if (at.residual.size() == 0) throw ConvergenceError("the model cannot be computed where its identification starts");
     result.residual = at.residual;
     result.sensitivity = at.sensitivity;
     const Eigen::VectorXd r = at.residual(rows);
     result.cost = r.squaredNorm() + prior_cost(result.values);
     if (result.iterations == options.max_iterations) break;
-    // Columns in units of what the data can resolve.
     const Eigen::MatrixXd J = at.sensitivity(rows, Eigen::all);
-    Eigen::VectorXd scale(unknowns);
-    for (Eigen::Index j = 0; j < unknowns; ++j) scale[j] = 1.0 / std::max(1e-300, J.col(j).norm());
-    Eigen::MatrixXd H = scale.asDiagonal() * (J.transpose() * J) * scale.asDiagonal();
-    Eigen::VectorXd b = scale.asDiagonal() * (J.transpose() * r);
+    Eigen::MatrixXd H = J.transpose() * J;
+    Eigen::VectorXd b = J.transpose() * r, low(unknowns), high(unknowns);
     for (Eigen::Index j = 0; j < unknowns; ++j) {
-      const Parameter& p = parameters[static_cast<std::size_t>(free[static_cast<std::size_t>(j)])];
-      if (p.prior <= 0.0) continue;
-      H(j, j) += std::pow(scale[j] / p.prior, 2);
-      b[j] -= scale[j] * (result.values[static_cast<std::size_t>(free[static_cast<std::size_t>(j)])] - p.value) / (p.prior * p.prior);
+      const auto k = static_cast<std::size_t>(free[static_cast<std::size_t>(j)]);
+      const Parameter& p = parameters[k];
+      const double value = result.values[k], size = std::abs(value);
+      if (p.prior > 0.0) H(j, j) += 1.0 / (p.prior * p.prior), b[j] -= (value - p.value) / (p.prior * p.prior);
+      // A parameter changes by no more than half; a shape may lie anywhere over decades; the size of an effect is free.
+      const double down = p.info.shape ? (size > 0.0 ? 0.7 * size : 0.1 * p.info.scale) : p.info.null_value ? INFINITY : std::max(0.5 * size, 0.1 * std::abs(p.value));
+      const double up = p.info.shape && size > 0.0 ? 2.0 * size : down;
+      low[j] = std::max(-down, p.info.lower - value), high[j] = std::min(up, p.info.upper - value);
     }
-    const Eigen::MatrixXd I = Eigen::MatrixXd::Identity(unknowns, unknowns);
-    const double expected = b.dot((H + 1e-12 * I).ldlt().solve(b));
+    const Eigen::VectorXd full = bounded_step(H, b, low, high, 1e-12);
+    const double expected = 2.0 * b.dot(full) - full.dot(H * full);
     if (expected < std::max(options.tolerance * static_cast<double>(std::max<Eigen::Index>(1, unknowns)), 1e-6 * result.cost)) {
       result.converged = true;
       break;
     }
-    // More and more damped until the residual falls; a parameter changes by no more than half. One that would leave its bounds stops
-    // there, and the rest is solved again.
-    const auto info_of = [&](Eigen::Index j) -> const ParameterInfo& { return parameters[static_cast<std::size_t>(free[static_cast<std::size_t>(j)])].info; };
+    // More and more damped until the residual falls.
     bool moved = false;
     for (int trial = 0; trial < 8 && !moved; ++trial) {
-      Eigen::VectorXd change = Eigen::VectorXd::Zero(unknowns);
-      std::vector<Eigen::Index> open;
-      for (Eigen::Index j = 0; j < unknowns; ++j) {
-        const double value = result.values[static_cast<std::size_t>(free[static_cast<std::size_t>(j)])];
-        if (!((value <= info_of(j).lower && b[j] < 0.0) || (value >= info_of(j).upper && b[j] > 0.0))) open.push_back(j);
-      }
-      while (!open.empty()) {
-        const Eigen::VectorXd right = (b - H * change.cwiseQuotient(scale))(open);
-        const Eigen::MatrixXd matrix = (H + damping * I)(open, open);
-        const Eigen::VectorXd step = scale(open).asDiagonal() * matrix.ldlt().solve(right);
-        std::vector<Eigen::Index> inside;
-        for (std::size_t i = 0; i < open.size(); ++i) {
-          const Eigen::Index j = open[i];
-          const auto k = static_cast<std::size_t>(free[static_cast<std::size_t>(j)]);
-          const double value = result.values[k], wanted = value + step[static_cast<Eigen::Index>(i)];
-          if (wanted < info_of(j).lower)
-            change[j] = info_of(j).lower - value;
-          else if (wanted > info_of(j).upper)
-            change[j] = info_of(j).upper - value;
-          else
-            inside.push_back(j);
-        }
-        if (inside.size() == open.size()) {
-          for (std::size_t i = 0; i < open.size(); ++i) change[open[i]] = step[static_cast<Eigen::Index>(i)];
-          break;
-        }
-        open = inside;
-      }
+      const Eigen::VectorXd step = bounded_step(H, b, low, high, damping);
       std::vector<double> values = result.values;
-      for (Eigen::Index j = 0; j < unknowns; ++j) {
-        const auto k = static_cast<std::size_t>(free[static_cast<std::size_t>(j)]);
-        const double value = std::abs(values[k]), usual = 0.1 * std::abs(parameters[k].value);
-        if (info_of(j).shape)  // may lie anywhere over decades
-          values[k] += value > 0.0 ? std::clamp(change[j], -0.7 * value, 2.0 * value) : std::clamp(change[j], -0.1 * info_of(j).scale, 0.1 * info_of(j).scale);
-        else if (!info_of(j).null_value)
-          values[k] += std::clamp(change[j], -std::max(0.5 * value, usual), std::max(0.5 * value, usual));
-        else
-          values[k] += change[j];
-      }
+      for (Eigen::Index j = 0; j < unknowns; ++j) values[static_cast<std::size_t>(free[static_cast<std::size_t>(j)])] += step[j];
       const auto there = experiment.residuals({values}).front();
       const double cost = there.size() == 0 ? INFINITY : Eigen::VectorXd(Eigen::VectorXd(weight(there))(rows)).squaredNorm() + prior_cost(values);
       if (cost < result.cost) {

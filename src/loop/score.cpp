@@ -152,12 +152,6 @@ Scores score(const ScoreProblem& problem) {
     one.bias = pull * problem.signatures[j].leftCols(sizes);
     result.candidates.push_back(std::move(one));
   }
-  result.cosine.setIdentity(static_cast<Eigen::Index>(families), static_cast<Eigen::Index>(families));
-  for (std::size_t i = 0; i < families; ++i)
-    for (std::size_t j = 0; j < families; ++j)
-      if (i != j)
-        result.cosine(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j)) =
-            G.block(columns[i].first, columns[j].first, columns[i].count, columns[j].count).cwiseAbs().maxCoeff();
   return result;
 }
 

@@ -58,7 +58,6 @@ struct Round {
 /// The remainder: what the final model leaves, per frame and in time.
 struct Remainder {
   Eigen::VectorXd time;         ///< first singular vector over the frames [frames]
-  Eigen::VectorXd space;        ///< and over the data of a frame [data of a frame]
   double share = 0.0;           ///< of the excess energy
 };
 
@@ -71,7 +70,6 @@ struct Report {
   std::vector<int> named;       ///< all that were added on the way
   std::string sentence;         ///< for a test engineer
   std::vector<int> invisible;   ///< candidates that this test cannot see
-  double noise_scale = 1.0;
   Remainder remainder;
   int simulations = 0;
 };

@@ -22,8 +22,8 @@ struct FieldData {
   Eigen::MatrixXd driving;        ///< the same, smoothed: prescribed on the ends
   std::function<Eigen::MatrixXd(Eigen::MatrixXd)> smooth;  ///< what made `driving` of `displacement`, linear [2n x first frames]
   /// What the correlation would measure [2n x frames] if the surface moved by U [2 nodes of `surface` x frames]: images are made
-  /// of the reference and correlated. `seed` > 0: with noise. Collective. Not given: no bias is learned.
-  std::function<Eigen::MatrixXd(const mesh::Mesh& surface, const Eigen::MatrixXd& U, int seed)> correlate;
+  /// of the reference and correlated, without noise. Collective. Not given: no bias is learned.
+  std::function<Eigen::MatrixXd(const mesh::Mesh& surface, const Eigen::MatrixXd& U)> correlate;
   std::vector<int> frames;        ///< numbers, as the user knows them
   Eigen::VectorXd time, force;    ///< [frames]
   double start_time = 0.0;
@@ -69,7 +69,7 @@ struct FieldOptions {
 
 /// The residual of each frame: the coefficients of the measured minus the simulated displacement in smooth modes Phi with
 /// Phi^T M Phi = 1, and the measured force minus the reaction before any scaling (the dual residual). The modes are those of
-/// the least curvature; what lies beyond them is noise and tells its level (`noise_scale`). The noise of the reference,
+/// the least curvature; what lies beyond them is left out. The noise of the reference,
 /// common to all frames, is whitened over time.
 class FieldExperiment final : public Experiment {
  public:
@@ -83,16 +83,12 @@ class FieldExperiment final : public Experiment {
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) override;
   void learn_bias(const std::vector<double>& values) override;
   [[nodiscard]] Eigen::VectorXd bias() const override { return whitened(displacement_bias_, force_bias_); }
-  /// The same test with noise: residual [N] of one draw that went through images, correlation and simulation. Collective.
-  [[nodiscard]] Eigen::VectorXd full_draw(const std::vector<double>& values, int seed);
   [[nodiscard]] Eigen::MatrixXd noise(const std::vector<double>& values, int draws) override;
 
   [[nodiscard]] const FieldData& measured() const { return measured_; }
   [[nodiscard]] const Scene& scene() const { return scene_; }
   /// Measured - predicted displacement [2n x frames, length] and force [frames] with these values, not whitened.
   [[nodiscard]] std::pair<Eigen::MatrixXd, Eigen::VectorXd> unwhitened(const std::vector<double>& values);
-  /// Ratio of the noise in the modes of high curvature to the declared one, at these values: sqrt of the mean square.
-  [[nodiscard]] double noise_scale(const std::vector<double>& values);
   /// Simulations made so far, in series of all frames.
   [[nodiscard]] int simulations() const { return simulations_; }
 
@@ -124,7 +120,7 @@ class FieldExperiment final : public Experiment {
   Eigen::MatrixXd over_time_;       // inverse of the Cholesky factor of 1 + 11^T/references [frames x frames]
   struct Groups;
   std::unique_ptr<Groups> groups_;
-  [[nodiscard]] std::pair<Eigen::MatrixXd, Eigen::VectorXd> synthetic_test(const std::vector<double>& values, int seed);
+  [[nodiscard]] std::pair<Eigen::MatrixXd, Eigen::VectorXd> synthetic_test(const std::vector<double>& values);
   Eigen::MatrixXd displacement_bias_;  // learned, taken off the measured displacement and force
   Eigen::VectorXd force_bias_;
   int simulations_ = 0;

@@ -30,7 +30,6 @@ struct Score {
 
 struct Scores {
   std::vector<Score> candidates;
-  Eigen::MatrixXd cosine;      ///< between the candidates' marks after projection, largest over their columns [candidates x candidates]
   double threshold = 0.0;      ///< of the largest z over all candidates: its 95 % quantile under the null
   double energy = 0.0;         ///< |P r|^2
   double null_energy = 0.0, null_energy_deviation = 0.0;
