@@ -21,6 +21,7 @@ const std::map<std::string, Words>& words() {
       {"heating", {"plastic work heats and softens the material", "Hill's ratios, Voce term, damage", "a thermometer; a slow test"}},
       {"voce_term", {"hardening that saturates is missing", "plateau, damage", "a longer range of strain"}},
       {"voce_term_2", {"the shape of isotropic hardening is not that of the law: one more term that saturates", "kinematic hardening, damage", "a longer range of strain; cycles"}},
+      {"power_term", {"hardening by a power of the plastic strain is missing (Eq. 18 beside linear hardening)", "Voce term, plateau", "a longer range of strain"}},
       {"plateau", {"the material has a yield plateau (Lüders)", "Voce term", "the curve around first yield"}},
       {"damage", {"the material softens with plastic strain (damage)", "heating, Voce term", "the stiffness on unloading"}},
       {"pressure", {"plastic flow depends on pressure: friction and dilatancy", "Hill's ratios", "compression beside tension; the change of volume"}}};

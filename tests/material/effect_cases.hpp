@@ -34,14 +34,15 @@ inline std::vector<EffectCase> effect_cases() {
           with_effects("heating", {"heating"}, {2e-3, 0.3}),
           with_effects("voce term", {"voce_term"}, {60, 40}),
           with_effects("two voce terms", {"voce_term_2", "voce_term"}, {60, 40, 25, 70}),
+          with_effects("power term", {"power_term"}, {0.05, 3e-4}),
           with_effects("plateau", {"plateau"}, {5e-4}),
           with_effects("damage", {"damage"}, {1.5, 4e-4}),
           with_effects("pressure", {"pressure"}, {0.15, 0.08}),
           with_effects("all",
                        {"kinematic", "kinematic_2", "kinematic_3", "hill", "viscosity", "rate", "heating", "voce_term",
-                        "plateau", "damage", "pressure", "voce_term_2"},
+                        "plateau", "damage", "pressure", "voce_term_2", "power_term"},
                        {20e3, 150,  3e3,  12,  60e3, 1200, 1.2,  0.85, 1.1,  25,   80,  0.4,
-                        0.02, 1e-3, 2e-4, 0.3, 60,   40,   5e-4, 1.5,  4e-4, 0.15, 0.08, 30, 60})};
+                        0.02, 1e-3, 2e-4, 0.3, 60,   40,   5e-4, 1.5,  4e-4, 0.15, 0.08, 30, 60, 0.04, 2e-4})};
 }
 
 /// The law of a choice with every effect at its null value.

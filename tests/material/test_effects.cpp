@@ -306,6 +306,14 @@ TEST(VoceTerm, AddsItsStress) {
   EXPECT_NEAR(stress, 300 + 1000 * p + 80 * (1 - std::exp(-25 * p)), 1e-9);
 }
 
+TEST(PowerTerm, MakesEquation18OfLinearHardening) {
+  Bar bar(linear({"power_term"}, {0.042, 6e-5}, 284, 1480));
+  for (const double strain : {0.002, 0.01, 0.1}) {
+    const double stress = bar.pull(strain), p = bar.point().plastic_strain();
+    EXPECT_NEAR(stress, 1480 * p + 284 * std::pow(1 + p / 6e-5, 0.042), 1e-9);
+  }
+}
+
 TEST(Damage, ScalesStressAndUnloadingStiffness) {
   Bar bar(linear({"damage"}, {2.0, 0.01}, 300, 1000));
   const double stress = bar.pull(0.08), p = bar.point().plastic_strain(), integrity = std::exp(-2.0 * (p - 0.01));

@@ -57,7 +57,7 @@ TEST(Registry, ParametersStandInTheDocumentedOrder) {
 
 TEST(Registry, EffectsBringTheirParametersInTheOrderOfTheLibrary) {
   EXPECT_THAT(known_effects(), ElementsAre("kinematic", "kinematic_2", "kinematic_3", "hill", "viscosity", "rate", "heating", "voce_term", "plateau",
-                                           "damage", "pressure", "voce_term_2"));
+                                           "damage", "pressure", "voce_term_2", "power_term"));
   EXPECT_THAT(parameter_names({.hardening = "linear", .effects = {"rate", "kinematic"}}),
               ElementsAre("E", "nu", "S_y", "H", "C_1", "gamma_1", "C_rate", "rate_0"));
   EXPECT_EQ(make_law({.hardening = "linear", .effects = {"rate", "kinematic"}})->name(), "j2 linear + rate + kinematic");

@@ -172,12 +172,13 @@ struct ExtendedJ2 {
     /// What q is compared with.
     [[nodiscard]] T strength(const T& dp, const SymmetricTensor<T>& n) const {
       const T strain = old_strain() + dp;
-      const auto plateau = of(Effect::plateau), voce = of(Effect::voce_term), voce_2 = of(Effect::voce_term_2), rate = of(Effect::rate),
+      const auto plateau = of(Effect::plateau), voce = of(Effect::voce_term), voce_2 = of(Effect::voce_term_2), power = of(Effect::power_term), rate = of(Effect::rate),
                  viscosity = of(Effect::viscosity), heating = of(Effect::heating);
       const T hardening_strain = plateau.empty() ? strain : effects::Plateau::hardening_strain(plateau, strain);
       T stress = law.yield_stress(hardening_strain, step.parameters.subspan(2), step.parameters[0]);
       if (!voce.empty()) stress += effects::VoceTerm<1>::stress(voce, strain);
       if (!voce_2.empty()) stress += effects::VoceTerm<2>::stress(voce_2, strain);
+      if (!power.empty()) stress += law.yield_stress(T(0.0), step.parameters.subspan(2), step.parameters[0]) * effects::PowerTerm::factor(power, hardening_strain);
       const T speed = step.time_increment > 0.0 ? dp / step.time_increment : T(0.0);
       if (!rate.empty()) stress *= effects::JohnsonCookRate::factor(rate, speed);
       if (!heating.empty()) stress *= effects::Heating::factor(heating, heat(dp, n));

@@ -10,6 +10,7 @@
 #include "imic3d/material/effects/johnson_cook_rate.hpp"
 #include "imic3d/material/effects/kinematic_hardening.hpp"
 #include "imic3d/material/effects/plateau.hpp"
+#include "imic3d/material/effects/power_term.hpp"
 #include "imic3d/material/effects/pressure.hpp"
 #include "imic3d/material/effects/viscosity.hpp"
 #include "imic3d/material/effects/voce_term.hpp"
@@ -28,7 +29,8 @@ enum class Effect : std::size_t {
   plateau,
   damage,
   pressure,
-  voce_term_2
+  voce_term_2,
+  power_term
 };
 
 struct Entry {
@@ -54,7 +56,8 @@ inline constexpr std::array list = {entry<KinematicHardening<1>>(),
                                     entry<Plateau>(),
                                     entry<Damage>(),
                                     entry<Pressure>(),
-                                    entry<VoceTerm<2>>()};
+                                    entry<VoceTerm<2>>(),
+                                    entry<PowerTerm>()};
 
 /// Which effects a law has, and where their parameters stand.
 class Selection {
