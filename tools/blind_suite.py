@@ -9,15 +9,12 @@ tools/blind_suite.py [--reduced] [--seeds N] [--out FOLDER] [--imic3d PROGRAM]
 Writes FOLDER/trials.csv (one line a trial), FOLDER/table.md and prints the table."""
 
 import argparse
-import csv
-import json
 import math
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
+
+import blind
 
 TRUTH = dict(E=200e3, S_y=250.0, S_inf=420.0, b=18.0, H=700.0)
 DEFAULT = dict(C_1=0.0, gamma_1=50.0, C_rate=0.0, rate_0=1e-3, eta=0.0, m=0.3, heating=0.0, cooling=0.0, Q_v=0.0, b_v=150.0, eps_L=0.0,
@@ -120,14 +117,6 @@ def make(folder, effect, seed):
     (folder / "case.yaml").write_text("\n".join(lines) + "\n")
 
 
-def run(program, folder):
-    with open(folder / "log.txt", "w") as log:
-        status = subprocess.run([program, "loop", "case.yaml"], cwd=folder, stdout=log, stderr=subprocess.STDOUT).returncode
-    if status != 0:
-        return None
-    return json.loads((folder / "run" / "result.json").read_text())
-
-
 # name in the library: (parameter of the generator, shapes, engineering size, largest that is planted)
 EFFECTS = {
     "rate": ("C_rate", dict(rate_0=1e-3), 0.01, 0.1),
@@ -154,102 +143,28 @@ def main():
     parser.add_argument("--out", default="runs/blind_suite")
     parser.add_argument("--imic3d", default="build/release/imic3d")
     options = parser.parse_args()
-    out, program = Path(options.out), os.path.abspath(options.imic3d)
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
-    out.mkdir(parents=True, exist_ok=True)
-    rows = []
-
-    def trial(kind, effect, multiple, planted, seed):
-        folder = out / f"{kind}_{effect}_{multiple}_{seed}".replace(" ", "_")
-        make(folder, planted, seed)
-        result = run(program, folder)
-        row = dict(kind=kind, effect=effect, multiple=multiple, seed=seed, verdict="failed", named="", set="", outcome="failed", held_before=math.nan, held_after=math.nan,
-                   held_null=math.nan, worst_bias_before=math.nan, worst_bias_after=math.nan, inside=math.nan, seconds=math.nan)
-        if result is not None:
-            named, chosen = result["named"], result["set"]
-            verdict = result["verdict"]
-            if kind in ("null", "outside"):
-                outcome = {"nothing found": "nothing", "unexplained": "unexplained"}.get(verdict, "wrong" if kind == "outside" else "false alarm")
-            elif verdict == "nothing found":
-                outcome = "missed"
-            elif verdict == "unexplained":
-                outcome = "unexplained"
-            elif verdict == "ambiguous" and effect in chosen:
-                outcome = "in the set"
-            elif effect in named:
-                outcome = "right" if len(named) == 1 else "right and more"
-            else:
-                outcome = "wrong"
-            bias = lambda model: max(abs(result[model]["parameters"][n]["value"] / v - 1.0) for n, v in TRUTH.items())
-            row |= dict(verdict=verdict, named=" + ".join(named), set=", ".join(chosen), outcome=outcome, held_before=result["before"]["chi"]["held_out"],
-                        held_after=result["after"]["chi"]["held_out"], held_null=result["after"]["chi"]["null_held_out"], worst_bias_before=bias("before"), worst_bias_after=bias("after"),
-                        seconds=result["time"]["value"])
-            if outcome == "right" and effect in EFFECTS:
-                parameter = "gain of fast" if effect == "gain of fast" else EFFECTS[effect][0]
-                found = result["after"]["parameters"].get(parameter)
-                if found:
-                    row["inside"] = int(abs(found["value"] - planted[EFFECTS[effect][0]]) < 1.96 * found["standard_deviation"])
-        rows.append(row)
-        print(f"{kind:8} {effect:20} {multiple!s:6} seed {seed}: {row['verdict']:14} {row['outcome']:18} {row['set'] or row['named']}", flush=True)
-        return result
+    suite = blind.Suite(Path(options.out), options.imic3d, make, TRUTH)
 
     # Nulls, and from the first the smallest detectable sizes.
-    detectable, kappa, invisible = {}, {}, set()
+    detectable = {}
     for seed in range(2 if options.reduced else options.nulls):
-        result = trial("null", "-", 0, {}, 1000 + seed)
+        result = suite.trial("null", "-", "0", {}, 1000 + seed)
         if seed == 0 and result:
-            for one in result["before"]["candidates"]:
-                if one["name"] in EFFECTS:
-                    detectable[one["name"]], kappa[one["name"]] = one["sizes"][0]["detectable"], one["kappa"]
-            invisible = set(result["invisible"])
+            detectable = {one["name"]: one["sizes"][0]["detectable"] for one in result["before"]["candidates"]}
     effects = ["rate", "viscosity", "kinematic", "damage", "force zero", "gain of fast"] if options.reduced else list(EFFECTS)
     for effect in effects:
         parameter, shapes, usual, largest = EFFECTS[effect]
         null = NULLS.get(parameter, 0.0)
         sizes = {"10": null + 10 * detectable[effect]} if options.reduced else {str(k): null + k * detectable[effect] for k in (1, 3, 10, 50)} | {"usual": usual}
         for multiple, size in sizes.items():
-            if size > largest:
-                continue
-            for seed in range(1 if options.reduced else options.seeds):
-                trial("effect", effect, multiple, {parameter: size} | shapes, 1 + seed)
+            for seed in range(0 if size > largest else 1 if options.reduced else options.seeds):
+                suite.trial("effect", effect, multiple, {parameter: size} | shapes, 1 + seed, "gain of fast" if effect == "gain of fast" else parameter)
     for name, planted in list(OUTSIDE.items())[2 if options.reduced else 0:]:
         for seed in range(1 if options.reduced else options.seeds):
-            trial("outside", name, "-", planted, 100 + seed)
-
-    with open(out / "trials.csv", "w", newline="") as stream:
-        writer = csv.DictWriter(stream, rows[0].keys())
-        writer.writeheader()
-        writer.writerows(rows)
-    lines = ["| trial | n | found | right, alone | in the set, or with another | unexplained | missed | wrong | failed |", "|---|---|---|---|---|---|---|---|---|"]
-    kinds = [("effect", m, f"{m} × MDE" if m != "usual" else "an engineer's size") for m in dict.fromkeys(r["multiple"] for r in rows if r["kind"] == "effect")]
-    for kind, multiple, title in kinds + [("outside", "-", "outside the library")]:
-        its = [r for r in rows if r["kind"] == kind and r["multiple"] == multiple]
-        if not its:
-            continue
-        count = lambda *names: sum(r["outcome"] in names for r in its)
-        lines.append(f"| {title} | {len(its)} | {len(its) - count('missed', 'nothing', 'failed')} | {count('right')} | {count('in the set', 'right and more')} | {count('unexplained')} |"
-                     f" {count('missed', 'nothing')} | {count('wrong')} | {count('failed')} |")
-    nulls = [r for r in rows if r["kind"] == "null"]
-    alarms = sum(r["outcome"] != "nothing" for r in nulls)
-    lines.append(f"\nFalse alarms: {alarms} of {len(nulls)}. Invisible: {', '.join(sorted(invisible)) or 'none'}.")
-    named = [r for r in rows if r["outcome"] in ("right", "in the set")]
-    if named:
-        inside = [r["held_after"] <= 1.05 * r["held_null"] for r in named]
-        lines.append(f"Held-out χ within the null's 95 % (5 % more allowed) after an attribution: {sum(inside)} of {len(named)}.")
-    cover = [r["inside"] for r in rows if r["inside"] == r["inside"]]
-    if cover:
-        lines.append(f"The size's 95 % interval covers the truth: {sum(cover)} of {len(cover)}.")
-    big = [r for r in rows if r["multiple"] == "50" and r["outcome"] == "right"]
-    if big:
-        lines.append(f"Worst bias of a parameter at 50 × MDE, median: {100 * np.median([r['worst_bias_before'] for r in big]):.2f} % before, {100 * np.median([r['worst_bias_after'] for r in big]):.2f} % after.")
-    text = "\n".join(lines)
-    (out / "table.md").write_text(text + "\n")
-    print("\n" + text)
+            suite.trial("outside", name, "-", planted, 100 + seed)
+    suite.report()
     if options.reduced:
-        bad = [r for r in rows if r["outcome"] in ("wrong", "right and more", "failed", "false alarm", "missed")]
-        right = sum(r["outcome"] in ("right", "in the set") for r in rows if r["kind"] == "effect")
-        if bad or right < 5:
-            sys.exit(f"{len(bad)} bad outcomes, {right} of {len(effects)} effects named")
+        suite.fail_unless_right()
 
 
 if __name__ == "__main__":

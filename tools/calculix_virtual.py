@@ -33,10 +33,10 @@ PAINT, DISC, BACKGROUND = 0.80, 0.16, 0.06  # grey of the paint, of a disc and o
 
 # --- the test ---
 
-def simulate(options, law, folder):
+def simulate(options, law, folder, plate=None):
     """Front face of the whole plate: nodes (n, 2), faces (m, 8), displacement (frames, n, 3); force (frames)."""
-    plate = cx.Plate(length=options.length, around=options.density, outward=options.density,
-                     along=max(2, options.density // 2), through=max(2, options.density // 3))
+    plate = plate or cx.Plate(length=options.length, around=options.density, outward=options.density,
+                              along=max(2, options.density // 2), through=max(2, options.density // 3))
     known = cx.FRAMES_PERCENT[cx.FRAMES_PERCENT <= options.strain + 1e-9] / 100.0
     strains = np.interp(np.linspace(0, len(known) - 1, options.frames), np.arange(len(known)), known)
     deck, nodes, cells, _ = cx.plate_deck(plate, law, strains, True, options.theory, options.increment / 100.0,

@@ -254,7 +254,8 @@ std::vector<loop::Candidate> candidates_of(const loop::FieldExperiment& experime
                             .parameters = {static_cast<int>(j)},
                             .sentence = "the material has the effect " + info.effect,
                             .confused_with = "",
-                            .separated_by = ""});
+                            .separated_by = "",
+                            .after = {}});
   }
   return candidates;
 }

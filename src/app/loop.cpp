@@ -21,6 +21,7 @@
 #include "imic3d/io/run_results.hpp"
 #include "imic3d/loop/closing.hpp"
 #include "imic3d/loop/field_experiment.hpp"
+#include "fields.hpp"
 #include "loop_curves.hpp"
 #include "loop_report.hpp"
 #include "rig.hpp"
@@ -150,14 +151,7 @@ loop::FieldData field_data(const Communicator& world, Observation& seen, const i
   data.noise = images.noise;
   data.references = seen.references;
   data.displacement = record.surface_displacement.leftCols(frames);
-  // Frames next to each other are smoothed alike: noise alone makes their cut-offs differ, and with it their own noise.
-  const auto chosen = seen.faces.front().driving_cut_off;
-  for (std::size_t t = 0; t < chosen.size(); ++t) {
-    const auto from = t < 2 ? 0 : t - 2, to = std::min(chosen.size(), t + 3);
-    std::vector<double> near(chosen.begin() + static_cast<std::ptrdiff_t>(from), chosen.begin() + static_cast<std::ptrdiff_t>(to));
-    std::nth_element(near.begin(), near.begin() + static_cast<std::ptrdiff_t>(near.size() / 2), near.end());
-    seen.faces.front().driving_cut_off[t] = near[near.size() / 2];
-  }
+  seen.faces.front().driving_cut_off = loop::alike(seen.faces.front().driving_cut_off);
   data.driving = driving_displacement(seen, data.displacement);
   data.smooth = [&seen](Eigen::MatrixXd field) { return driving_displacement(seen, std::move(field)); };
   data.correlate = [&seen, &test, &world, frames](const mesh::Mesh& surface, const Eigen::MatrixXd& U) {
@@ -205,21 +199,22 @@ loop::DeclaredModel declared_model(const io::Case& test, const Material& materia
 void loop(const Communicator& world, const CommandOptions& options) {
   const auto start = std::chrono::steady_clock::now();
   const auto seconds = [&] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(); };
-  const io::Case test = read_case(options, {"cameras", "loads", "material", "identify"}, true);
+  const io::Case test = read_case(options, {"cameras", "loads", "material", "identify"}, true, true);
   if (!test.experiments.empty()) {
     loop_on_curves(world, options, test);
     return;
   }
-  if (several_cameras(test))
+  if (!test.fields && several_cameras(test))
     throw InputError("cameras", fmt::format("{} cameras, the first is {}", test.cameras.size(), test.cameras.front().model), "one telecentric camera for imic3d loop");
   const Material material = make_material(test);
   const identification::Specimen specimen = make_specimen(test);
-  Observation seen = observe(test, specimen);
+  std::optional<Observation> seen;
+  if (!test.fields) seen = observe(test, specimen);
   const auto folder = output_folder(test, options, world);
-  spdlog::info("{}: {} frames, {} surface nodes", test.title, seen.places.size(), specimen.surface.mesh.nodes.rows());
-  correlate(seen, test, world);
-  loop::FieldExperiment experiment(world, field_data(world, seen, test, specimen), declared_model(test, material), {.modes = test.loop.modes});
-  spdlog::info("noise: {:.3f} grey levels, {:.4g} {} of the force", seen.noise, experiment.measured().force_noise, test.units.force);
+  spdlog::info("{}: {} frames, {} surface nodes", test.title, seen ? seen->places.size() : test.frames.size(), specimen.surface.mesh.nodes.rows());
+  if (seen) correlate(*seen, test, world);
+  loop::FieldExperiment experiment(world, seen ? field_data(world, *seen, test, specimen) : imported_fields(test, specimen), declared_model(test, material), {.modes = test.loop.modes});
+  if (seen) spdlog::info("noise: {:.3f} grey levels, {:.4g} {} of the force", seen->noise, experiment.measured().force_noise, test.units.force);
   loop::LoopOptions how{.draws = test.loop.draws, .additions = test.loop.additions, .rivals = test.loop.rivals, .starts = test.loop.starts, .held_out = {}};
   for (std::size_t t = 0; t < experiment.measured().frames.size(); ++t)
     if (std::binary_search(test.identify.held_out.begin(), test.identify.held_out.end(), experiment.measured().frames[t])) how.held_out.push_back(static_cast<int>(t));

@@ -163,6 +163,8 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
 
 namespace {
 
+correlation::Measure measure_of(const ObservedFace& face) { return correlation::measured_by(face.dic->cameras(), face.dic->held()); }
+
 /// White noise of camera `c` of a face that moves a displacement as much as its own [grey level].
 double motion_noise(const Observation& observation, const ObservedFace& face, std::size_t c) {
   return observation.camera_noise[static_cast<std::size_t>(face.rig->cameras[c])] * face.dic->motion_noise(static_cast<int>(c));
@@ -236,9 +238,9 @@ identification::Record make_record(Observation& observation, const io::Case& tes
     for (std::size_t k = 0; k < observation.faces.size(); ++k) {
       const Face& face = specimen.faces[k];
       auto& seen = observation.faces[k];
-      record.driving.middleRows(face.first_unknown, face.unknowns()) = correlation::smoothed_within_noise(
-          seen.dic->cameras(), record.driving.middleRows(face.first_unknown, face.unknowns()), nodes_of_ends(specimen, face),
-          noise_of_pair(observation, seen), longest, &seen.driving_cut_off, seen.dic->held());
+      record.driving.middleRows(face.first_unknown, face.unknowns()) =
+          correlation::smoothed_within_noise(measure_of(seen), record.driving.middleRows(face.first_unknown, face.unknowns()),
+                                             nodes_of_ends(specimen, face), noise_of_pair(observation, seen), longest, &seen.driving_cut_off);
       cut_offs.insert(cut_offs.end(), seen.driving_cut_off.begin(), seen.driving_cut_off.end());
     }
     std::sort(cut_offs.begin(), cut_offs.end());
@@ -251,15 +253,8 @@ identification::Record make_record(Observation& observation, const io::Case& tes
 Eigen::MatrixXd driving_displacement(const Observation& observation, Eigen::MatrixXd displacement) {
   Eigen::Index first = 0;
   for (const auto& face : observation.faces) {
-    const auto& cut_offs = face.driving_cut_off;
     const Eigen::Index unknowns = face.dic->cameras().unknowns();
-    std::map<double, std::vector<Eigen::Index>> frames_of;
-    for (std::size_t t = 0; t < cut_offs.size() && static_cast<Eigen::Index>(t) < displacement.cols(); ++t)
-      if (cut_offs[t] > 0.0) frames_of[cut_offs[t]].push_back(static_cast<Eigen::Index>(t));
-    for (const auto& [cut_off, frames] : frames_of) {
-      const Eigen::MatrixXd own = displacement.middleRows(first, unknowns)(Eigen::all, frames);
-      displacement.middleRows(first, unknowns)(Eigen::all, frames) = correlation::smooth(face.dic->cameras(), own, cut_off, face.dic->held());
-    }
+    displacement.middleRows(first, unknowns) = correlation::smooth(measure_of(face), displacement.middleRows(first, unknowns), face.driving_cut_off);
     first += unknowns;
   }
   return displacement;
@@ -271,14 +266,14 @@ Eigen::MatrixXd driving_noise(const Observation& observation, int draws) {
   Eigen::MatrixXd all(unknowns, draws);
   unknowns = 0;
   for (const auto& face : observation.faces) {
-    const auto& cameras = face.dic->cameras();
-    Eigen::MatrixXd noise = correlation::noise_draws(cameras, noise_of_pair(observation, face), draws, face.dic->held());
+    const auto measure = measure_of(face);
+    Eigen::MatrixXd noise = correlation::noise_draws(measure, noise_of_pair(observation, face), draws);
     if (auto cut_offs = face.driving_cut_off; !cut_offs.empty()) {
       std::nth_element(cut_offs.begin(), cut_offs.begin() + static_cast<std::ptrdiff_t>(cut_offs.size() / 2), cut_offs.end());
-      if (const double median = cut_offs[cut_offs.size() / 2]; median > 0.0) noise = correlation::smooth(cameras, noise, median, face.dic->held());
+      if (const double median = cut_offs[cut_offs.size() / 2]; median > 0.0) noise = correlation::smooth(measure, noise, median);
     }
-    all.middleRows(unknowns, cameras.unknowns()) = noise;
-    unknowns += cameras.unknowns();
+    all.middleRows(unknowns, noise.rows()) = noise;
+    unknowns += noise.rows();
   }
   return all;
 }

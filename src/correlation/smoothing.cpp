@@ -71,37 +71,45 @@ double smoothing_weight(const Correlation& correlation, double cut_off) {
   return correlation.mean_square_gradient() * scale * scale * std::pow(cut_off / (2.0 * M_PI), 4);
 }
 
-namespace {
-Eigen::SparseMatrix<double> optical(const Cameras& cameras, const Eigen::SparseMatrix<double>& held) {
-  Eigen::SparseMatrix<double> M = cameras.M();
-  if (held.size() > 0) M += held;
-  return M;
-}
-}  // namespace
-
-Eigen::MatrixXd smooth(const Cameras& cameras, const Eigen::MatrixXd& U, double cut_off, const Eigen::SparseMatrix<double>& held) {
-  const Eigen::SparseMatrix<double> M = optical(cameras, held);
-  const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(
-      M + cameras.smoothing_weight(cut_off) * curvature_energy(cameras.surface(), cameras.dofs_per_node()));
-  return factor.solve(M * U);
+Measure measured_by(const Cameras& cameras, const Eigen::SparseMatrix<double>& held) {
+  Measure measure{.surface = cameras.surface(), .dofs_per_node = cameras.dofs_per_node(), .M = cameras.M(),
+                  .smoothing_weight = [&cameras](double cut_off) { return cameras.smoothing_weight(cut_off); }};
+  if (held.size() > 0) measure.M += held;
+  return measure;
 }
 
-Eigen::MatrixXd noise_draws(const Cameras& cameras, double sigma, int draws, const Eigen::SparseMatrix<double>& held) {
-  const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(optical(cameras, held));  // P M P^T = L D L^T
+Eigen::MatrixXd smooth(const Measure& measure, const Eigen::MatrixXd& U, double cut_off) {
+  const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(measure.M + measure.smoothing_weight(cut_off) * curvature_energy(measure.surface, measure.dofs_per_node));
+  return factor.solve(measure.M * U);
+}
+
+Eigen::MatrixXd smooth(const Measure& measure, Eigen::MatrixXd U, const std::vector<double>& cut_offs) {
+  std::map<double, std::vector<Eigen::Index>> frames_of;
+  for (std::size_t t = 0; t < cut_offs.size() && static_cast<Eigen::Index>(t) < U.cols(); ++t)
+    if (cut_offs[t] > 0.0) frames_of[cut_offs[t]].push_back(static_cast<Eigen::Index>(t));
+  for (const auto& [cut_off, frames] : frames_of) {
+    const Eigen::MatrixXd own = U(Eigen::all, frames);
+    U(Eigen::all, frames) = smooth(measure, own, cut_off);
+  }
+  return U;
+}
+
+Eigen::MatrixXd noise_draws(const Measure& measure, double sigma, int draws) {
+  const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(measure.M);  // P M P^T = L D L^T
   std::mt19937_64 random(1);
   std::normal_distribution<double> normal;
-  Eigen::MatrixXd noise(cameras.unknowns(), draws);
+  Eigen::MatrixXd noise(measure.M.rows(), draws);
   for (double& value : noise.reshaped()) value = normal(random);
   noise = sigma * factor.vectorD().cwiseMax(1e-300).cwiseSqrt().cwiseInverse().asDiagonal() * noise;
   return factor.permutationPinv() * Eigen::MatrixXd(factor.matrixU().solve(noise));
 }
 
-Eigen::MatrixXd smoothed_within_noise(const Cameras& cameras, const Eigen::MatrixXd& U, const std::vector<int>& nodes, double sigma,
-                                      double longest, std::vector<double>* cut_offs, const Eigen::SparseMatrix<double>& held) {
+Eigen::MatrixXd smoothed_within_noise(const Measure& measure, const Eigen::MatrixXd& U, const std::vector<int>& nodes, double sigma, double longest,
+                                      std::vector<double>* cut_offs) {
   constexpr int draws = 50;
   constexpr double allowed = 1.5;
-  const int dofs = cameras.dofs_per_node();
-  const Eigen::MatrixXd noise = noise_draws(cameras, sigma, draws, held);
+  const int dofs = measure.dofs_per_node;
+  const Eigen::MatrixXd noise = noise_draws(measure, sigma, draws);
   const auto mean_square_at_nodes = [&](const Eigen::MatrixXd& field) -> Eigen::RowVectorXd {
     Eigen::RowVectorXd sum = Eigen::RowVectorXd::Zero(field.cols());
     for (int node : nodes) sum += field.middleRows(dofs * node, dofs).colwise().squaredNorm();
@@ -110,9 +118,9 @@ Eigen::MatrixXd smoothed_within_noise(const Cameras& cameras, const Eigen::Matri
   Eigen::MatrixXd result = U;
   if (cut_offs != nullptr) cut_offs->assign(static_cast<std::size_t>(U.cols()), 0.0);
   for (double cut_off = longest / 16.0; cut_off < 1.01 * longest; cut_off *= std::sqrt(2.0)) {
-    const Eigen::MatrixXd smoothed = smooth(cameras, U, cut_off, held);
+    const Eigen::MatrixXd smoothed = smooth(measure, U, cut_off);
     const Eigen::RowVectorXd lost = mean_square_at_nodes(smoothed - U);
-    const double lost_noise = mean_square_at_nodes(smooth(cameras, noise, cut_off, held) - noise).mean();
+    const double lost_noise = mean_square_at_nodes(smooth(measure, noise, cut_off) - noise).mean();
     for (Eigen::Index t = 0; t < U.cols(); ++t) {
       if (lost[t] > allowed * lost_noise) continue;
       result.col(t) = smoothed.col(t);

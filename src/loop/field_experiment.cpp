@@ -92,6 +92,17 @@ bool declare(Parameter& parameter, const std::string& effect, const std::vector<
 
 }  // namespace
 
+std::vector<double> alike(const std::vector<double>& cut_offs) {
+  std::vector<double> result = cut_offs;
+  for (std::size_t t = 0; t < cut_offs.size(); ++t) {
+    const auto from = t < 2 ? 0 : t - 2, to = std::min(cut_offs.size(), t + 3);
+    std::vector<double> near(cut_offs.begin() + static_cast<std::ptrdiff_t>(from), cut_offs.begin() + static_cast<std::ptrdiff_t>(to));
+    std::nth_element(near.begin(), near.begin() + static_cast<std::ptrdiff_t>(near.size() / 2), near.end());
+    result[t] = near[near.size() / 2];
+  }
+  return result;
+}
+
 FieldExperiment::FieldExperiment(Communicator world, FieldData data, DeclaredModel model, const FieldOptions& options)
     : world_(world), measured_(std::move(data)), model_(std::move(model)), groups_(new Groups{GroupLayout(world, 64, model_.groups), {}}) {
   std::optional<Candidate> poissons_ratio;
@@ -182,7 +193,7 @@ void FieldExperiment::make_modes(int wanted) {
   over_time_ = over_time.llt().matrixL().solve(Eigen::MatrixXd::Identity(frames, frames));
   for (Eigen::Index t = 0; t < frames; ++t) {
     for (Eigen::Index i = 0; i < count; ++i) data_.push_back({static_cast<int>(t), 0});
-    data_.push_back({static_cast<int>(t), force_channel});
+    if (std::isfinite(measured_.force_noise)) data_.push_back({static_cast<int>(t), force_channel});
   }
 }
 
@@ -421,6 +432,7 @@ std::vector<FieldExperiment::Prediction> FieldExperiment::predict(const std::vec
 
 Eigen::VectorXd FieldExperiment::whitened(const Eigen::MatrixXd& displacement, const Eigen::VectorXd& force) const {
   const Eigen::MatrixXd q = (modes_ * displacement) * over_time_.transpose() / measured_.noise;  // [modes x frames]
+  if (!std::isfinite(measured_.force_noise)) return q.reshaped();
   Eigen::MatrixXd all(q.rows() + 1, q.cols());
   all.topRows(q.rows()) = q;
   all.bottomRows(1) = force.transpose() / measured_.force_noise;
@@ -514,7 +526,7 @@ Eigen::MatrixXd FieldExperiment::noise(const std::vector<double>& values, int dr
     for (int b = 0; b < here; ++b) {
       const auto& p = predictions[static_cast<std::size_t>(b)];
       Eigen::VectorXd force(frames);
-      for (double& x : force) x = measured_.force_noise * normal(random);
+      for (double& x : force) x = std::isfinite(measured_.force_noise) ? measured_.force_noise * normal(random) : 0.0;
       Eigen::MatrixXd field = fields[static_cast<std::size_t>(b)];
       if (p.force.size() > 0) field -= p.displacement - nominal.displacement, force -= p.force - nominal.force;
       result.col(first + b) = whitened(field, force);

@@ -136,14 +136,14 @@ TEST(Smoothing, GoesAsFarAsTheNoiseHidesIt) {
   constexpr double sigma = 0.02 * 65535;
   std::vector<int> nodes;
   for (int i = 0; i <= 12; ++i) nodes.push_back(i), nodes.push_back(12 * 13 + i);
-  const Eigen::MatrixXd noise = noise_draws(correlation, sigma, 60).rightCols(10);
+  const Eigen::MatrixXd noise = noise_draws(measured_by(correlation), sigma, 60).rightCols(10);
   const Eigen::VectorXd straight = nodal(quads, *camera(), [](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.01 * x.x(), 0.0); });
   const Eigen::VectorXd curved = nodal(quads, *camera(), [](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.0, std::sin(0.16 * x.x())); });
   std::vector<double> cut_offs;
-  const Eigen::MatrixXd smooth = smoothed_within_noise(correlation, noise.colwise() + straight, nodes, sigma, 60.0, &cut_offs);
+  const Eigen::MatrixXd smooth = smoothed_within_noise(measured_by(correlation), noise.colwise() + straight, nodes, sigma, 60.0, &cut_offs);
   EXPECT_GT(*std::min_element(cut_offs.begin(), cut_offs.end()), 25.0);
   EXPECT_LT((smooth.colwise() - straight).norm(), 0.6 * noise.norm());
-  const Eigen::MatrixXd kept = smoothed_within_noise(correlation, noise.colwise() + curved, nodes, sigma, 60.0, &cut_offs);
+  const Eigen::MatrixXd kept = smoothed_within_noise(measured_by(correlation), noise.colwise() + curved, nodes, sigma, 60.0, &cut_offs);
   EXPECT_LT(*std::max_element(cut_offs.begin(), cut_offs.end()), 25.0);
   EXPECT_LT((kept.colwise() - curved).norm(), 1.1 * noise.norm());
 }

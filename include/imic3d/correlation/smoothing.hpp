@@ -2,6 +2,8 @@
 // Regularisation of the measured displacement.
 
 #include <Eigen/SparseCore>
+#include <functional>
+#include <vector>
 
 #include "imic3d/correlation/cameras.hpp"
 #include "imic3d/correlation/correlation.hpp"
@@ -20,20 +22,32 @@ namespace imic3d::correlation {
 /// smoothed, with the fourth power of the ratio (like the mechanical regularisation of Réthoré, Hild and Roux 2009).
 [[nodiscard]] double smoothing_weight(const Correlation& correlation, double cut_off);
 
+/// How a displacement of a quad mesh was measured: its white noise has the covariance sigma^2 M^-1.
+struct Measure {
+  mesh::Mesh surface;
+  int dofs_per_node = 2;
+  Eigen::SparseMatrix<double> M;  ///< of Eq. 8, with what holds motions that nothing shows [unknowns x unknowns]
+  /// The weight of the curvature's energy at which it equals M's term for waves of length `cut_off` [length].
+  std::function<double(double cut_off)> smoothing_weight;
+};
+/// By cameras. `held`, if not empty: added to M for motions that no camera sees (GlobalDic::held).
+[[nodiscard]] Measure measured_by(const Cameras& cameras, const Eigen::SparseMatrix<double>& held = {});
+
 /// Displacements U [unknowns x frames, length] without the waves shorter than `cut_off` [length]: least squares in the norm
-/// of M_DIC with that energy. `held`, if not empty, here and below: what is added to M for motions that no camera sees
-/// (GlobalDic::held).
-[[nodiscard]] Eigen::MatrixXd smooth(const Cameras& cameras, const Eigen::MatrixXd& U, double cut_off, const Eigen::SparseMatrix<double>& held = {});
+/// of M with that energy.
+[[nodiscard]] Eigen::MatrixXd smooth(const Measure& measure, const Eigen::MatrixXd& U, double cut_off);
+
+/// The same with a cut-off for each frame; 0: as it is. Frames beyond the list of cut-offs stay, too.
+[[nodiscard]] Eigen::MatrixXd smooth(const Measure& measure, Eigen::MatrixXd U, const std::vector<double>& cut_offs);
 
 /// Random displacements of covariance sigma^2 M^-1 [unknowns x draws, length], the same on every rank.
-[[nodiscard]] Eigen::MatrixXd noise_draws(const Cameras& cameras, double sigma, int draws, const Eigen::SparseMatrix<double>& held = {});
+[[nodiscard]] Eigen::MatrixXd noise_draws(const Measure& measure, double sigma, int draws);
 
 /// Every frame's displacement U [unknowns x frames, length], smoothed with the longest cut-off up to `longest` at which
 /// what the smoothing takes away at `nodes` is no more than what it takes away of noise (the discrepancy principle; 1.5
-/// times in the mean square). `sigma`: the white noise of a frame and the reference together that moves M^-1 b as much
-/// [grey level]; its share is taken from draws with the covariance sigma^2 M^-1. `cut_offs` tells what was chosen.
-[[nodiscard]] Eigen::MatrixXd smoothed_within_noise(const Cameras& cameras, const Eigen::MatrixXd& U, const std::vector<int>& nodes, double sigma,
-                                                    double longest, std::vector<double>* cut_offs = nullptr,
-                                                    const Eigen::SparseMatrix<double>& held = {});
+/// times in the mean square). `sigma`: the white noise of a frame and the reference together [in the unit that goes with M];
+/// its share is taken from draws with the covariance sigma^2 M^-1. `cut_offs` tells what was chosen.
+[[nodiscard]] Eigen::MatrixXd smoothed_within_noise(const Measure& measure, const Eigen::MatrixXd& U, const std::vector<int>& nodes, double sigma,
+                                                    double longest, std::vector<double>* cut_offs = nullptr);
 
 }  // namespace imic3d::correlation

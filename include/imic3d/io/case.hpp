@@ -18,6 +18,7 @@
 
 #include "imic3d/core/parameter.hpp"
 #include "imic3d/io/experiments.hpp"
+#include "imic3d/io/fields.hpp"
 #include "imic3d/io/frames.hpp"
 #include "imic3d/io/loads.hpp"
 #include "imic3d/mesh/mesh.hpp"
@@ -92,6 +93,21 @@ struct CameraCase {
   Frames frames;                ///< number of the frame of each image, ascending
   Frames reference;             ///< frames averaged to the reference image; the first one if not given
   std::optional<double> noise;  ///< standard deviation [grey level], measured if not given
+};
+
+/// Displacement fields of the specimen's face that another program correlated, in the place of cameras.
+struct FieldsCase {
+  std::vector<std::filesystem::path> files;  ///< one table for each frame, in their order
+  Frames frames;                             ///< number of the frame of each; 1, 2, 3 … if not given (0 is the reference)
+  PointColumns columns;
+  double scale = 1.0;                        ///< the tables' unit [length]
+  std::array<double, 2> origin{};            ///< of the mesh in the tables [their unit]
+  double rotation = 0.0;                     ///< of the specimen's x axis in the tables, counter-clockwise as it is seen [degree]
+  bool y_down = false;                       ///< the tables' y axis points downwards, as in an image
+  std::optional<double> noise;               ///< standard deviation of a component at a point [their unit]; else from frames at rest, else from the scatter
+  double subset = 0.0;                       ///< size of what one point is the mean of [their unit]: nearer points share their noise
+  Frames at_rest;                            ///< frames without load, which tell the noise and are not fitted
+  std::vector<PointTable> tables;            ///< one for each file
 };
 
 struct LoadsCase {
@@ -214,6 +230,7 @@ struct Case {
   Units units;
   SpecimenCase specimen;
   std::vector<CameraCase> cameras;
+  std::optional<FieldsCase> fields;  ///< in the place of cameras
   LoadsCase loads;
   MaterialCase material;
   std::vector<ExperimentCase> experiments;
@@ -246,6 +263,8 @@ struct CaseChecks {
   std::vector<std::string> sections;
   /// Whether the images must be there (all of one size and depth), and a row of loads for each.
   bool images = true;
+  /// Whether displacement fields will do in the place of cameras and, then, no load record.
+  bool fields = false;
 };
 
 /// Reads a case file: YAML, checked against the schema, then for its meaning. Throws InputError that names every

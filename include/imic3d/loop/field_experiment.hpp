@@ -27,10 +27,14 @@ struct FieldData {
   std::vector<int> frames;        ///< numbers, as the user knows them
   Eigen::VectorXd time, force;    ///< [frames]
   double start_time = 0.0;
-  double force_noise = 1.0;       ///< standard deviation of the load record [force]
+  double force_noise = 1.0;       ///< standard deviation of the load record [force]; infinity: there is none
   Eigen::Matrix2d pixels = Eigen::Matrix2d::Identity();  ///< d(pixel)/d(displacement) [px/length]
   Eigen::Vector2d axis_of_lens = Eigen::Vector2d::Zero();  ///< where the optical axis meets the specimen [length]
 };
+
+/// Frames next to each other are to be smoothed alike (noise alone makes their cut-offs differ, and with it their own noise): the running median of
+/// five.
+[[nodiscard]] std::vector<double> alike(const std::vector<double>& cut_offs);
 
 /// How the specimen is to be made differently from what is declared.
 struct MeshChange {

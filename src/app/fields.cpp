@@ -1,0 +1,233 @@
+#include "fields.hpp"
+
+#include <fmt/format.h>
+
+#include <Eigen/Dense>
+#include <Eigen/SparseCholesky>
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <memory>
+#include <numbers>
+
+#include "imic3d/core/error.hpp"
+#include "imic3d/core/log.hpp"
+#include "imic3d/correlation/smoothing.hpp"
+
+namespace imic3d::app {
+
+namespace {
+
+using Points = Eigen::Matrix<double, Eigen::Dynamic, 2>;
+
+/// From the tables to the specimen: x = R (x_table - origin) scale, the y axis turned where it points downwards.
+struct Axes {
+  Eigen::Matrix2d linear;
+  Eigen::RowVector2d origin;
+
+  explicit Axes(const io::FieldsCase& fields) : origin(fields.origin[0], fields.origin[1]) {
+    const double turn = fields.rotation * std::numbers::pi / 180.0;
+    linear = fields.scale * Eigen::Rotation2Dd(-turn).toRotationMatrix() * Eigen::Vector2d(1.0, fields.y_down ? -1.0 : 1.0).asDiagonal();
+  }
+  [[nodiscard]] Points place(const Points& at) const { return (at.rowwise() - origin) * linear.transpose(); }
+  [[nodiscard]] Points displacement(const Points& d) const { return d * linear.transpose(); }
+};
+
+double area_of(const mesh::Mesh& quads) {
+  double area = 0.0;
+  for (Eigen::Index e = 0; e < quads.cells.rows(); ++e) {
+    const auto diagonal = [&](int a, int b) { return Eigen::Vector2d((quads.nodes.row(quads.cells(e, b)) - quads.nodes.row(quads.cells(e, a))).head<2>()); };
+    const Eigen::Vector2d p = diagonal(0, 2), q = diagonal(1, 3);
+    area += 0.5 * std::abs(p.x() * q.y() - p.y() * q.x());
+  }
+  return area;
+}
+
+/// Least squares of one component on the nodes.
+struct LeastSquares {
+  Eigen::SparseMatrix<double> N;  // values of the nodes' field at the points [points x nodes]
+  Eigen::SparseMatrix<double> M;  // [nodes x nodes]
+  Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor;
+  double inflation = 1.0;
+  [[nodiscard]] Eigen::MatrixXd operator()(const Eigen::MatrixXd& values) const { return factor.solve(N.transpose() * values / inflation); }
+};
+
+/// Two components a node, interleaved [2 nodes x 1], of two columns [nodes x 2], and back.
+Eigen::VectorXd interleaved(const Points& U) { return Eigen::MatrixXd(U.transpose()).reshaped(); }
+Points columns_of(const Eigen::VectorXd& U) { return Eigen::Map<const Eigen::Matrix2Xd>(U.data(), 2, U.size() / 2).transpose(); }
+
+Eigen::SparseMatrix<double> of_two_components(const Eigen::SparseMatrix<double>& scalar) {
+  std::vector<Eigen::Triplet<double>> entries;
+  for (int column = 0; column < scalar.outerSize(); ++column)
+    for (Eigen::SparseMatrix<double>::InnerIterator entry(scalar, column); entry; ++entry)
+      for (int i = 0; i < 2; ++i) entries.emplace_back(2 * static_cast<int>(entry.row()) + i, 2 * column + i, entry.value());
+  Eigen::SparseMatrix<double> matrix(2 * scalar.rows(), 2 * scalar.cols());
+  matrix.setFromTriplets(entries.begin(), entries.end());
+  return matrix;
+}
+
+/// Points that every table has [points], in the axes of the specimen, within its face; displacements of each frame there.
+struct Common {
+  Points at;
+  std::vector<Points> displacement;
+  Eigen::SparseMatrix<double> N;
+};
+
+Common common_points(const io::FieldsCase& fields, const mesh::Mesh& face) {
+  const Axes axes(fields);
+  // Places are compared to a millionth of the field.
+  const auto& first = fields.tables.front();
+  const double unit = 1e-6 * std::max(1e-300, (first.at.colwise().maxCoeff() - first.at.colwise().minCoeff()).maxCoeff());
+  const auto key = [&](const Points& at, Eigen::Index k) { return std::pair(std::llround(at(k, 0) / unit), std::llround(at(k, 1) / unit)); };
+  std::map<std::pair<long long, long long>, std::vector<Eigen::Index>> rows;  // of each point in the tables that have it
+  for (Eigen::Index k = 0; k < first.at.rows(); ++k) rows[key(first.at, k)] = {k};
+  for (std::size_t f = 1; f < fields.tables.size(); ++f)
+    for (Eigen::Index k = 0; k < fields.tables[f].at.rows(); ++k)
+      if (const auto found = rows.find(key(fields.tables[f].at, k)); found != rows.end() && found->second.size() == f) found->second.push_back(k);
+  std::vector<std::vector<Eigen::Index>> kept;
+  for (Eigen::Index k = 0; k < first.at.rows(); ++k)
+    if (const auto& its = rows[key(first.at, k)]; its.size() == fields.tables.size()) kept.push_back(its);
+  if (kept.empty()) throw InputError("fields.files", fmt::format("no point that stands in all {} tables", fields.tables.size()), "the same points of the reference in every frame");
+  std::vector<Eigen::Index> lines;
+  for (const auto& its : kept) lines.push_back(its.front());
+  const Points all = axes.place(first.at(lines, Eigen::all));
+  const Eigen::SparseMatrix<double> N = identification::interpolation(face, all);
+  // The nearest element serves points off the mesh: such a point is not where its weights say.
+  const Points there = N * Points(face.nodes.leftCols<2>());
+  const double tolerance = 1e-6 * std::sqrt(area_of(face));
+  std::vector<Eigen::Index> inside;
+  for (Eigen::Index k = 0; k < all.rows(); ++k)
+    if ((there.row(k) - all.row(k)).norm() < tolerance) inside.push_back(k);
+  const auto lost = first.at.rows() - all.rows();
+  spdlog::info("fields: {} points on the specimen; {} beside it, {} lost in some frame", inside.size(), all.rows() - static_cast<Eigen::Index>(inside.size()), lost);
+  if (static_cast<Eigen::Index>(inside.size()) < 3)
+    throw InputError("fields", fmt::format("{} of {} points on the specimen: they lie from ({:.4g}, {:.4g}) to ({:.4g}, {:.4g}), the mesh from ({:.4g}, {:.4g}) to ({:.4g}, {:.4g})", inside.size(), all.rows(),
+                                           all.col(0).minCoeff(), all.col(1).minCoeff(), all.col(0).maxCoeff(), all.col(1).maxCoeff(), face.nodes.col(0).minCoeff(), face.nodes.col(1).minCoeff(),
+                                           face.nodes.col(0).maxCoeff(), face.nodes.col(1).maxCoeff()), "scale, origin, rotation, y_down that bring them onto it");
+  Common result{all(inside, Eigen::all), {}, {}};
+  Eigen::SparseMatrix<double, Eigen::RowMajor> by_row = N, chosen(static_cast<Eigen::Index>(inside.size()), N.cols());
+  for (std::size_t i = 0; i < inside.size(); ++i) chosen.middleRows(static_cast<Eigen::Index>(i), 1) = by_row.middleRows(inside[i], 1);
+  result.N = chosen;
+  for (std::size_t f = 0; f < fields.tables.size(); ++f) {
+    Points d(result.at.rows(), 2);
+    for (std::size_t i = 0; i < inside.size(); ++i) d.row(static_cast<Eigen::Index>(i)) = fields.tables[f].displacement.row(kept[static_cast<std::size_t>(inside[i])][f]);
+    result.displacement.push_back(axes.displacement(d));
+  }
+  return result;
+}
+
+/// Where no points are near, the ends above all, the measured displacement would be an extrapolation.
+void check_cover(const Points& at, double distance, const identification::Specimen& specimen) {
+  for (const char* end : {"held", "loaded"}) {
+    const auto& nodes = std::string(end) == "held" ? specimen.held : specimen.loaded;
+    double furthest = 0.0;
+    for (int node : nodes) {
+      const Eigen::RowVector2d place = specimen.volume.nodes.row(node).head<2>();
+      furthest = std::max(furthest, std::sqrt((at.rowwise() - place).rowwise().squaredNorm().minCoeff()));
+    }
+    if (furthest > 3.0 * distance)
+      throw InputError("specimen.mesh", fmt::format("its end `{}` is {:.3g} from the nearest point of the fields, which are {:.3g} apart", end, furthest, distance),
+                       "a mesh whose ends, which the measured displacement drives, lie within the points");
+  }
+}
+
+}  // namespace
+
+loop::FieldData imported_fields(const io::Case& test, const identification::Specimen& specimen) {
+  const io::FieldsCase& fields = *test.fields;
+  const mesh::Mesh& face = specimen.surface.mesh;
+  Common points = common_points(fields, face);
+  const auto count = points.at.rows();
+  const double area = area_of(face), distance = std::sqrt(area / static_cast<double>(count));
+  check_cover(points.at, distance, specimen);
+
+  auto squares = std::make_shared<LeastSquares>();
+  squares->N = points.N;
+  squares->inflation = std::pow(std::max(1.0, fields.subset * fields.scale / distance), 2);
+  const double density = static_cast<double>(count) / area / squares->inflation;  // of M, per area
+  const auto weight = [density](double wave) { return density * std::pow(wave / (2.0 * std::numbers::pi), 4); };
+  squares->M = Eigen::SparseMatrix<double>(points.N.transpose() * points.N) / squares->inflation + weight(2.0 * distance) * correlation::curvature_energy(face, 1);
+  squares->factor.compute(squares->M);
+
+  // Frames: those at rest tell the noise, the others are judged.
+  std::vector<std::size_t> judged, at_rest;
+  for (std::size_t f = 0; f < fields.frames.size(); ++f)
+    (std::binary_search(fields.at_rest.begin(), fields.at_rest.end(), fields.frames[f]) ? at_rest : judged).push_back(f);
+  if (judged.empty()) throw InputError("fields.at_rest", "every frame", "frames under load beside them");
+  std::vector<Points> nodal;
+  for (const auto& d : points.displacement) nodal.emplace_back((*squares)(d));
+
+  loop::FieldData data;
+  data.surface = face;
+  data.M = of_two_components(squares->M);
+  data.references = 1;
+  if (fields.noise) {
+    data.noise = *fields.noise * fields.scale;
+  } else if (!at_rest.empty()) {
+    // Less what a clamped specimen does between two pictures: it moves and strains uniformly.
+    Eigen::MatrixXd affine(face.nodes.rows(), 3);
+    affine << Eigen::VectorXd::Ones(face.nodes.rows()), face.nodes.leftCols<2>();
+    const Eigen::LDLT<Eigen::MatrixXd> normal(affine.transpose() * (squares->M * affine));
+    double sum = 0.0;
+    for (std::size_t f : at_rest) {
+      const Eigen::MatrixXd rest = nodal[f] - affine * normal.solve(affine.transpose() * (squares->M * nodal[f]));
+      sum += rest.cwiseProduct(squares->M * rest).sum() / static_cast<double>(2 * (face.nodes.rows() - 3));
+    }
+    data.noise = std::sqrt(sum / static_cast<double>(at_rest.size()) / 2.0);  // of the frame; the reference has as much
+  } else {
+    // What the nodes cannot follow, in the frame where that is least: noise of the frame and of the reference.
+    const double followed = squares->factor.solve(Eigen::MatrixXd(points.N.transpose() * points.N / squares->inflation)).trace();
+    double least = INFINITY;
+    for (std::size_t f : judged) least = std::min(least, (points.displacement[f] - points.N * nodal[f]).squaredNorm() / (2.0 * std::max(1.0, static_cast<double>(count) - followed)));
+    data.noise = std::sqrt(0.5 * least);
+  }
+  spdlog::info("fields: {} frames, points {:.3g} {} apart, noise of a point {:.3g} {}", judged.size(), distance, test.units.length, data.noise, test.units.length);
+
+  const auto frames = static_cast<Eigen::Index>(judged.size());
+  data.displacement.resize(2 * face.nodes.rows(), frames), data.time.resize(frames), data.force.setZero(frames);
+  for (Eigen::Index t = 0; t < frames; ++t) {
+    const auto f = judged[static_cast<std::size_t>(t)];
+    data.displacement.col(t) = interleaved(nodal[f]);
+    data.frames.push_back(fields.frames[f]);
+    data.time[t] = fields.frames[f];
+    if (test.loads.records.empty()) continue;
+    const auto& load = test.load(static_cast<int>(f));
+    data.time[t] = load.time, data.force[t] = load.force;
+  }
+  data.start_time = test.loads.records.empty() ? 0.0 : data.time[0];
+  for (const auto& record : test.loads.records)
+    if (record.frame < data.frames.front()) data.start_time = record.time;
+  if (data.start_time >= data.time[0] && frames > 1) data.start_time = data.time[0] - (data.time[1] - data.time[0]);
+  data.force_noise = test.loads.records.empty() ? INFINITY : test.loads.noise.value_or(1e-3 * data.force.cwiseAbs().maxCoeff());
+
+  // What drives the ends is smoothed as far as the noise allows; neighbouring frames alike.
+  auto measure = std::make_shared<correlation::Measure>(correlation::Measure{.surface = face, .dofs_per_node = 2, .M = data.M, .smoothing_weight = weight});
+  double low = INFINITY, high = -INFINITY;
+  for (int node : specimen.loaded) {
+    const double across = specimen.volume.nodes(node, 1 - specimen.axis);
+    low = std::min(low, across), high = std::max(high, across);
+  }
+  const Eigen::VectorXd touched = Eigen::VectorXd::Ones(specimen.displacement_from_surface.rows()).transpose() * specimen.displacement_from_surface.cwiseAbs();
+  std::vector<int> ends;
+  for (Eigen::Index i = 0; i < face.nodes.rows(); ++i)
+    if (touched[2 * i] + touched[2 * i + 1] > 0.0) ends.push_back(static_cast<int>(i));
+  std::vector<double> cut_offs;
+  const double longest = test.identify.boundary_smoothing.value_or(0.5 * (high - low));
+  if (longest > 0.0) (void)correlation::smoothed_within_noise(*measure, data.displacement, ends, data.noise * std::sqrt(2.0), longest, &cut_offs);
+  data.smooth = [measure, chosen = loop::alike(cut_offs)](Eigen::MatrixXd field) { return correlation::smooth(*measure, std::move(field), chosen); };
+  data.driving = data.smooth(data.displacement);
+
+  const Points at = points.at;
+  data.correlate = [squares, at](const mesh::Mesh& surface, const Eigen::MatrixXd& U) {
+    const Eigen::SparseMatrix<double> sample = identification::interpolation(surface, at);
+    Eigen::MatrixXd seen(2 * squares->N.cols(), U.cols());
+    for (Eigen::Index t = 0; t < U.cols(); ++t) seen.col(t) = interleaved((*squares)(sample * columns_of(U.col(t))));
+    return seen;
+  };
+  data.pixels = Axes(fields).linear.inverse();
+  if (!fields.y_down) data.pixels.row(1) *= -1.0;  // pictures have their rows downwards
+  data.axis_of_lens = 0.5 * (at.colwise().minCoeff() + at.colwise().maxCoeff()).transpose();
+  return data;
+}
+
+}  // namespace imic3d::app

@@ -1,0 +1,167 @@
+// The material of a case file and the experiments on bars.
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+#include <set>
+#include <stdexcept>
+
+#include "case_reader.hpp"
+#include "image_files.hpp"
+
+namespace imic3d::io {
+
+namespace {
+
+double pascals(const std::string& unit) {
+  static const std::map<std::string, double> values{{"Pa", 1.0}, {"kPa", 1e3}, {"MPa", 1e6}, {"GPa", 1e9}, {"psi", 6894.757293168}, {"ksi", 6894757.293168}};
+  const auto it = values.find(unit);
+  return it == values.end() ? 1.0 : it->second;
+}
+
+}  // namespace
+
+void CaseReader::read_material() {
+  if (!root_.has("material")) return;
+  const auto section = root_.group("material");
+  auto& material = case_.material;
+  section.get("law", material.law);
+  section.get("hardening", material.hardening);
+  section.get("tie_initial_modulus", material.tie_initial_modulus);
+  section.get("yield_stress", material.yield_stress);
+  section.get("table_strain", material.table_strain);
+  section.get("effects", material.effects);
+  const auto parameters = section.group("parameters");
+  for (const auto& [name, value] : parameters.json().items()) {
+    ParameterCase parameter;
+    if (value.is_number()) parameter.value = value;
+    if (value.is_object()) {
+      const auto details = parameters.group(name);
+      details.get("value", parameter.value);
+      details.get("lower", parameter.lower);
+      details.get("upper", parameter.upper);
+    }
+    material.parameters[name] = parameter;
+  }
+  check_table(section);
+  if (checks_.parameters_of) check_parameters(parameters);
+  for (const auto& [name, parameter] : material.parameters) check_bounds(parameters.path(name), parameter);
+}
+
+void CaseReader::check_table(const Section& section) {
+  const auto& strain = case_.material.table_strain;
+  const bool tabulated = case_.material.hardening == "table";
+  if (tabulated != section.has("table_strain")) {
+    mistake(section.path("table_strain"), tabulated ? "not given" : "given without hardening: table",
+            tabulated ? "a list of ascending plastic strains, from 0" : "only with hardening: table");
+  } else if (tabulated && !strain.empty() &&
+             (strain.front() != 0.0 ||
+              std::adjacent_find(strain.begin(), strain.end(), std::greater_equal<>()) != strain.end())) {
+    mistake(section.path("table_strain"), fmt::format("{}", fmt::join(strain, ", ")),
+            "a list of ascending plastic strains, from 0");
+  }
+}
+
+void CaseReader::check_parameters(const Section& section) {
+  std::vector<ParameterInfo> infos;
+  try {
+    infos = checks_.parameters_of(case_.material);
+  } catch (const InputError& error) {
+    for (const auto& one : error.mistakes()) mistakes_.push_back({document_.line("material"), one});
+    return;
+  }
+  std::vector<std::string> names;
+  for (const auto& info : infos) names.push_back(info.name);
+  for (const auto& info : infos) {
+    const auto found = case_.material.parameters.find(info.name);
+    if (found == case_.material.parameters.end() && info.null_value) {
+      case_.material.parameters[info.name].value = *info.null_value;
+    } else if (found == case_.material.parameters.end()) {
+      mistake(section.path(info.name), "not given", range_of(info));
+    } else if (found->second.value < info.lower || found->second.value > info.upper) {
+      mistake(section.path(info.name), fmt::format("{}", found->second.value), range_of(info));
+    }
+  }
+  for (const auto& [name, parameter] : case_.material.parameters) {
+    if (std::find(names.begin(), names.end(), name) != names.end()) continue;
+    const auto near = nearest(name, names);
+    mistake(section.path(name),
+            near.empty() ? "not a parameter of this material" : "not a parameter of this material, near to " + near,
+            fmt::format("{}", fmt::join(names, ", ")));
+  }
+}
+
+void CaseReader::check_bounds(const std::string& path, const ParameterCase& parameter) {
+  if (parameter.lower && parameter.upper && !(*parameter.lower < *parameter.upper)) {
+    mistake(path, fmt::format("lower {}, upper {}", *parameter.lower, *parameter.upper), "lower below upper");
+  } else if ((parameter.lower && parameter.value < *parameter.lower) ||
+             (parameter.upper && parameter.value > *parameter.upper)) {
+    mistake(path, fmt::format("value {}", parameter.value),
+            fmt::format("a value between its bounds{}{}",
+                        parameter.lower ? fmt::format(", from {}", *parameter.lower) : "",
+                        parameter.upper ? fmt::format(", up to {}", *parameter.upper) : ""));
+  }
+}
+
+void CaseReader::read_experiments() {
+  for (const auto& section : root_.list("experiments")) {
+    auto& experiment = case_.experiments.emplace_back();
+    section.get("name", experiment.name);
+    section.get("strain", experiment.columns.strain);
+    section.get("stress", experiment.columns.stress);
+    section.get("time", experiment.columns.time);
+    section.get("strain_scale", experiment.strain_scale);
+    section.get("noise", experiment.noise);
+    section.get("rate", experiment.rate);
+    section.get("direction", experiment.direction);
+    section.get("from", experiment.from);
+    section.get("monotonic", experiment.monotonic);
+    section.get("held_out", experiment.held_out);
+    std::string strain_kind = "engineering", stress_kind = strain_kind, until = "end", unit = stress_unit(case_.units);
+    section.get("strain_kind", strain_kind);
+    section.get("stress_kind", stress_kind);
+    section.get("until", until);
+    section.get("stress_unit", unit);
+    experiment.engineering_strain = strain_kind == "engineering";
+    experiment.engineering_stress = stress_kind == "engineering";
+    experiment.until_maximum = until == "maximum_force";
+    experiment.stress_scale = pascals(unit) / pascals(stress_unit(case_.units));
+    if (!experiment.columns.time.empty() && experiment.rate) mistake(section.path("rate"), "given beside time", "one of the two");
+    if (!experiment.name.empty() && std::any_of(case_.experiments.begin(), case_.experiments.end() - 1, [&](const auto& other) { return other.name == experiment.name; }))
+      mistake(section.path("name"), experiment.name, "a name that no other experiment has");
+    read_curves(section, experiment);
+    if (section.has("held_out") && section.value("held_out").is_string()) {
+      Frames rows;
+      Eigen::Index longest = 0;
+      for (const auto& table : experiment.tables) longest = std::max(longest, table.strain.size());
+      for (int row = 0; row < longest; ++row) rows.push_back(row);
+      experiment.held_out_rows = frames_of(section, "held_out", rows);
+    }
+  }
+}
+
+void CaseReader::read_curves(const Section& section, ExperimentCase& experiment) {
+  if (!section.has("file")) return;
+  const auto& value = section.value("file");
+  std::vector<std::string> patterns;
+  if (value.is_string()) patterns.push_back(value);
+  if (value.is_array()) section.get("file", patterns);
+  for (const auto& pattern : patterns) {
+    const auto files = matching_files(folder_, pattern);
+    if (files.empty()) mistake(section.path("file"), fmt::format("no file \"{}\"", pattern), "files that exist");
+    for (const auto& file : files) {
+      if (std::find(experiment.files.begin(), experiment.files.end(), file) != experiment.files.end()) continue;
+      try {
+        experiment.tables.push_back(read_curve(file, experiment.columns));
+        experiment.files.push_back(file);
+      } catch (const InputError& error) {
+        for (const auto& one : error.mistakes()) mistakes_.push_back({document_.line(section.path("file")), one});
+      }
+    }
+  }
+}
+
+}  // namespace imic3d::io

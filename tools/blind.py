@@ -1,0 +1,115 @@
+"""Trials of `imic3d loop` with known truth: running them, judging their verdicts, the table."""
+
+import csv
+import json
+import math
+import os
+import subprocess
+import sys
+
+import numpy as np
+
+
+class Suite:
+    """`make(folder, planted, seed)` writes a case file; `truth`: true values of the declared parameters."""
+
+    def __init__(self, folder, program, make, truth):
+        self.folder, self.program, self.make, self.truth, self.rows, self.invisible = folder, os.path.abspath(program), make, truth, [], set()
+        os.environ.setdefault("OMP_NUM_THREADS", "1")
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def run(self, folder, planted, seed):
+        """result.json of a trial, None if the program failed. What was run is not run again."""
+        done, what = folder / "run/result.json", folder / "planted.json"
+        text = json.dumps({"planted": planted, "seed": seed}, sort_keys=True)
+        if not (done.exists() and what.exists() and what.read_text() == text):
+            self.make(folder, planted, seed)
+            with open(folder / "log.txt", "w") as log:
+                status = subprocess.run([self.program, "loop", "case.yaml"], cwd=folder, stdout=log, stderr=subprocess.STDOUT).returncode
+            if status != 0:
+                return None
+            what.write_text(text)
+        return json.loads(done.read_text())
+
+    def trial(self, kind, effect, multiple, planted, seed, parameter=None):
+        """kind: null, effect, pair (`a + b`), outside; `parameter`: of the size in the result, compared with what was planted first."""
+        result = self.run(self.folder / f"{kind}_{effect}_{multiple}_{seed}".replace(" ", "_").replace("'", ""), planted, seed)
+        nan = math.nan
+        row = dict(kind=kind, effect=effect, multiple=multiple, seed=seed, verdict="failed", named="", set="", outcome="failed", chi=nan, null=nan, held_before=nan, held_after=nan, held_null=nan,
+                   worst_bias_before=nan, worst_bias_after=nan, size=nan, deviation=nan, planted=nan, inside=nan, kappa=nan, p=nan, seconds=nan)
+        if result is not None:
+            named, chosen, verdict = result["named"], result["set"], result["verdict"]
+            row |= dict(verdict=verdict, named=" + ".join(named), set=", ".join(chosen), outcome=self.outcome(kind, effect, verdict, named, chosen), chi=result["before"]["chi"]["fitted"],
+                        null=result["before"]["chi"]["null_fitted"], held_before=result["before"]["chi"]["held_out"], held_after=result["after"]["chi"]["held_out"],
+                        held_null=result["after"]["chi"]["null_held_out"], worst_bias_before=self.bias(result["before"]), worst_bias_after=self.bias(result["after"]), seconds=result["time"]["value"])
+            candidates = {one["name"]: one for one in result["before"]["candidates"]}
+            if candidates:
+                row["p"] = min(1.0, len(candidates) * min(one["p"] for one in candidates.values()))
+            if effect in candidates:
+                row["kappa"] = candidates[effect]["kappa"]
+            found = result["after"]["parameters"].get(parameter) if parameter and row["outcome"] == "right" else None
+            if found:
+                size = next(iter(planted.values()))
+                row |= dict(size=found["value"], deviation=found["standard_deviation"], planted=size, inside=int(abs(found["value"] - size) < 1.96 * found["standard_deviation"]))
+            self.invisible |= set(result["invisible"])
+        self.rows.append(row)
+        print(f"{kind:8} {effect:24} {multiple:6} seed {seed}: {row['verdict']:14} {row['outcome']:18} {row['set'] or row['named']:32} {row['seconds']:5.0f} s", flush=True)
+        return result
+
+    @staticmethod
+    def outcome(kind, effect, verdict, named, chosen):
+        if kind == "null":
+            return "nothing" if verdict == "nothing found" else "false alarm"
+        if kind == "outside":
+            return {"nothing found": "missed", "unexplained": "unexplained"}.get(verdict, "wrong")
+        if verdict == "nothing found":
+            return "missed"
+        if verdict == "unexplained":
+            return "unexplained"
+        parts = effect.split(" + ")
+        if len(parts) > 1:
+            return "right" if set(parts) == set(named) else "in the set" if set(parts) <= set(named) | set(chosen) else "half" if set(parts) & set(named) else "wrong"
+        if verdict == "ambiguous" and effect in chosen:
+            return "in the set"
+        if effect in named:
+            return "right" if len(named) == 1 else "right and more"
+        return "wrong"
+
+    def bias(self, model):
+        its = [abs(model["parameters"][n]["value"] / v - 1.0) for n, v in self.truth.items() if n in model["parameters"]]
+        return max(its, default=math.nan)
+
+    def report(self):
+        with open(self.folder / "trials.csv", "w", newline="") as stream:
+            writer = csv.DictWriter(stream, self.rows[0].keys())
+            writer.writeheader()
+            writer.writerows(self.rows)
+        lines = ["| trial | n | found | right, alone | in the set, or with another | unexplained | missed | wrong | failed |", "|---|---|---|---|---|---|---|---|---|"]
+        title = lambda kind, m: {"outside": "outside the library", "pair": "two at once"}.get(kind) or {"usual": "an engineer's size", "-": "law or mesh"}.get(m, f"{m} × MDE")
+        for kind, multiple in dict.fromkeys((r["kind"], r["multiple"]) for r in self.rows if r["kind"] != "null"):
+            its = [r for r in self.rows if r["kind"] == kind and r["multiple"] == multiple]
+            count = lambda *names: sum(r["outcome"] in names for r in its)
+            lines.append(f"| {title(kind, multiple)} | {len(its)} | {len(its) - count('missed', 'failed')} | {count('right')} | {count('in the set', 'right and more', 'half')} | {count('unexplained')} |"
+                         f" {count('missed')} | {count('wrong')} | {count('failed')} |")
+        nulls = [r for r in self.rows if r["kind"] == "null"]
+        lines.append(f"\nFalse alarms: {sum(r['outcome'] != 'nothing' for r in nulls)} of {len(nulls)}. Invisible: {', '.join(sorted(self.invisible)) or 'none'}.")
+        named = [r for r in self.rows if r["kind"] == "effect" and r["outcome"] in ("right", "in the set")]
+        if named:
+            lines.append(f"Held-out χ within the null's 95 % (5 % more allowed) after an attribution: {sum(r['held_after'] <= 1.05 * r['held_null'] for r in named)} of {len(named)}.")
+        cover = [r["inside"] for r in self.rows if r["inside"] == r["inside"]]
+        if cover:
+            lines.append(f"The size's 95 % interval covers the truth: {sum(cover)} of {len(cover)}.")
+        big = [r for r in self.rows if r["multiple"] == "50" and r["outcome"] == "right"]
+        if big:
+            lines.append(f"Worst bias of a parameter at 50 × MDE, median: {100 * np.median([r['worst_bias_before'] for r in big]):.2f} % before, {100 * np.median([r['worst_bias_after'] for r in big]):.2f} % after.")
+        text = "\n".join(lines)
+        (self.folder / "table.md").write_text(text + "\n")
+        print("\n" + text)
+
+    def fail_unless_right(self, at_most_not_alone=1):
+        bad = [r for r in self.rows if r["outcome"] in ("wrong", "right and more", "failed", "false alarm") or (r["outcome"] == "missed" and r["kind"] != "outside")]
+        effects = [r for r in self.rows if r["kind"] == "effect"]
+        right = sum(r["outcome"] in ("right", "in the set") for r in effects)
+        if bad or right < len(effects) - at_most_not_alone:
+            sys.exit(f"{len(bad)} bad outcomes, {right} of {len(effects)} effects named")
