@@ -22,8 +22,8 @@ from calculix_virtual import STATIC, combine, newton, shape, simulate
 
 LAW = cx.Law()
 TRUTH = dict(E=LAW.E, S_y=LAW.S_y, H=LAW.H, delta=LAW.delta)
-FRAMES, STRAIN, REST = 16, 5.0, 4
-NOISE, LOAD_NOISE, STEP, SUBSET = 1e-3, 2.0, 0.5, 0.3  # of a point [mm], of the load cell [N]; of the points [mm]
+FRAMES, STRAIN, REST = 16, 4.0, 4
+NOISE, LOAD_NOISE, STEP, SUBSET = 2e-3, 10.0, 0.5, 0.3  # of a point [mm], of the load cell [N]; of the points [mm]
 DECLARED = {
     "power": ("power_linear, tie_initial_modulus: true", "E: 190e3, nu: {nu}, S_y: 278, H: 1420, delta: 0.042", "E, S_y, H, delta"),
     "linear": ("linear", "E: 190e3, nu: {nu}, S_y: 400, H: 1400", "E, S_y, H"),

@@ -25,7 +25,9 @@ nlohmann::json numbers(const auto& values) {
 }  // namespace
 
 LoopFields loop_fields(loop::FieldExperiment& experiment, const loop::Report& report) {
+  experiment.put_back(report.declared.ground->learned);
   auto [U0, F0] = experiment.unwhitened(report.declared.fit.values);
+  experiment.put_back(report.final.ground->learned);
   auto [U1, F1] = experiment.unwhitened(report.final.fit.values);
   return {std::move(U0), std::move(U1), std::move(F0), std::move(F1)};
 }
@@ -49,6 +51,7 @@ nlohmann::json loop_summary(const loop::Experiment& experiment, const loop::Repo
     }
     json["chi"] = {{"fitted", model.misfit.fitted}, {"held_out", model.misfit.held_out}, {"null_fitted", model.misfit.null_fitted}, {"null_held_out", model.misfit.null_held_out},
                    {"frames", numbers(model.misfit.frames)}, {"null_frames", numbers(model.misfit.null_frames)}};
+    if (model.misfit.null_checkerboard > 0.0) json["chi"]["checkerboard"] = model.misfit.checkerboard, json["chi"]["null_checkerboard"] = model.misfit.null_checkerboard;
     json["omnibus"] = {{"deviations", model.scores.omnibus}, {"threshold", model.scores.omnibus_threshold}};
     json["threshold"] = model.scores.threshold;
     json["converged"] = model.fit.converged;
@@ -100,6 +103,65 @@ nlohmann::json loop_summary(const loop::Experiment& experiment, const loop::Repo
   return json;
 }
 
+namespace {
+
+/// Correlation coefficients of the remainder's curve with what changed during the test.
+nlohmann::json companions(const loop::Scene& scene, const Eigen::VectorXd& curve) {
+  const auto frames = curve.size();
+  const auto before = [](const Eigen::VectorXd& all, Eigen::Index t, double first) { return t == 0 ? first : all[t - 1]; };
+  Eigen::VectorXd rate(frames), unloading(frames), plastic = scene.elongation;
+  Eigen::Index first_loaded = 0;
+  for (Eigen::Index t = 0; t < frames; ++t) {
+    const double step = scene.time[t] - before(scene.time, t, scene.start_time);
+    rate[t] = step > 0.0 ? (scene.elongation[t] - before(scene.elongation, t, 0.0)) / step : 0.0;
+    unloading[t] = std::abs(scene.force[t]) < std::abs(before(scene.force, t, 0.0)) ? 1.0 : 0.0;
+    if (std::abs(scene.force[t]) < 0.3 * scene.force.cwiseAbs().maxCoeff()) first_loaded = t;
+  }
+  if (scene.force[first_loaded] != 0.0) plastic -= scene.force * (scene.elongation[first_loaded] / scene.force[first_loaded]);
+  nlohmann::json json = nlohmann::json::object();
+  for (const auto& [name, other] : {std::pair<const char*, Eigen::VectorXd>{"clock", scene.time}, {"force", scene.force}, {"elongation", scene.elongation}, {"plastic elongation", plastic},
+                                    {"rate of elongation", rate}, {"unloading", unloading}}) {
+    const Eigen::VectorXd a = curve.array() - curve.mean(), b = other.array() - other.mean();
+    if (frames > 2 && b.norm() > 1e-9 * (1e-300 + other.norm())) json[name] = a.dot(b) / std::max(1e-300, a.norm() * b.norm());
+  }
+  return json;
+}
+
+/// What the figures are drawn from.
+void write_loop_fields(const std::filesystem::path& file, const loop::FieldExperiment& experiment, const loop::Report& report, const LoopFields& fields, const io::Units& units) {
+  auto h5 = io::ResultsFile::create(file);
+  const auto& measured = experiment.measured();
+  const auto nodes = static_cast<std::size_t>(measured.surface.nodes.rows()), frames = measured.frames.size();
+  const auto row_major = [](const auto& matrix) {
+    using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+    const Matrix copy = matrix;
+    return std::vector<double>(copy.data(), copy.data() + copy.size());
+  };
+  const auto list = [](const Eigen::MatrixXd& columns) { return std::vector<double>(columns.data(), columns.data() + columns.size()); };
+  h5.store("surface/nodes", {nodes, 3}, row_major(measured.surface.nodes), units.length, "nodes of the surface");
+  const Eigen::Matrix<int, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> cells = measured.surface.cells.leftCols(4);
+  h5.store("surface/cells", {static_cast<std::size_t>(cells.rows()), 4}, std::vector<int>(cells.data(), cells.data() + cells.size()), "-", "nodes of the quadrilaterals, from 0");
+  h5.store("loop/frames", {frames}, measured.frames, "-", "numbers of the frames");
+  h5.store("loop/held_out", {frames}, std::vector<int>(report.held_out.begin(), report.held_out.end()), "-", "1: never fitted");
+  h5.store("loop/time", {frames}, list(measured.time), units.time, "time");
+  h5.store("loop/force", {frames}, list(measured.force), units.force, "measured force");
+  for (const auto& [name, U, F, model] : {std::tuple("before", &fields.displacement_before, &fields.force_before, &report.declared), std::tuple("after", &fields.displacement_after, &fields.force_after, &report.final)}) {
+    const std::string group = fmt::format("loop/{}/", name);
+    h5.store(group + "displacement", {frames, nodes, 2}, list(*U), units.length, "measured - predicted displacement of the nodes");
+    h5.store(group + "force", {frames}, list(*F), units.force, "measured - predicted force");
+    h5.store(group + "chi", {frames}, list(model->misfit.frames), "noise", "residual of each frame");
+    h5.store(group + "null_chi", {frames}, list(model->misfit.null_frames), "noise", "its 95 % quantile under the null");
+  }
+  if (report.remainder.map.size() > 0) {
+    h5.store("loop/remainder/map", {frames, nodes}, list(report.remainder.map), "noise", "length of the residual displacement over its rms under the null");
+    h5.store("loop/remainder/mode", {nodes, 2}, list(report.remainder.mode), units.length, "displacement of the first mode");
+    h5.store("loop/remainder/time", {frames}, list(report.remainder.time), "noise", "first mode over the frames");
+  }
+  h5.start();
+}
+
+}  // namespace
+
 void write_loop_report(const std::filesystem::path& folder, const io::Case& test, const loop::FieldExperiment& experiment, const loop::Report& report,
                        const LoopFields& fields, double seconds) {
   nlohmann::json json = loop_summary(experiment, report);
@@ -107,7 +169,17 @@ void write_loop_report(const std::filesystem::path& folder, const io::Case& test
   json["time"] = io::quantity(seconds, "s");
   json["simulations"] = experiment.simulations();
   json["force_residual"] = {{"before", numbers(fields.force_before)}, {"after", numbers(fields.force_after)}, {"unit", test.units.force}};
+  json["remainder"]["goes_with"] = companions(experiment.scene(), report.remainder.time);
+  const Eigen::MatrixXd& map = report.remainder.map;
+  if (map.size() > 0) {
+    Eigen::Index node = 0, frame = 0;
+    const double largest = map.maxCoeff(&node, &frame);
+    const auto& at = experiment.measured().surface.nodes;
+    json["remainder"]["map"] = {{"largest", largest}, {"limit", report.remainder.limit}, {"frame", experiment.measured().frames[static_cast<std::size_t>(frame)]}, {"place", {at(node, 0), at(node, 1)}},
+                                {"share_beyond_limit", (map.array() > report.remainder.limit).cast<double>().mean()}};
+  }
   io::write_json(folder / "result.json", json);
+  write_loop_fields(folder / "results.h5", experiment, report, fields, test.units);
   // Residual fields of the worst frame, before and after, on one scale.
   Eigen::Index worst = 0;
   report.declared.misfit.frames.maxCoeff(&worst);
@@ -131,6 +203,14 @@ void write_loop_report(const std::filesystem::path& folder, const io::Case& test
     const auto picture = folder / fmt::format("residual_{}.png", name);
     io::draw_field(picture, measured.surface, positions, field(*all), {.legend = "measured - predicted [px]", .lower = -largest, .upper = largest});
     pictures.push_back({picture, fmt::format("displacement along the load, measured − predicted, {}; frame {}", name, measured.frames[static_cast<std::size_t>(worst)])});
+  }
+  if (map.size() > 0) {
+    Eigen::Index node = 0, frame = 0;
+    map.maxCoeff(&node, &frame);
+    const std::vector<double> of_frame(map.col(frame).begin(), map.col(frame).end());
+    io::draw_field(folder / "remainder.png", measured.surface, positions, of_frame, {.legend = "remainder [rms of the noise]", .lower = 0.0, .upper = std::max(map.maxCoeff(), report.remainder.limit), .diverging = false});
+    pictures.push_back({folder / "remainder.png", fmt::format("what the final model leaves, over what noise leaves (one null test of a hundred exceeds {:.1f} somewhere); frame {}", report.remainder.limit,
+                                                             measured.frames[static_cast<std::size_t>(frame)])});
   }
   io::write_loop_page(folder / "report.html", json, pictures);
   fmt::print("\n{}\n  {}: {}\n", test.title, name(report.verdict), report.sentence);

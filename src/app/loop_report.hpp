@@ -1,5 +1,5 @@
 #pragma once
-// What imic3d loop leaves behind: result.json, loop.csv and the page for a test engineer.
+// What imic3d loop leaves behind: result.json, results.h5 and the page for a test engineer.
 
 #include <filesystem>
 #include <nlohmann/json.hpp>
@@ -22,7 +22,7 @@ struct LoopFields {
 /// Everything that the report says, machine-readable. Rank 0 only.
 [[nodiscard]] nlohmann::json loop_summary(const loop::Experiment& experiment, const loop::Report& report);
 
-/// Writes result.json, residuals.csv, pictures and report.html to the folder and prints the verdict. Rank 0 only.
+/// Writes result.json, results.h5 (tools/plot_loop.py), pictures and report.html to the folder and prints the verdict. Rank 0 only.
 void write_loop_report(const std::filesystem::path& folder, const io::Case& test, const loop::FieldExperiment& experiment, const loop::Report& report,
                        const LoopFields& fields, double seconds);
 

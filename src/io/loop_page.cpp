@@ -96,6 +96,9 @@ void write_loop_page(const std::filesystem::path& page, const json& summary, con
   out += "<h2>Error before and after</h2>\n<table>\n<tr><th></th><th>before</th><th>after</th><th>noise alone, 95 %</th></tr>\n";
   for (const auto& [key, null, what] : {std::array{"fitted", "null_fitted", "χ of the fitted frames"}, std::array{"held_out", "null_held_out", "χ of the held-out frames"}})
     out += fmt::format("<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>\n", what, shown(before["chi"][key], 4), shown(after["chi"][key], 4), shown(after["chi"][null], 4));
+  if (before["chi"].contains("checkerboard"))
+    out += fmt::format("<tr><td>χ of the white squares, from the black ones</td><td>{}</td><td>{}</td><td>{}</td></tr>\n", shown(before["chi"]["checkerboard"], 4), shown(after["chi"]["checkerboard"], 4),
+                       shown(after["chi"]["null_checkerboard"], 4));
   out += "</table>\n<div class=\"plots\">\n";
   out += svg({.title = "Error of each frame", .x_label = "frame", .y_label = "χ",
               .curves = {{"before", frames, numbers(before["chi"]["frames"]), "#b2182b", true, true},
@@ -109,6 +112,13 @@ void write_loop_page(const std::filesystem::path& page, const json& summary, con
     out += svg({.title = fmt::format("What remains: first mode over time, {:.0f} % of the square", 100.0 * summary["remainder"]["share_of_first_mode"].get<double>()), .x_label = "frame", .y_label = "[noise]",
                 .curves = {{"", frames, numbers(summary["remainder"]["time"]), "#1f5fa8", true, true}}});
   out += "</div>\n";
+  if (summary["remainder"].contains("map")) {
+    const auto& map = summary["remainder"]["map"];
+    std::string with;
+    for (const auto& [name, r] : summary["remainder"]["goes_with"].items()) with += fmt::format("{}{} {:.2f}", with.empty() ? "" : ", ", name, r.get<double>());
+    out += fmt::format("<p>What remains is largest at ({}, {}) in frame {}: {} times the noise there, where one null test of a hundred exceeds {} somewhere; {:.1f} % of nodes and frames are beyond that. Correlation of its first mode "
+                       "with {}.</p>\n", shown(map["place"][0], 3), shown(map["place"][1], 3), map["frame"].get<int>(), shown(map["largest"], 3), shown(map["limit"], 3), 100.0 * map["share_beyond_limit"].get<double>(), with);
+  }
 
   out += "<h2>Parameters</h2>\n<table>\n<tr><th>parameter</th><th>before</th><th></th><th>after</th><th></th><th>unit</th></tr>\n";
   for (const auto& [name, now] : after["parameters"].items()) {

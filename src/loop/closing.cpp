@@ -70,6 +70,7 @@ class Loop {
       report_.named.push_back(best->candidate);
       say(fmt::format("added: {}", candidate(best->candidate).name));
       at = best->model;
+      experiment_.put_back(at.ground->learned);
       if (last) {
         report_.set = round.set;
         report_.verdict = round.set.size() == 1 ? Verdict::attributed : Verdict::ambiguous;
@@ -132,19 +133,37 @@ class Loop {
       say(fmt::format("  what mesh, correlation and scatter err by is learned: chi {:.3f}", std::sqrt(best.cost / static_cast<double>(rows_.size()))));
     }
     say(fmt::format("null ensemble: {} draws of the noise", options_.draws));
-    null_ = experiment_.noise(best.values, options_.draws);
-    doubt_bias();
-    weight_ = Weight(experiment_.data(), null_);
-    white_null_ = weight_(null_);
-    report_.declared.fit = fit(experiment_, weight_, rows_, free, best.values);
+    report_.declared.ground = ground_of(best.values);
+    report_.declared.fit = fit(experiment_, report_.declared.ground->weight, rows_, free, best.values);
     finish(report_.declared);
     announce(report_.declared, "declared model");
+  }
+
+  /// Draws of the noise at these values, with what was learned now.
+  std::shared_ptr<const Ground> ground_of(const std::vector<double>& values) const {
+    auto ground = std::make_shared<Ground>();
+    ground->learned = experiment_.learned();
+    Eigen::MatrixXd null = experiment_.noise(values, options_.draws);
+    doubt_bias(null);
+    ground->weight = Weight(experiment_.data(), null);
+    ground->null = ground->weight(null);
+    return ground;
+  }
+
+  /// A model that is another one than that under which the ground was laid: what it errs by, and what noise leaves, is found anew.
+  void settle(Model& model) const {
+    experiment_.learn_bias(model.fit.values);
+    const Weight weight = model.ground->weight;
+    model.fit = fit(experiment_, weight, rows_, model.fit.free, model.fit.values);
+    experiment_.learn_bias(model.fit.values);
+    model.ground = ground_of(model.fit.values);
+    model.fit = fit(experiment_, model.ground->weight, rows_, model.fit.free, model.fit.values);
   }
 
   /// The learned bias is known to a part only (the synthetic images differ from real ones, the finer mesh errs too): what is
   /// not known of it joins the noise, for each number of a frame a random polynomial of second degree in time times
   /// the bias.
-  void doubt_bias() {
+  void doubt_bias(Eigen::MatrixXd& null) const {
     const Eigen::VectorXd bias = experiment_.bias();
     if (bias.size() == 0) return;
     const auto& data = experiment_.data();
@@ -156,7 +175,7 @@ class Loop {
     }
     std::mt19937_64 random(11);
     std::normal_distribution<double> normal;
-    for (auto draw : null_.colwise()) {
+    for (auto draw : null.colwise()) {
       Eigen::Matrix<double, 3, Eigen::Dynamic> c(3, most);  // coefficients of Legendre polynomials
       for (double& x : c.reshaped()) x = normal(random) / std::sqrt(1.0 + 1.0 / 3.0 + 0.2);
       for (std::size_t i = 0; i < data.size(); ++i) {
@@ -172,9 +191,10 @@ class Loop {
   void finish(Model& model) {
     const Eigen::MatrixXd J = model.fit.sensitivity(rows_, Eigen::all);
     const Eigen::MatrixXd pull = J.completeOrthogonalDecomposition().pseudoInverse();
-    const Eigen::MatrixXd moved = pull * white_null_(rows_, Eigen::all);  // of the parameters by the noise
+    const Eigen::MatrixXd& null = model.ground->null;
+    const Eigen::MatrixXd moved = pull * null(rows_, Eigen::all);  // of the parameters by the noise
     model.covariance = moved * moved.transpose() / static_cast<double>(moved.cols());
-    const Eigen::MatrixXd left = white_null_ - model.fit.sensitivity * moved;
+    const Eigen::MatrixXd left = null - model.fit.sensitivity * moved;
     const auto chi = [](const auto& r) { return std::sqrt(r.squaredNorm() / static_cast<double>(std::max<Eigen::Index>(1, r.size()))); };
     const auto null_of = [&](const std::vector<Eigen::Index>& rows) {
       Eigen::VectorXd all(left.cols());
@@ -188,6 +208,7 @@ class Loop {
     std::vector<Eigen::Index> images, force;
     for (Eigen::Index i : rows_) (experiment_.data()[static_cast<std::size_t>(i)].channel == force_channel ? force : images).push_back(i);
     misfit.images = chi(Eigen::VectorXd(model.fit.residual(images))), misfit.force = chi(Eigen::VectorXd(model.fit.residual(force)));
+    cross_validate(model);
     misfit.frames.resize(frames_), misfit.null_frames.resize(frames_);
     for (int t = 0; t < frames_; ++t) {
       std::vector<char> one(static_cast<std::size_t>(frames_), 0);
@@ -199,6 +220,18 @@ class Loop {
     score_others(model);
   }
 
+  /// The white squares under the parameters of the black ones.
+  void cross_validate(Model& model) const {
+    std::vector<Eigen::Index> black, white;
+    for (Eigen::Index i : rows_) (experiment_.data()[static_cast<std::size_t>(i)].side == 1 ? white : black).push_back(i);
+    if (white.empty()) return;
+    const Eigen::MatrixXd &J = model.fit.sensitivity, pull = Eigen::MatrixXd(J(black, Eigen::all)).completeOrthogonalDecomposition().pseudoInverse();
+    const auto left = [&](const auto& r) { return Eigen::MatrixXd(r(white, Eigen::all) - J(white, Eigen::all) * (pull * r(black, Eigen::all))); };
+    const auto scale = 1.0 / std::sqrt(static_cast<double>(white.size()));
+    model.misfit.checkerboard = scale * left(model.fit.residual).norm();
+    model.misfit.null_checkerboard = quantile(scale * left(model.ground->null).colwise().norm().transpose(), 0.95);
+  }
+
   void score_others(Model& model) {
     for (int k = 0; k < static_cast<int>(experiment_.candidates().size()); ++k) {
       if (std::find(model.added.begin(), model.added.end(), k) != model.added.end() || !has_its_turn(k, model)) continue;
@@ -206,11 +239,11 @@ class Loop {
       if (std::any_of(its.begin(), its.end(), [&](int j) { return std::find(model.fit.free.begin(), model.fit.free.end(), j) != model.fit.free.end(); })) continue;
       model.others.push_back(k);
     }
-    const auto signatures = marks(experiment_, weight_, model.fit.values, model.others);
+    const auto signatures = marks(experiment_, model.ground->weight, model.fit.values, model.others);
     ScoreProblem problem;
     problem.residual = model.fit.residual(rows_);
     problem.sensitivity = model.fit.sensitivity(rows_, Eigen::all);
-    problem.null = white_null_(rows_, Eigen::all);
+    problem.null = model.ground->null(rows_, Eigen::all);
     std::vector<int> kept;
     for (std::size_t i = 0; i < signatures.size(); ++i) {
       const Eigen::MatrixXd signature = signatures[i](rows_, Eigen::all);
@@ -271,6 +304,8 @@ class Loop {
     Round round;
     for (std::size_t i : order) {
       Trial trial;
+      experiment_.put_back(at.ground->learned);
+      trial.model.ground = at.ground;
       trial.candidate = at.others[i];
       trial.model.added = at.added;
       trial.model.added.push_back(trial.candidate);
@@ -294,7 +329,7 @@ class Loop {
       bool fitted = false;
       for (const auto& start : starts) {
         try {
-          Fit one = fit(experiment_, weight_, rows_, free_of(trial.model.added), start);
+          Fit one = fit(experiment_, at.ground->weight, rows_, free_of(trial.model.added), start);
           if (!fitted || one.cost < trial.model.fit.cost) trial.model.fit = std::move(one);
           fitted = true;
           const bool down_to_noise = std::sqrt(trial.model.fit.cost / static_cast<double>(rows_.size())) < at.misfit.null_fitted;
@@ -309,6 +344,16 @@ class Loop {
         round.trials.push_back(std::move(trial));
         continue;
       }
+      if (at.ground->learned && trial.model.fit.cost < 0.7 * at.fit.cost) {
+        Model settled = trial.model;
+        try {
+          settle(settled);
+          trial.model = std::move(settled);
+        } catch (const ConvergenceError& error) {
+          experiment_.put_back(at.ground->learned);
+          say(fmt::format("    with {}: {}", candidate(trial.candidate).name, error.what()));
+        }
+      }
       finish(trial.model);
       judge(trial, at);
       announce(trial.model, "with " + candidate(trial.candidate).name);
@@ -316,6 +361,7 @@ class Loop {
       if (trial.sufficient && trial.plausible) round.set.push_back(trial.candidate);
       round.trials.push_back(std::move(trial));
     }
+    experiment_.put_back(at.ground->learned);
     // The earlier link first where the data do not tell.
     std::stable_sort(round.set.begin(), round.set.end(), [&](int a, int b) { return candidate(a).link < candidate(b).link; });
     return round;
@@ -335,6 +381,10 @@ class Loop {
         trial.objection = fmt::format("{} = {:.4g} is at its bound", info.name, value);
       }
     }
+    if (model.misfit.checkerboard > at.misfit.checkerboard * 1.02 && at.misfit.checkerboard > at.misfit.null_checkerboard) {
+      trial.plausible = false;
+      trial.objection = fmt::format("half of the surface is explained worse by the other half: chi {:.3f} after {:.3f}", model.misfit.checkerboard, at.misfit.checkerboard);
+    }
     if (model.misfit.held_out > at.misfit.held_out * 1.02 && at.misfit.held_out > at.misfit.null_held_out) {
       trial.plausible = false;
       trial.objection = fmt::format("the held-out frames are explained worse: chi {:.3f} after {:.3f}", model.misfit.held_out, at.misfit.held_out);
@@ -346,7 +396,7 @@ class Loop {
       columns.push_back(std::find(model.fit.free.begin(), model.fit.free.end(), j) - model.fit.free.begin());
     const Eigen::MatrixXd J = model.fit.sensitivity(rows_, Eigen::all);
     const Eigen::VectorXd r = model.fit.residual(rows_);
-    const Eigen::MatrixXd R = white_null_(rows_, Eigen::all);
+    const Eigen::MatrixXd R = model.ground->null(rows_, Eigen::all);
     double disagreement = 0.0;
     int compared = 0;
     for (int block = 0; block < 3; ++block) {
@@ -408,6 +458,41 @@ class Loop {
     const Eigen::BDCSVD<Eigen::MatrixXd> svd(R, Eigen::ComputeThinU | Eigen::ComputeThinV);
     report_.remainder.time = svd.singularValues()[0] * svd.matrixV().col(0);
     report_.remainder.share = std::pow(svd.singularValues()[0], 2) / std::max(1e-300, R.squaredNorm());
+    map_remainder(per_frame);
+  }
+
+  /// Where and when: the residual on the surface against that of the null draws, whose parameters are fitted too.
+  void map_remainder(Eigen::Index per_frame) {
+    const Fit& fit = report_.final.fit;
+    const Weight& weight = report_.final.ground->weight;
+    const Eigen::MatrixXd& null = report_.final.ground->null;
+    const auto lengths = [&](const Eigen::VectorXd& rows, Eigen::MatrixXd& all) {
+      for (int t = 0; t < frames_; ++t) {
+        const Eigen::VectorXd u = experiment_.displacement_of(rows.segment(t * per_frame, per_frame));
+        if (u.size() == 0) return false;
+        if (all.size() == 0) all.resize(u.size() / 2, frames_);
+        all.col(t) = Eigen::Map<const Eigen::Matrix2Xd>(u.data(), 2, u.size() / 2).colwise().norm().transpose();
+      }
+      return true;
+    };
+    Remainder& remainder = report_.remainder;
+    if (!lengths(weight.undone(fit.residual), remainder.map)) return;
+    const Eigen::MatrixXd pull = Eigen::MatrixXd(fit.sensitivity(rows_, Eigen::all)).completeOrthogonalDecomposition().pseudoInverse();
+    const Eigen::MatrixXd left = weight.undone(null - fit.sensitivity * (pull * null(rows_, Eigen::all)));
+    Eigen::MatrixXd squares = Eigen::MatrixXd::Zero(remainder.map.rows(), frames_);
+    std::vector<Eigen::MatrixXd> draws(static_cast<std::size_t>(left.cols()));
+    for (Eigen::Index b = 0; b < left.cols(); ++b) {
+      lengths(left.col(b), draws[static_cast<std::size_t>(b)]);
+      squares += draws[static_cast<std::size_t>(b)].cwiseAbs2() / static_cast<double>(left.cols());
+    }
+    const Eigen::MatrixXd rms = squares.cwiseSqrt().cwiseMax(1e-300);
+    Eigen::VectorXd largest(left.cols());
+    for (Eigen::Index b = 0; b < left.cols(); ++b) largest[b] = draws[static_cast<std::size_t>(b)].cwiseQuotient(rms).maxCoeff();
+    remainder.map = remainder.map.cwiseQuotient(rms);
+    remainder.limit = quantile(largest, 0.99);
+    // The first mode again of the frames' residuals, as a displacement.
+    const Eigen::MatrixXd R = weight.undone(fit.residual).reshaped(per_frame, frames_);
+    remainder.mode = experiment_.displacement_of(R * (remainder.time / remainder.time.squaredNorm()));
   }
 
   std::string size_of(int k, const Model& model) const {
@@ -457,8 +542,6 @@ class Loop {
   const std::function<void(const std::string&)>& say_;
   int frames_;
   std::vector<Eigen::Index> rows_, held_rows_;
-  Eigen::MatrixXd null_, white_null_;
-  Weight weight_{{}, {}};
   Report report_;
 };
 

@@ -78,6 +78,18 @@ Eigen::SparseMatrix<double> two_components(const Eigen::SparseMatrix<double>& sc
 
 Eigen::Matrix<double, Eigen::Dynamic, 2> in_plane(const mesh::Mesh& surface) { return surface.nodes.leftCols<2>(); }
 
+/// The colour of each node: squares of a quarter of the narrower side.
+std::vector<int> checkerboard(const mesh::Mesh& surface) {
+  const Eigen::RowVector2d low = surface.nodes.leftCols<2>().colwise().minCoeff(), side = surface.nodes.leftCols<2>().colwise().maxCoeff() - low;
+  const double square = 0.25 * side.minCoeff() * (1.0 + 1e-9);
+  std::vector<int> colour;
+  for (Eigen::Index i = 0; i < surface.nodes.rows(); ++i) {
+    const Eigen::RowVector2d at = (surface.nodes.row(i).head<2>() - low) / square;
+    colour.push_back((static_cast<int>(at[0]) + static_cast<int>(at[1])) % 2);
+  }
+  return colour;
+}
+
 /// Gives an effect's parameter what the model declares of it; whether it declares anything.
 bool declare(Parameter& parameter, const std::string& effect, const std::vector<DeclaredEffect>& declared) {
   const auto its = std::find_if(declared.begin(), declared.end(), [&](const auto& one) { return one.effect == key_of(effect) && one.quantity == parameter.info.name; });
@@ -118,8 +130,7 @@ FieldExperiment::FieldExperiment(Communicator world, FieldData data, DeclaredMod
   for (const auto& info : model_.lacking) parameters_.push_back(at_null(info));
   candidates_ = law_candidates(model_.lacking, std::vector<char>(model_.lacking.size(), 0), static_cast<int>(model_.values.size()));
   if (poissons_ratio) candidates_.push_back(*poissons_ratio);
-  displacement_bias_ = Eigen::MatrixXd::Zero(measured_.displacement.rows(), measured_.displacement.cols());
-  force_bias_ = Eigen::VectorXd::Zero(measured_.force.size());
+  bias_ = std::make_shared<Bias>(Eigen::MatrixXd::Zero(measured_.displacement.rows(), measured_.displacement.cols()), Eigen::VectorXd::Zero(measured_.force.size()));
   make_scene();
   std::vector<Candidate> ordered;
   for (auto& effect : effects()) {
@@ -173,7 +184,7 @@ void FieldExperiment::make_scene() {
 void FieldExperiment::make_modes(int wanted) {
   const Eigen::SparseMatrix<double>& M = measured_.M;
   const auto size = M.rows();
-  const auto count = std::min<Eigen::Index>(wanted, std::max<Eigen::Index>(1, size / 2));
+  const auto count = std::min<Eigen::Index>(std::max(1, wanted / 2), std::max<Eigen::Index>(1, size / 8));
   const Eigen::SparseMatrix<double> K = correlation::curvature_energy(measured_.surface, 2);
   const double shift = 1e-6 * K.diagonal().sum() / M.diagonal().sum();
   const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(K + shift * M);
@@ -187,15 +198,29 @@ void FieldExperiment::make_modes(int wanted) {
     const Eigen::GeneralizedSelfAdjointEigenSolver<Eigen::MatrixXd> ritz(X.transpose() * (K * X), X.transpose() * MX);
     X = X * ritz.eigenvectors();
   }
-  modes_ = (M * X.leftCols(count)).transpose();
+  const Eigen::MatrixXd smooth = M * X.leftCols(count);
+  const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> inverse(M);
+  const std::vector<int> colour = checkerboard(measured_.surface);
+  modes_.resize(2 * count, size), shapes_.resize(size, 2 * count);
+  for (int c = 0; c < 2; ++c) {
+    Eigen::MatrixXd A = smooth;
+    for (Eigen::Index i = 0; i < size; ++i)
+      if (colour[static_cast<std::size_t>(i / 2)] != c) A.row(i).setZero();
+    const Eigen::MatrixXd moved = inverse.solve(A);
+    const Eigen::LLT<Eigen::MatrixXd> L(A.transpose() * moved);
+    modes_.middleRows(c * count, count) = L.matrixL().solve(A.transpose());
+    shapes_.middleCols(c * count, count) = L.matrixL().solve(moved.transpose()).transpose();
+  }
   const auto frames = measured_.force.size();
   const Eigen::MatrixXd over_time = Eigen::MatrixXd::Identity(frames, frames) + Eigen::MatrixXd::Constant(frames, frames, 1.0 / measured_.references);
   over_time_ = over_time.llt().matrixL().solve(Eigen::MatrixXd::Identity(frames, frames));
   for (Eigen::Index t = 0; t < frames; ++t) {
-    for (Eigen::Index i = 0; i < count; ++i) data_.push_back({static_cast<int>(t), 0});
+    for (Eigen::Index i = 0; i < 2 * count; ++i) data_.push_back({static_cast<int>(t), 0, i < count ? 0 : 1});
     if (std::isfinite(measured_.force_noise)) data_.push_back({static_cast<int>(t), force_channel});
   }
 }
+
+Eigen::VectorXd FieldExperiment::displacement_of(const Eigen::VectorXd& frame) const { return measured_.noise * (shapes_ * frame.head(shapes_.cols())); }
 
 std::span<const double> FieldExperiment::values_of(std::size_t effect, const std::vector<double>& values) const {
   const std::size_t next = effect + 1 < first_.size() ? first_[effect + 1] : parameters_.size();
@@ -443,14 +468,14 @@ std::vector<Eigen::VectorXd> FieldExperiment::residuals(const std::vector<std::v
   const auto predictions = predict(sets, std::vector<const Eigen::MatrixXd*>(sets.size(), &measured_.driving));
   std::vector<Eigen::VectorXd> result;
   for (const auto& p : predictions)
-    result.push_back(p.force.size() == 0 ? Eigen::VectorXd() : whitened(measured_.displacement - displacement_bias_ - p.displacement, measured_.force - force_bias_ - p.force));
+    result.push_back(p.force.size() == 0 ? Eigen::VectorXd() : whitened(measured_.displacement - bias_->displacement - p.displacement, measured_.force - bias_->force - p.force));
   return result;
 }
 
 std::pair<Eigen::MatrixXd, Eigen::VectorXd> FieldExperiment::unwhitened(const std::vector<double>& values) {
   const auto p = predict({values}, {&measured_.driving}).front();
   if (p.force.size() == 0) throw ConvergenceError("the model cannot follow the measured displacement of the ends");
-  return {measured_.displacement - displacement_bias_ - p.displacement, measured_.force - force_bias_ - p.force};
+  return {measured_.displacement - bias_->displacement - p.displacement, measured_.force - bias_->force - p.force};
 }
 
 std::pair<Eigen::MatrixXd, Eigen::VectorXd> FieldExperiment::synthetic_test(const std::vector<double>& values) {
@@ -497,8 +522,7 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
   const Eigen::MatrixXd driving = measured_.smooth(seen);
   const auto p = predict({values}, {&driving}).front();
   if (p.force.size() == 0) throw ConvergenceError("the model cannot follow the displacement of the synthetic test's ends");
-  displacement_bias_ = seen - p.displacement;
-  force_bias_ = force - p.force;
+  bias_ = std::make_shared<Bias>(seen - p.displacement, force - p.force);
 }
 
 Eigen::MatrixXd FieldExperiment::noise(const std::vector<double>& values, int draws) {

@@ -41,6 +41,13 @@ Eigen::MatrixXd Weight::operator()(const Eigen::MatrixXd& rows) const {
   return result;
 }
 
+Eigen::MatrixXd Weight::undone(const Eigen::MatrixXd& rows) const {
+  if (blocks_.empty()) return rows;
+  Eigen::MatrixXd result(rows.rows(), rows.cols());
+  for (const auto& [first, inverse] : blocks_) result.middleRows(first, inverse.rows()) = inverse.triangularView<Eigen::Lower>().solve(rows.middleRows(first, inverse.rows()));
+  return result;
+}
+
 std::vector<Eigen::Index> rows_of_frames(const std::vector<Datum>& data, const std::vector<char>& frames) {
   std::vector<Eigen::Index> rows;
   for (std::size_t i = 0; i < data.size(); ++i)

@@ -187,7 +187,7 @@ struct IdentifyCase {
 /// How the loop is closed (imic3d loop); it asks for nothing.
 struct LoopCase {
   int draws = 100;      ///< of the null ensemble
-  int modes = 100;      ///< smooth modes of the displacement residual
+  int modes = 100;      ///< numbers that the displacement residual of a frame is written in
   int additions = 3;    ///< effects added at most
   int rivals = 4;       ///< candidates tried in each round
   std::vector<double> starts = {1.0, 0.9, 1.1};  ///< of the identification, relative to the declared values

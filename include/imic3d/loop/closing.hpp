@@ -2,6 +2,7 @@
 // Closing the loop: identify, find what is left unexplained, trace it, add it, identify again, report before and after.
 
 #include <functional>
+#include <memory>
 #include <string>
 
 #include "imic3d/loop/fit.hpp"
@@ -26,8 +27,18 @@ struct Misfit {
   double fitted = 0.0, held_out = 0.0;
   double null_fitted = 0.0, null_held_out = 0.0;  ///< 95 % quantiles under the null
   double images = 0.0, force = 0.0;               ///< of the channels, fitted frames
+  /// Of the white squares of a checkerboard on the surface when the parameters are those of the black ones (and the force), linearised at
+  /// the fit, fitted frames; and its 95 % quantile under the null. 0 without a surface.
+  double checkerboard = 0.0, null_checkerboard = 0.0;
   Eigen::VectorXd frames;                         ///< [frames]
   Eigen::VectorXd null_frames;                    ///< 95 % quantile of each frame's under the null
+};
+
+/// What a model is judged by: what the procedure errs by under it, and what noise alone leaves.
+struct Ground {
+  std::shared_ptr<const Experiment::Learned> learned;
+  Weight weight{{}, {}};
+  Eigen::MatrixXd null;         ///< whitened residuals of noise alone, before any fit [N x draws]
 };
 
 /// A model: which candidates it contains, and what the data say of it.
@@ -39,6 +50,7 @@ struct Model {
   Scores scores;                ///< of all other candidates
   std::vector<int> others;      ///< the candidates that `scores` is about
   std::string message;          ///< why the model could not be fitted, if so
+  std::shared_ptr<const Ground> ground;
 };
 
 /// A candidate that was tried.
@@ -55,10 +67,15 @@ struct Round {
   std::vector<int> set;         ///< candidates that suffice alone
 };
 
-/// The remainder: what the final model leaves, per frame and in time.
+/// The remainder: what the final model leaves, where and when.
 struct Remainder {
   Eigen::VectorXd time;         ///< first singular vector over the frames [frames]
-  double share = 0.0;           ///< of the excess energy
+  double share = 0.0;           ///< of the whole square
+  /// Length of the nodes' residual displacement over its rms under the null [surface nodes x frames], and what its largest value exceeds in one
+  /// null test of a hundred. Empty without a surface.
+  Eigen::MatrixXd map;
+  double limit = 0.0;
+  Eigen::VectorXd mode;         ///< the displacement that goes with `time` [unknowns, length per unit of it]
 };
 
 struct Report {

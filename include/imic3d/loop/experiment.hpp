@@ -2,6 +2,7 @@
 // What the loop needs of measured data, whatever they are: images with a force record, displacement fields, curves.
 
 #include <Eigen/Core>
+#include <memory>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -40,6 +41,7 @@ constexpr int force_channel = -1;
 struct Datum {
   int frame = 0;                ///< place in the record
   int channel = force_channel;  ///< camera from 0, or the force
+  int side = -1;                ///< of the checkerboard on the surface that it belongs to: 0, 1; -1: to none
 };
 
 /// Measured data and the model of how they come about. Every residual is measured - predicted in units of the measured
@@ -62,6 +64,15 @@ class Experiment {
   virtual void learn_bias(const std::vector<double>& /*values*/) {}
   /// What was learned, in units of the noise [N]; empty if nothing was.
   [[nodiscard]] virtual Eigen::VectorXd bias() const { return {}; }
+  /// The same to be kept, and put back: another model errs otherwise. Null where what is learned is a matter of the data alone.
+  struct Learned {
+    virtual ~Learned() = default;
+  };
+  [[nodiscard]] virtual std::shared_ptr<const Learned> learned() const { return nullptr; }
+  virtual void put_back(const std::shared_ptr<const Learned>& /*learned*/) {}
+  /// The numbers of one frame, in units of the noise, as the displacement of the surface's nodes that has them [unknowns, length]; empty where
+  /// there is no surface.
+  [[nodiscard]] virtual Eigen::VectorXd displacement_of(const Eigen::VectorXd& /*frame*/) const { return {}; }
   /// Residuals of a complete model with these values: random draws of all noise, that of the inputs propagated through the
   /// model [N x draws]. The same on every rank. Collective.
   [[nodiscard]] virtual Eigen::MatrixXd noise(const std::vector<double>& values, int draws) = 0;

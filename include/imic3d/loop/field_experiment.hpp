@@ -68,13 +68,17 @@ struct DeclaredModel {
 };
 
 struct FieldOptions {
-  int modes = 100;  ///< smooth displacement modes that the residual of each frame is written in
+  int modes = 100;  ///< numbers that the residual displacement of each frame is written in: half as many smooth modes on either side of the checkerboard
 };
 
-/// The residual of each frame: the coefficients of the measured minus the simulated displacement in smooth modes Phi with
-/// Phi^T M Phi = 1, and the measured force minus the reaction before any scaling (the dual residual). The modes are those of
-/// the least curvature; what lies beyond them is left out. The noise of the reference,
-/// common to all frames, is whitened over time.
+/// The residual of each frame: the measured minus the simulated displacement, r, in smooth modes Phi, those of the least curvature, and the
+/// measured force minus the reaction before any scaling (the dual residual). The modes are taken on the black and on the white squares of a
+/// checkerboard, D_c being 1 at the nodes of colour c and 0 elsewhere:
+///
+///   q_c = L_c^-1 A_c^T r,  A_c = D_c M Phi,  A_c^T M^-1 A_c = L_c L_c^T,
+///
+/// so that noise of covariance M^-1 is white on either colour and all but independent of the other's. What lies beyond the modes is left out.
+/// The noise of the reference, common to all frames, is whitened over time.
 class FieldExperiment final : public Experiment {
  public:
   FieldExperiment(Communicator world, FieldData data, DeclaredModel model, const FieldOptions& options = {});
@@ -86,8 +90,13 @@ class FieldExperiment final : public Experiment {
   [[nodiscard]] std::vector<int> frame_numbers() const override { return measured_.frames; }
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) override;
   void learn_bias(const std::vector<double>& values) override;
-  [[nodiscard]] Eigen::VectorXd bias() const override { return whitened(displacement_bias_, force_bias_); }
+  [[nodiscard]] Eigen::VectorXd bias() const override { return whitened(bias_->displacement, bias_->force); }
+  [[nodiscard]] std::shared_ptr<const Learned> learned() const override { return measured_.correlate ? bias_ : nullptr; }
+  void put_back(const std::shared_ptr<const Learned>& learned) override {
+    if (const auto bias = std::dynamic_pointer_cast<const Bias>(learned)) bias_ = bias;
+  }
   [[nodiscard]] Eigen::MatrixXd noise(const std::vector<double>& values, int draws) override;
+  [[nodiscard]] Eigen::VectorXd displacement_of(const Eigen::VectorXd& frame) const override;
 
   [[nodiscard]] const FieldData& measured() const { return measured_; }
   [[nodiscard]] const Scene& scene() const { return scene_; }
@@ -97,6 +106,11 @@ class FieldExperiment final : public Experiment {
   [[nodiscard]] int simulations() const { return simulations_; }
 
  private:
+  struct Bias final : Learned {
+    Eigen::MatrixXd displacement;
+    Eigen::VectorXd force;
+    Bias(Eigen::MatrixXd u, Eigen::VectorXd f) : displacement(std::move(u)), force(std::move(f)) {}
+  };
   struct Simulation;  // what one series is made of
   struct Variant;     // a specimen with its forward model
   struct Prediction { Eigen::MatrixXd displacement; Eigen::VectorXd force; };
@@ -120,13 +134,13 @@ class FieldExperiment final : public Experiment {
   std::vector<Parameter> parameters_;
   std::vector<Candidate> candidates_;
   std::vector<Datum> data_;
-  Eigen::MatrixXd modes_;           // Phi^T M [modes x 2n]
+  Eigen::MatrixXd modes_;           // L_c^-1 A_c^T of both colours [modes x 2n]
+  Eigen::MatrixXd shapes_;          // M^-1 modes_^T [2n x modes]
   Eigen::MatrixXd over_time_;       // inverse of the Cholesky factor of 1 + 11^T/references [frames x frames]
   struct Groups;
   std::unique_ptr<Groups> groups_;
   [[nodiscard]] std::pair<Eigen::MatrixXd, Eigen::VectorXd> synthetic_test(const std::vector<double>& values);
-  Eigen::MatrixXd displacement_bias_;  // learned, taken off the measured displacement and force
-  Eigen::VectorXd force_bias_;
+  std::shared_ptr<const Bias> bias_;  // taken off the measured displacement and force
   int simulations_ = 0;
 };
 

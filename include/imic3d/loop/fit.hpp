@@ -17,6 +17,8 @@ class Weight {
   Weight(const std::vector<Datum>& data, const Eigen::MatrixXd& null, int window = 2);
   /// Residuals or sensitivities [N x any], whitened; still [N x any].
   [[nodiscard]] Eigen::MatrixXd operator()(const Eigen::MatrixXd& rows) const;
+  /// The reverse.
+  [[nodiscard]] Eigen::MatrixXd undone(const Eigen::MatrixXd& rows) const;
 
  private:
   std::vector<std::pair<Eigen::Index, Eigen::MatrixXd>> blocks_;  // first row, inverse Cholesky factor of the covariance
