@@ -164,7 +164,8 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
               if (sink) sink(task, t, state);
             },
             [&](int t) -> const Eigen::VectorXd* {
-              for (const Control of : {control, Control::displacement}) {
+              // Not from its own where images pull weakly: what hardly costs anything, such as hourglass modes, would wander.
+              for (const Control of : {control == Control::images ? Control::displacement : control, Control::displacement}) {
                 const Solution& last = impl_->last[static_cast<std::size_t>(of)];
                 if (static_cast<std::size_t>(t) >= last.displacement.size()) continue;
                 start = last.at(static_cast<std::size_t>(t), run.parameters);

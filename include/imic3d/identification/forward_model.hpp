@@ -75,7 +75,8 @@ class ForwardModel {
   /// Simulates the first `frames` frames of every run, the runs as concurrent groups. All runs take the same load
   /// increments, so that their differences are derivatives: one that needed other increments than the rest is simulated
   /// again. Each starts its frames, on every group alike, from the last solution of run 0 under the same control, taken along its
-  /// derivatives to the new parameters where there are any; else from that of the DIC-driven one. Collective over the world.
+  /// derivatives to the new parameters where there are any; if there is none, and under Control::images, from that of the
+  /// DIC-driven one. Collective over the world.
   std::vector<Path> simulate(Control control, const std::vector<Run>& runs, int frames, const FrameSink& sink = {});
 
   /// Sec. 3.4: the reactions of the DIC-driven simulations `runs`, scaled to a resultant of one. Where the load is so small
