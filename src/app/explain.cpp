@@ -200,12 +200,13 @@ class VirtualIdentification {
       record.force = data_.force - F;
       record.surface_displacement = data_.displacement - U;
       record.driving = data_.driving;  // what the ends were seen to do
+      id::GaussNewtonOptions options;
+      options.sensitivities = test_.identify.sensitivities == "direct" ? id::Sensitivities::direct : id::Sensitivities::perturbed;
       std::size_t most_free = 1;
       for (const auto& stage : stages_) most_free = std::max(most_free, stage.free.size());
       id::ForwardModel forward(world_, specimen_, material_.law, std::move(record),
-                               {.increments = test_.identify.steps_per_frame, .with_fields = false}, static_cast<int>(1 + most_free),
-                               test_.identify.groups);
-      id::GaussNewtonOptions options;
+                               {.increments = test_.identify.steps_per_frame, .with_fields = false},
+                               options.sensitivities == id::Sensitivities::direct ? 1 : static_cast<int>(1 + most_free), test_.identify.groups);
       options.functional = id::functional_from(test_.identify.functional);
       options.alpha = test_.identify.alpha;
       options.eta = std::min(1e-4, test_.identify.eta);

@@ -72,6 +72,7 @@ void identify(const Communicator& world, const CommandOptions& options) {
   id::GaussNewtonOptions solver;
   solver.functional = id::functional_from(test.identify.functional);
   solver.alpha = test.identify.alpha;
+  solver.sensitivities = test.identify.sensitivities == "direct" ? id::Sensitivities::direct : id::Sensitivities::perturbed;
   solver.eta = test.identify.eta;
   solver.max_iterations = test.identify.max_iterations;
   solver.force_noise = force_noise(seen, test);
@@ -95,7 +96,7 @@ void identify(const Communicator& world, const CommandOptions& options) {
   std::size_t most_free = 1;
   for (const auto& stage : test.identify.stages) most_free = std::max(most_free, stage.free.size());
   id::ForwardModel model(world, specimen, material.law, record, {.increments = test.identify.steps_per_frame, .with_fields = false},
-                         static_cast<int>(1 + most_free), test.identify.groups);
+                         solver.sensitivities == id::Sensitivities::direct ? 1 : static_cast<int>(1 + most_free), test.identify.groups);
 
   const auto parameters = static_cast<Eigen::Index>(material.values.size());
   Eigen::MatrixXd covariance = Eigen::MatrixXd::Constant(parameters, parameters, std::nan(""));

@@ -7,6 +7,28 @@
 
 namespace imic3d::identification {
 
+namespace {
+
+/// The last series of run 0 under one control, the same on every rank.
+struct Solution {
+  std::vector<double> parameters;
+  std::vector<int> free;
+  std::vector<Eigen::VectorXd> displacement;                 // [3 * nodes] of each frame
+  std::vector<std::vector<Eigen::VectorXd>> d_displacement;  // of each frame, by each free parameter
+
+  /// U + dU/dLambda (Lambda - Lambda of the solution) at frame t.
+  [[nodiscard]] Eigen::VectorXd at(std::size_t t, const std::vector<double>& wanted) const {
+    Eigen::VectorXd U = displacement[t];
+    for (std::size_t k = 0; k < free.size(); ++k) {
+      const auto j = static_cast<std::size_t>(free[k]);
+      U += (wanted[j] - parameters[j]) * d_displacement[t][k];
+    }
+    return U;
+  }
+};
+
+}  // namespace
+
 struct ForwardModel::Implementation {
   GroupLayout layout;
   mesh::Partition partition;
@@ -14,7 +36,7 @@ struct ForwardModel::Implementation {
   mechanics::EquilibriumOptions options;
   std::array<std::unique_ptr<mechanics::Equilibrium>, 3> solver;  // by Control
   mechanics::OpticalTerm optical;
-  std::vector<Eigen::VectorXd> guess;  // the last DIC-driven displacement of run 0, per frame, the same on every rank
+  std::array<Solution, 3> last;  // by Control
 
   Implementation(Communicator world, const Specimen& specimen, std::shared_ptr<const material::FiniteStrainLaw> law_,
                  mechanics::EquilibriumOptions options_, int tasks, int groups)
@@ -63,6 +85,17 @@ void ForwardModel::follow_images(const ImageData& images, double alpha, const st
     const Eigen::VectorXd b = far || fraction < 1.0 ? Mgap : images.evaluate(t, seen, impl_->layout.group()).b;
     return c * (specimen_.projection.transpose() * b);
   };
+  // Grey levels are differentiated by central differences over a twentieth of a pixel to either side.
+  impl_->optical.d_force = [this, &images, c](int t, double fraction, const Eigen::VectorXd& U, const Eigen::VectorXd& dU) -> Eigen::VectorXd {
+    const Eigen::VectorXd seen = specimen_.project(U), moves = specimen_.projection * dU, Mmoves = images.M * moves;
+    const Eigen::VectorXd gap = record_.surface_displacement.col(t) - seen;
+    const double largest = moves.lpNorm<Eigen::Infinity>();
+    if (fraction < 1.0 || largest == 0.0 || std::sqrt(images.distance(gap, images.M * gap)) > images.reach)
+      return -c * (specimen_.projection.transpose() * Mmoves);
+    const double h = 0.05 / images.pixels_per_length / largest;
+    const auto b = [&](double side) { return images.evaluate(t, seen + side * h * moves, impl_->layout.group()).b; };
+    return c / (2.0 * h) * (specimen_.projection.transpose() * (b(1.0) - b(-1.0)));
+  };
 }
 
 int ForwardModel::groups() const { return impl_->layout.groups(); }
@@ -88,13 +121,21 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
 
   const auto tasks = static_cast<int>(runs.size());
   std::vector<Path> paths(runs.size());
-  for (auto& path : paths) {
-    path.surface.setZero(unknowns, frames);
-    path.reaction.setZero(frames);
+  for (std::size_t task = 0; task < runs.size(); ++task) {
+    paths[task].surface.setZero(unknowns, frames);
+    paths[task].reaction.setZero(frames);
+    paths[task].d_surface.assign(runs[task].free.size(), Eigen::MatrixXd::Zero(unknowns, frames));
+    paths[task].d_reaction.assign(runs[task].free.size(), Eigen::VectorXd::Zero(frames));
   }
+  const auto resultant_of = [&](const Eigen::VectorXd& internal) {
+    double resultant = 0.0;
+    for (int node : specimen_.loaded) resultant += internal[3 * node + specimen_.axis];
+    return specimen_.section_factor * resultant;
+  };
   const Communicator world = impl_->layout.world();
   const auto runs_here = [&](int task) { return task % impl_->layout.groups() == impl_->layout.index(); };
-  std::vector<Eigen::VectorXd> solution(static_cast<std::size_t>(frames));  // of run 0
+  Solution solution{runs.front().parameters, runs.front().free, std::vector<Eigen::VectorXd>(static_cast<std::size_t>(frames)), {}};
+  solution.d_displacement.resize(static_cast<std::size_t>(frames));
   std::vector<int> increments(static_cast<std::size_t>(frames), impl_->options.increments);
   std::vector<char> current(runs.size(), 0);  // simulated with these increments
   for (int round = 0; round < 8 && std::count(current.begin(), current.end(), 0) > 0; ++round) {
@@ -106,20 +147,33 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
         Path& path = paths[static_cast<std::size_t>(task)];
         path.surface.setZero();
         path.reaction.setZero();
+        Eigen::VectorXd start;
         const auto status = equilibrium.run(
             steps_of(run), run.parameters, record_.start_time,
             [&](int t, const mechanics::FrameState& state) {
-              if (task == 0) solution[static_cast<std::size_t>(t)] = state.displacement;
+              if (task == 0) {
+                solution.displacement[static_cast<std::size_t>(t)] = state.displacement;
+                solution.d_displacement[static_cast<std::size_t>(t)] = state.d_displacement;
+              }
               path.surface.col(t) = specimen_.project(state.displacement);
-              double resultant = 0.0;
-              for (int node : specimen_.loaded) resultant += state.internal[3 * node + specimen_.axis];
-              path.reaction[t] = specimen_.section_factor * resultant;
+              path.reaction[t] = resultant_of(state.internal);
+              for (std::size_t k = 0; k < run.free.size(); ++k) {
+                path.d_surface[k].col(t) = specimen_.project(state.d_displacement[k]);
+                path.d_reaction[k][t] = resultant_of(state.d_internal[k]);
+              }
               if (sink) sink(task, t, state);
             },
-            [&](int t) {
-              return static_cast<std::size_t>(t) < impl_->guess.size() ? &impl_->guess[static_cast<std::size_t>(t)] : nullptr;
+            [&](int t) -> const Eigen::VectorXd* {
+              // Not from its own where images pull weakly: what hardly costs anything, such as hourglass modes, would wander.
+              for (const Control of : {control == Control::images ? Control::displacement : control, Control::displacement}) {
+                const Solution& last = impl_->last[static_cast<std::size_t>(of)];
+                if (static_cast<std::size_t>(t) >= last.displacement.size()) continue;
+                start = last.at(static_cast<std::size_t>(t), run.parameters);
+                return &start;
+              }
+              return nullptr;
             },
-            increments, control == Control::images ? &impl_->optical : nullptr);
+            increments, control == Control::images ? &impl_->optical : nullptr, run.free);
         path.frames = status.frames;
         path.limit_point = status.limit_point;
         path.message = status.message;
@@ -155,12 +209,13 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
   for (int task = 0; task < tasks; ++task) {
     Path& path = paths[static_cast<std::size_t>(task)];
     const bool mine = group_root && runs_here(task);
-    if (!mine) {
-      path.surface.setZero();
-      path.reaction.setZero();
-    }
-    world.sum(std::span(path.surface.data(), static_cast<std::size_t>(path.surface.size())));
-    world.sum(std::span(path.reaction.data(), static_cast<std::size_t>(path.reaction.size())));
+    const auto share = [&](auto& values) {
+      if (!mine) values.setZero();
+      world.sum(std::span(values.data(), static_cast<std::size_t>(values.size())));
+    };
+    share(path.surface), share(path.reaction);
+    for (auto& values : path.d_surface) share(values);
+    for (auto& values : path.d_reaction) share(values);
     path.frames = static_cast<int>(world.sum(mine ? path.frames : 0.0));
     path.limit_point = world.sum(mine && path.limit_point ? 1.0 : 0.0) > 0.5;
     path.newton_iterations = static_cast<int>(world.sum(mine ? path.newton_iterations : 0.0));
@@ -168,15 +223,20 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
     const auto speaker = static_cast<int>(world.max(mine ? world.rank() : -1));
     world.broadcast(path.message, speaker);
   }
-  if (control == Control::displacement) {
-    impl_->guess.resize(std::max<std::size_t>(impl_->guess.size(), static_cast<std::size_t>(frames)));
-    for (int t = 0; t < paths.front().frames; ++t) {
-      auto& shared = impl_->guess[static_cast<std::size_t>(t)];
-      shared.setZero(3 * specimen_.volume.nodes.rows());
-      if (group_root && runs_here(0)) shared = solution[static_cast<std::size_t>(t)];
-      world.sum(std::span(shared.data(), static_cast<std::size_t>(shared.size())));
-    }
+  // Run 0, on which the next series starts: within its group every rank has it.
+  const auto reached = static_cast<std::size_t>(paths.front().frames);
+  solution.displacement.resize(reached), solution.d_displacement.resize(reached);
+  const auto from_group = [&](Eigen::VectorXd& values) {
+    if (impl_->layout.groups() == 1) return;
+    if (!group_root || !runs_here(0)) values.setZero(3 * specimen_.volume.nodes.rows());
+    world.sum(std::span(values.data(), static_cast<std::size_t>(values.size())));
+  };
+  for (std::size_t t = 0; t < reached; ++t) {
+    solution.d_displacement[t].resize(solution.free.size());
+    from_group(solution.displacement[t]);
+    for (auto& values : solution.d_displacement[t]) from_group(values);
   }
+  impl_->last[static_cast<std::size_t>(control)] = std::move(solution);
   return paths;
 }
 

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <cmath>
 #include <random>
+#include <stdexcept>
 
 #include "imic3d/core/bounded_step.hpp"
 #include "imic3d/core/error.hpp"
@@ -58,26 +59,46 @@ void settle(Path& path, const ForwardModel& model, const ImageData& images, cons
   fit_rigid_motion(model.specimen(), control_of_images(options), images.M, dic, path);
 }
 
+/// The derivatives of the path with those of the rigid motion that the images fix: a fit of the surface alone, by central differences.
+void settle_derivatives(Path& path, const ForwardModel& model, const ImageData& images, const GaussNewtonOptions& options) {
+  const double size = path.surface.norm();
+  for (auto& derivative : path.d_surface) {
+    const double h = 1e-4 * size / std::max(derivative.norm(), 1e-300);
+    const auto moved = [&](double side) {
+      Path other;
+      other.frames = path.frames, other.surface = path.surface + side * h * derivative;
+      settle(other, model, images, model.record().surface_displacement, options);
+      return other.surface;
+    };
+    derivative = (moved(1.0) - moved(-1.0)) / (2.0 * h);
+  }
+}
+
 Linearisation linearise(ForwardModel& model, const ImageData& images, const std::vector<double>& parameters,
                         const Stage& stage, const GaussNewtonOptions& options) {
   const int frames = stage.frames.back() + 1;
-  std::vector<Run> sets(1 + stage.free.size(), Run{.parameters = parameters});
-  for (std::size_t j = 0; j < stage.free.size(); ++j)
-    sets[1 + j].parameters[static_cast<std::size_t>(stage.free[j])] += step_of(parameters, stage.free[j], options);
+  const bool direct = options.sensitivities == Sensitivities::direct;
+  std::vector<Run> sets(direct ? 1 : 1 + stage.free.size(), Run{.parameters = parameters});
+  if (direct)
+    sets.front().free = stage.free;
+  else
+    for (std::size_t j = 0; j < stage.free.size(); ++j)
+      sets[1 + j].parameters[static_cast<std::size_t>(stage.free[j])] += step_of(parameters, stage.free[j], options);
 
   Linearisation result;
   std::vector<Path> driven, paths;
   if (options.functional == Functional::displacement_driven) {
-    paths = model.simulate(Control::displacement, sets, frames);
-    driven = paths;
-    for (auto& path : paths) settle(path, model, images, model.record().surface_displacement, options);
+    driven = paths = model.simulate(Control::displacement, sets, frames);
   } else {
-    const auto distribution = model.distribute_forces({{.parameters = parameters}}, frames, driven);  // Sec. 3.4
+    // The forces are those of the parameters at hand (Sec. 3.4); they stay as they are when a parameter moves.
+    const bool reaction = direct && has_force(options.functional);
+    const auto distribution = model.distribute_forces({reaction ? sets.front() : Run{.parameters = parameters}}, frames, driven);
     for (auto& set : sets) set.forces = &distribution.front();
     paths = model.simulate(control_of_images(options), sets, driven.front().frames);
-    for (auto& path : paths) settle(path, model, images, model.record().surface_displacement, options);
-    if (options.functional == Functional::combined) driven = model.simulate(Control::displacement, sets, driven.front().frames);
+    if (options.functional == Functional::combined && !direct) driven = model.simulate(Control::displacement, sets, driven.front().frames);
   }
+  if (direct) settle_derivatives(paths.front(), model, images, options);
+  for (auto& path : paths) settle(path, model, images, model.record().surface_displacement, options);
   int common = frames;
   for (const auto& path : paths) common = std::min(common, path.frames);
   for (const auto& path : driven) common = std::min(common, path.frames);
@@ -90,6 +111,11 @@ Linearisation linearise(ForwardModel& model, const ImageData& images, const std:
   result.nominal.frames = common;
   result.reaction = driven.front().reaction.head(common);
   for (std::size_t j = 0; j < stage.free.size(); ++j) {
+    if (direct) {
+      result.sensitivity.emplace_back(paths.front().d_surface[j].leftCols(common));
+      if (has_force(options.functional)) result.force_sensitivity.emplace_back(driven.front().d_reaction[j].head(common));
+      continue;
+    }
     const double step = step_of(parameters, stage.free[j], options);
     result.sensitivity.emplace_back((paths[1 + j].surface.leftCols(common) - paths.front().surface.leftCols(common)) / step);
     if (has_force(options.functional))
@@ -413,6 +439,8 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
                          const std::vector<ParameterInfo>& information, const Stage& stage,
                          const GaussNewtonOptions& options, std::vector<double>& parameters,
                          const std::function<void(const Iterate&)>& report) {
+  if (options.sensitivities == Sensitivities::direct && !model.differentiable())
+    throw std::invalid_argument("gauss_newton: direct sensitivities of hex8s elements");
   StageResult result;
   if (options.alpha > 0.0) model.follow_images(images, options.alpha, parameters);
   const auto move = [&](const std::vector<double>& from, const Eigen::VectorXd& step) {

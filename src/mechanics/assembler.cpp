@@ -60,10 +60,10 @@ Assembler::Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
                      std::shared_ptr<const material::FiniteStrainLaw> law, const std::vector<char>& constrained)
     : partition_(partition),
       law_(std::move(law)),
-      history_(*law_, static_cast<int>(partition.cells.size()),
-               mesh::dimension(mesh.type) == 2                    ? quadrilateral_points
-               : mesh.integration == mesh::Integration::full ? hexahedron_points
-                                                                  : 1,
+      points_per_cell_(mesh::dimension(mesh.type) == 2               ? quadrilateral_points
+                       : mesh.integration == mesh::Integration::full ? hexahedron_points
+                                                                     : 1),
+      history_(*law_, static_cast<int>(partition.cells.size()), points_per_cell_,
                mesh.integration == mesh::Integration::one_point_stabilised ? hourglass_state : 0),
       type_(mesh.type),
       integration_(mesh.integration),
@@ -179,8 +179,12 @@ Assembler::~Assembler() {
   MatDestroy(&tangent_);
 }
 
-void Assembler::start() {
+void Assembler::start(int directions) {
   history_.initialise(*law_);
+  const auto count = static_cast<std::size_t>(directions);
+  d_history_ = HistoryField(static_cast<int>(partition_.cells.size()), count * static_cast<std::size_t>(points_per_cell_ * law_->history_size()));
+  du_local_.assign(count, std::vector<double>(u_local_.size()));
+  d_element_forces_.assign(count, std::vector<double>(element_forces_.size()));
   for (std::size_t cell = 0; cell < initial_strain_.size(); ++cell)
     history_.strain(*law_, static_cast<int>(cell), initial_axis_, initial_strain_[cell]);
 }
@@ -197,6 +201,11 @@ void Assembler::gather(Vec global, std::vector<double>& local) const {
   IMIC3D_PETSC(VecGetArrayRead(local_, &values));
   std::copy_n(values, local.size(), local.begin());
   IMIC3D_PETSC(VecRestoreArrayRead(local_, &values));
+}
+
+void Assembler::insert(const std::vector<double>& element_vectors, Vec global) const {
+  IMIC3D_PETSC(VecSetValuesCOO(force_pattern_, element_vectors.data(), INSERT_VALUES));
+  IMIC3D_PETSC(VecCopy(force_pattern_, global));
 }
 
 template <int nodes, int axes>
@@ -270,20 +279,67 @@ bool Assembler::assemble(Vec u, double time_increment, std::span<const double> p
                     : type_ == mesh::CellType::quad8 ? evaluate_cells<8, 2>(time_increment, parameters, with_tangent)
                     : type_ == mesh::CellType::hex8  ? evaluate_cells<8, 3>(time_increment, parameters, with_tangent)
                                                      : evaluate_cells<20, 3>(time_increment, parameters, with_tangent);
-  const int failed = good ? 0 : 1;
-  int anywhere = 0;
-  MPI_Allreduce(&failed, &anywhere, 1, MPI_INT, MPI_MAX, partition_.communicator.handle);
-  if (anywhere != 0) return false;
-
-  const auto insert = [this](const std::vector<double>& values, Vec target) {
-    IMIC3D_PETSC(VecSetValuesCOO(force_pattern_, values.data(), INSERT_VALUES));
-    IMIC3D_PETSC(VecCopy(force_pattern_, target));
-  };
+  if (!partition_.communicator.all(good)) return false;
   insert(element_forces_, force);
   if (with_tangent) {
     IMIC3D_PETSC(MatSetValuesCOO(tangent_, element_tangents_.data(), INSERT_VALUES));
     insert(element_lifting_, lifting);
   }
+  return true;
+}
+
+template <int nodes, int axes>
+bool Assembler::differentiate_cells(double time_increment, std::span<const double> parameters, std::span<const double> d_parameters) {
+  constexpr int dofs = axes * nodes;
+  const auto cells = static_cast<int>(local_nodes_.rows());
+  const std::size_t count = du_local_.size(), of_points = static_cast<std::size_t>(points_per_cell_ * law_->history_size());
+  int failed = 0;
+#pragma omp parallel for schedule(static) reduction(max : failed)
+  for (int cell = 0; cell < cells; ++cell) {
+    const auto local = [&](int dof) { return static_cast<std::size_t>(axes * local_nodes_(cell, dof / axes) + dof % axes); };
+    const double section = section_.empty() ? 1.0 : section_[static_cast<std::size_t>(cell)];
+    const ElementNodes<nodes, axes> places = nodes_.middleRows<nodes>(nodes * static_cast<Eigen::Index>(cell)).template leftCols<axes>();
+    ElementVector<nodes, axes> displacement;
+    for (int dof = 0; dof < dofs; ++dof) displacement[dof] = u_local_[local(dof)];
+    for (std::size_t first = 0; first < count; first += most_directions) {
+      const std::size_t n = std::min<std::size_t>(most_directions, count - first);
+      ElementColumns<nodes, axes> d_displacement(dofs, static_cast<Eigen::Index>(n)), d_force(dofs, static_cast<Eigen::Index>(n));
+      for (std::size_t k = 0; k < n; ++k)
+        for (int dof = 0; dof < dofs; ++dof) d_displacement(dof, static_cast<Eigen::Index>(k)) = du_local_[first + k][local(dof)];
+      const ElementDirections along{d_parameters.subspan(first * parameters.size(), n * parameters.size()),
+                                    d_history_.converged(cell).subspan(first * of_points, n * of_points),
+                                    d_history_.trial(cell).subspan(first * of_points, n * of_points)};
+      bool good = false;
+      if constexpr (axes == 2)
+        good = mechanics::differentiate<nodes>(*law_, thickness_, parameters, time_increment, places, displacement, history_.converged(cell),
+                                               d_displacement, along, d_force);
+      else if constexpr (nodes == 8)
+        good = integration_ == mesh::Integration::full
+                   ? mechanics::differentiate(*law_, parameters, time_increment, places, displacement, history_.converged(cell), d_displacement,
+                                              along, d_force)
+                   : differentiate_one_point(*law_, parameters, time_increment, places, displacement, history_.converged(cell),
+                                             d_displacement, along, d_force);
+      else
+        good = mechanics::differentiate(*law_, parameters, time_increment, places, displacement, history_.converged(cell), d_displacement,
+                                        along, d_force);
+      if (!good) failed = 1;
+      d_force *= section;
+      for (std::size_t k = 0; k < n; ++k)
+        std::copy_n(d_force.col(static_cast<Eigen::Index>(k)).data(), dofs, d_element_forces_[first + k].begin() + dofs * cell);
+    }
+  }
+  return failed == 0;
+}
+
+bool Assembler::differentiate(const std::vector<Vec>& du, double time_increment, std::span<const double> parameters,
+                              std::span<const double> d_parameters, const std::vector<Vec>& d_force) {
+  for (std::size_t k = 0; k < du.size(); ++k) gather(du[k], du_local_[k]);
+  const bool good = type_ == mesh::CellType::quad4   ? differentiate_cells<4, 2>(time_increment, parameters, d_parameters)
+                    : type_ == mesh::CellType::quad8 ? differentiate_cells<8, 2>(time_increment, parameters, d_parameters)
+                    : type_ == mesh::CellType::hex8  ? differentiate_cells<8, 3>(time_increment, parameters, d_parameters)
+                                                     : differentiate_cells<20, 3>(time_increment, parameters, d_parameters);
+  if (!partition_.communicator.all(good)) return false;
+  for (std::size_t k = 0; k < du.size(); ++k) insert(d_element_forces_[k], d_force[k]);
   return true;
 }
 

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <stdexcept>
 
 #include "imic3d/core/error.hpp"
 #include "imic3d/mechanics/assembler.hpp"
@@ -37,8 +38,10 @@ struct Equilibrium::Implementation {
   int axes;  // degrees of freedom of a node; natural vectors always hold 3, the third is 0 in a plane mesh
   Vec u = nullptr, optical_force = nullptr, force = nullptr, external = nullptr, residual = nullptr, increment = nullptr,
       lifting = nullptr, correction = nullptr;
-  KSP solver = nullptr;
+  KSP solver = nullptr, refiner = nullptr;
   bool direct = true;
+  std::vector<Vec> du, d_force;  // of each free parameter
+  std::vector<double> d_parameters;  // unit vectors [free x number of parameters]
   std::vector<double> last_residuals;
   const OpticalTerm* optical = nullptr;  // of the run at hand
   int frame = 0;
@@ -60,6 +63,8 @@ struct Equilibrium::Implementation {
 
   ~Implementation() {
     KSPDestroy(&solver);
+    KSPDestroy(&refiner);
+    differentiate_by({});
     for (Vec* vector : {&u, &optical_force, &force, &external, &residual, &increment, &lifting, &correction}) VecDestroy(vector);
   }
   Implementation(const Implementation&) = delete;
@@ -88,6 +93,15 @@ struct Equilibrium::Implementation {
     IMIC3D_PETSC(PetscObjectTypeCompare(reinterpret_cast<PetscObject>(preconditioner), PCCHOLESKY, &is_factor));
     direct = is_factor == PETSC_TRUE;
     if (mesh.integration == mesh::Integration::one_point) detect_null_pivots(preconditioner);
+
+    // The same preconditioner, as the last Newton iteration left it.
+    IMIC3D_PETSC(KSPCreate(partition.communicator.handle, &refiner));
+    IMIC3D_PETSC(KSPSetOptionsPrefix(refiner, (options.prefix + "derivative_").c_str()));
+    IMIC3D_PETSC(KSPSetType(refiner, KSPGMRES));
+    IMIC3D_PETSC(KSPSetPC(refiner, preconditioner));
+    IMIC3D_PETSC(KSPSetOperators(refiner, assembler.tangent(), assembler.tangent()));
+    IMIC3D_PETSC(KSPSetTolerances(refiner, 1e-10, PETSC_DEFAULT, PETSC_DEFAULT, 200));
+    IMIC3D_PETSC(KSPSetFromOptions(refiner));
   }
 
   /// Hourglass modes that neither the law nor the images resist make the tangent singular, but the right-hand side has no part in
@@ -173,6 +187,11 @@ struct Equilibrium::Implementation {
       to_global(optical->force(frame, fraction, to_natural(u)), optical_force);
       IMIC3D_PETSC(VecAXPY(residual, 1.0, optical_force));
     }
+    return norm_at_free_degrees();
+  }
+
+  /// Norm of `residual` at free degrees; it is set to 0 elsewhere.
+  [[nodiscard]] double norm_at_free_degrees() const {
     PetscScalar* values = nullptr;
     IMIC3D_PETSC(VecGetArray(residual, &values));
     const auto& constrained = assembler.constrained_owned();
@@ -292,9 +311,62 @@ struct Equilibrium::Implementation {
     return failed;
   }
 
+  /// By which of the law's parameters the path is differentiated.
+  void differentiate_by(std::span<const int> free) {
+    for (auto* vectors : {&du, &d_force}) {
+      for (Vec& vector : *vectors) VecDestroy(&vector);
+      vectors->assign(free.size(), nullptr);
+      for (Vec& vector : *vectors) IMIC3D_PETSC(VecDuplicate(u, &vector));
+    }
+    const std::size_t parameters = law->parameters().size();
+    d_parameters.assign(free.size() * parameters, 0.0);
+    for (std::size_t k = 0; k < free.size(); ++k) d_parameters[k * parameters + static_cast<std::size_t>(free[k])] = 1.0;
+  }
+
+  /// residual <- what the derivatives of the forces leave unbalanced at free degrees in direction k, 0 elsewhere; its norm.
+  [[nodiscard]] double unbalanced_derivative(std::size_t k) {
+    IMIC3D_PETSC(VecCopy(d_force[k], residual));
+    IMIC3D_PETSC(VecScale(residual, -1.0));
+    if (optical != nullptr) {
+      to_global(optical->d_force(frame, fraction, to_natural(u), to_natural(du[k])), optical_force);
+      IMIC3D_PETSC(VecAXPY(residual, 1.0, optical_force));
+    }
+    return norm_at_free_degrees();
+  }
+
+  /// du[k] = dU/dLambda_k where `newton` has just converged, and the derivatives of the new history. Every rank gets the same answer.
+  bool differentiate(double time_increment, std::span<const double> parameters, int& corrections) {
+    constexpr int most = 30;
+    if (optical != nullptr) add_optical_stiffness();
+    std::vector<double> scale(du.size());
+    IMIC3D_PETSC(KSPSetReusePreconditioner(refiner, PETSC_TRUE));  // of both solvers
+    for (const Vec& vector : du) IMIC3D_PETSC(VecZeroEntries(vector));
+    for (int pass = 0; pass <= most; ++pass) {
+      bool balanced = assembler.differentiate(du, time_increment, parameters, d_parameters, d_force);
+      if (!balanced) break;
+      for (std::size_t k = 0; k < du.size(); ++k) {
+        if (pass == 0) IMIC3D_PETSC(VecNorm(d_force[k], NORM_2, &scale[k]));  // dF_int/dLambda + dF_int/dxi . dxi/dLambda
+        const double norm = unbalanced_derivative(k);
+        if (norm <= (optical != nullptr ? options.optical_tolerance : options.derivative_tolerance) * scale[k]) continue;
+        balanced = false;
+        IMIC3D_PETSC(KSPSolve(refiner, residual, correction));
+        IMIC3D_PETSC(VecAXPY(du[k], 1.0, correction));
+      }
+      if (balanced) {
+        IMIC3D_PETSC(KSPSetReusePreconditioner(refiner, PETSC_FALSE));
+        return true;
+      }
+      ++corrections;
+    }
+    IMIC3D_PETSC(KSPSetReusePreconditioner(refiner, PETSC_FALSE));
+    return false;
+  }
+
   void collect(FrameState& state) const {
     state.displacement = to_natural(u);
     state.internal = to_natural(force);
+    for (const Vec& vector : du) state.d_displacement.push_back(to_natural(vector));
+    for (const Vec& vector : d_force) state.d_internal.push_back(to_natural(vector));
     if (!options.with_fields) return;
     const Communicator group = partition.communicator;
     const auto cells = mesh.cells.rows();
@@ -323,12 +395,15 @@ const std::vector<int>& Equilibrium::constrained_dofs() const { return impl_->do
 PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const double> parameters, double start_time,
                             const std::function<void(int, const FrameState&)>& frame_done,
                             const std::function<const Eigen::VectorXd*(int)>& guess,
-                            const std::vector<int>& increments, const OpticalTerm* optical) {
+                            const std::vector<int>& increments, const OpticalTerm* optical, std::span<const int> free) {
   auto& s = *impl_;
+  if (!free.empty() && s.mesh.integration == mesh::Integration::one_point_stabilised)
+    throw std::invalid_argument("Equilibrium: no direct differentiation of hex8s elements");
   s.optical = optical;
+  s.differentiate_by(free);
   const Eigen::Index dofs = 3 * s.mesh.nodes.rows();
   PathStatus status;
-  s.assembler.start();
+  s.assembler.start(static_cast<int>(free.size()));
   IMIC3D_PETSC(VecSet(s.u, 0.0));
 
   Vec converged = nullptr, before = nullptr, prescribed = nullptr, found = nullptr;
@@ -355,7 +430,7 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
     const int first = increments.empty() ? s.options.increments : increments[static_cast<std::size_t>(frame)];
     int count = first, cuts = 0, iterations = 0;
     bool use_guess = near != nullptr && near->size() == dofs && count == 1;
-    s.assembler.history().save();
+    s.assembler.save();
     IMIC3D_PETSC(VecCopy(converged, before));
     for (int increment = 0; increment < count;) {
       const double target = increment + 1 == count ? 1.0 : static_cast<double>(increment + 1) / count;
@@ -379,7 +454,9 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
         break;
       }
       if (outcome == Implementation::Outcome::converged) {
-        s.assembler.history().commit();
+        if (!free.empty() && !s.differentiate((step.time - begin) / count, parameters, status.derivative_corrections))
+          throw ConvergenceError(fmt::format("no derivative by the parameters at frame {} of the series (time {:.6g})", frame + 1, step.time));
+        s.assembler.commit();
         IMIC3D_PETSC(VecCopy(s.u, converged));
         ++increment;
         continue;
@@ -399,7 +476,7 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
       }
       count *= 2;
       increment = 0;
-      s.assembler.history().restore();
+      s.assembler.restore();
       IMIC3D_PETSC(VecCopy(before, converged));
     }
     status.increments.push_back(count);
@@ -420,7 +497,7 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
 Eigen::VectorXd Equilibrium::internal_forces(const Eigen::VectorXd& U, std::span<const double> parameters,
                                              Eigen::SparseMatrix<double>* tangent) {
   auto& s = *impl_;
-  s.assembler.history().initialise(*s.law);
+  s.assembler.start();
   s.to_global(U, s.u);
   IMIC3D_PETSC(VecZeroEntries(s.increment));
   if (!s.assembler.assemble(s.u, 1.0, parameters, s.force, tangent != nullptr ? s.increment : nullptr, s.lifting))

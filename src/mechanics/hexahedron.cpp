@@ -60,11 +60,35 @@ std::array<Gradient20, hexahedron_points> quadratic_gradients() {
 
 const std::array<Gradient20, hexahedron_points> dN_dxi_20 = quadratic_gradients();
 
-Eigen::Matrix3d tensor(const material::Vector6& v) {
-  Eigen::Matrix3d t;
-  t << v[0], v[3], v[5], v[3], v[1], v[4], v[5], v[4], v[2];
-  return t;
-}
+/// Kinematics at the points of a hex8, the element's volume ratio theta and mean spatial gradient.
+struct MeanDilatation {
+  std::array<Gradient, hexahedron_points> dN_dx;
+  std::array<Eigen::Matrix3d, hexahedron_points> F;
+  std::array<double, hexahedron_points> dV, J;
+  Gradient mean = Gradient::Zero();
+  double theta = 0.0, volume = 0.0, reference_volume = 0.0;
+
+  /// False where the element is inverted.
+  template <class Displacement>
+  [[nodiscard]] bool set(const ElementNodes<8>& nodes, const Displacement& u) noexcept {
+    for (std::size_t point = 0; point < hexahedron_points; ++point) {
+      const Eigen::Matrix3d dX_dxi = nodes.transpose() * dN_dxi[point];
+      dV[point] = dX_dxi.determinant();
+      if (!(dV[point] > 0.0)) return false;
+      const Gradient dN_dX = dN_dxi[point] * dX_dxi.inverse();
+      F[point] = Eigen::Matrix3d::Identity() + u.transpose() * dN_dX;
+      J[point] = F[point].determinant();
+      if (!(J[point] > 0.0)) return false;
+      dN_dx[point] = dN_dX * F[point].inverse();
+      reference_volume += dV[point];
+      volume += J[point] * dV[point];
+      mean += J[point] * dV[point] * dN_dx[point];
+    }
+    mean /= volume;
+    theta = volume / reference_volume;
+    return true;
+  }
+};
 
 }  // namespace
 
@@ -73,27 +97,9 @@ bool evaluate(const material::FiniteStrainLaw& law, std::span<const double> para
               std::span<double> history_new, ElementResult<8>& result, bool with_tangent) noexcept {
   const Eigen::Map<const Eigen::Matrix<double, 8, 3, Eigen::RowMajor>> u(displacement.data());
 
-  // Kinematics at the points, the element's volume ratio theta and mean spatial gradient.
-  std::array<Gradient, hexahedron_points> dN_dx;
-  std::array<Eigen::Matrix3d, hexahedron_points> F;
-  std::array<double, hexahedron_points> dV, J;
-  Gradient mean = Gradient::Zero();
-  double reference_volume = 0.0, volume = 0.0;
-  for (int point = 0; point < hexahedron_points; ++point) {
-    const Eigen::Matrix3d dX_dxi = nodes.transpose() * dN_dxi[point];
-    dV[point] = dX_dxi.determinant();
-    if (!(dV[point] > 0.0)) return false;
-    const Gradient dN_dX = dN_dxi[point] * dX_dxi.inverse();
-    F[point] = Eigen::Matrix3d::Identity() + u.transpose() * dN_dX;
-    J[point] = F[point].determinant();
-    if (!(J[point] > 0.0)) return false;
-    dN_dx[point] = dN_dX * F[point].inverse();
-    reference_volume += dV[point];
-    volume += J[point] * dV[point];
-    mean += J[point] * dV[point] * dN_dx[point];
-  }
-  mean /= volume;
-  const double theta = volume / reference_volume;
+  MeanDilatation at;
+  if (!at.set(nodes, u)) return false;
+  const auto& [dN_dx, F, dV, J, mean, theta, volume, reference_volume] = at;
 
   result.force.setZero();
   result.cauchy_stress.setZero();
@@ -217,6 +223,79 @@ bool evaluate(const material::FiniteStrainLaw& law, std::span<const double> para
   result.cauchy_stress /= reference_volume;
   result.plastic_strain /= reference_volume;
   return result.force.allFinite();
+}
+
+bool differentiate(const material::FiniteStrainLaw& law, std::span<const double> parameters, double time_increment,
+                   const ElementNodes<8>& nodes, const ElementVector<8>& displacement, std::span<const double> history_old,
+                   const ElementColumns<8>& d_displacement, const ElementDirections& along, ElementColumns<8>& d_force) noexcept {
+  using ByNode = Eigen::Map<const Eigen::Matrix<double, 8, 3, Eigen::RowMajor>>;
+  MeanDilatation at;
+  if (!at.set(nodes, ByNode(displacement.data()))) return false;
+  const auto n = static_cast<std::size_t>(d_displacement.cols());
+
+  // How volume and mean gradient move: dJ = J tr L, d(dN_a) = -L^T dN_a with L = sum_a du_a dN_a^T.
+  std::array<std::array<Eigen::Matrix3d, hexahedron_points>, most_directions> L;
+  std::array<Gradient, most_directions> d_mean;
+  std::array<double, most_directions> d_volume{};
+  for (std::size_t k = 0; k < n; ++k) {
+    d_mean[k].setZero();
+    for (std::size_t point = 0; point < hexahedron_points; ++point) {
+      const Gradient& dN = at.dN_dx[point];
+      const double dv = at.J[point] * at.dV[point];
+      L[k][point] = ByNode(d_displacement.col(static_cast<Eigen::Index>(k)).data()).transpose() * dN;
+      d_volume[k] += dv * L[k][point].trace();
+      d_mean[k] += dv * (L[k][point].trace() * dN - dN * L[k][point]);
+    }
+    d_mean[k] = (d_mean[k] - d_volume[k] * at.mean) / at.volume;
+  }
+
+  d_force.setZero(24, d_displacement.cols());
+  PointDirections response;
+  for (std::size_t point = 0; point < hexahedron_points; ++point) {
+    const Eigen::Matrix3d Fbar = std::cbrt(at.theta / at.J[point]) * at.F[point];
+    for (std::size_t k = 0; k < n; ++k)
+      response.dF[k] = L[k][point] * Fbar + (d_volume[k] / at.volume - L[k][point].trace()) / 3.0 * Fbar;
+    if (!response.update(law, Fbar, time_increment, parameters, history_old, point, n, along)) return false;
+    // f_a = sum dV (tau dN_a + tr tau (mean_a - dN_a)/3), term by term
+    const Gradient& dN = at.dN_dx[point];
+    const Eigen::Matrix3d tau = tensor(response.kirchhoff);
+    for (std::size_t k = 0; k < n; ++k) {
+      const Eigen::Matrix3d d_tau = tensor(response.d_kirchhoff[k]);
+      const Gradient turning = dN * L[k][point];
+      const Gradient df = dN * d_tau - turning * tau + d_tau.trace() / 3.0 * (at.mean - dN) + tau.trace() / 3.0 * (d_mean[k] + turning);
+      for (int a = 0; a < 8; ++a) d_force.col(static_cast<Eigen::Index>(k)).segment<3>(3 * a) += at.dV[point] * df.row(a).transpose();
+    }
+  }
+  return d_force.allFinite();
+}
+
+bool differentiate(const material::FiniteStrainLaw& law, std::span<const double> parameters, double time_increment,
+                   const ElementNodes<20>& nodes, const ElementVector<20>& displacement, std::span<const double> history_old,
+                   const ElementColumns<20>& d_displacement, const ElementDirections& along, ElementColumns<20>& d_force) noexcept {
+  using ByNode = Eigen::Map<const Eigen::Matrix<double, 20, 3, Eigen::RowMajor>>;
+  const ByNode u(displacement.data());
+  const auto n = static_cast<std::size_t>(d_displacement.cols());
+  d_force.setZero(60, d_displacement.cols());
+  PointDirections response;
+  for (std::size_t point = 0; point < hexahedron_points; ++point) {
+    const Eigen::Matrix3d dX_dxi = nodes.transpose() * dN_dxi_20[point];
+    const double dV = dX_dxi.determinant();
+    const Gradient20 dN_dX = dN_dxi_20[point] * dX_dxi.inverse();
+    const Eigen::Matrix3d F = Eigen::Matrix3d::Identity() + u.transpose() * dN_dX;
+    if (!(dV > 0.0) || !(F.determinant() > 0.0)) return false;
+    const Gradient20 dN = dN_dX * F.inverse();
+    for (std::size_t k = 0; k < n; ++k) {
+      response.L[k] = ByNode(d_displacement.col(static_cast<Eigen::Index>(k)).data()).transpose() * dN;
+      response.dF[k] = response.L[k] * F;
+    }
+    if (!response.update(law, F, time_increment, parameters, history_old, point, n, along)) return false;
+    // f_a = sum dV tau dN_a and d(dN_a) = -L^T dN_a
+    for (std::size_t k = 0; k < n; ++k) {
+      const Gradient20 df = dV * dN * (tensor(response.d_kirchhoff[k]) - response.L[k] * tensor(response.kirchhoff));
+      for (int a = 0; a < 20; ++a) d_force.col(static_cast<Eigen::Index>(k)).segment<3>(3 * a) += df.row(a).transpose();
+    }
+  }
+  return d_force.allFinite();
 }
 
 }  // namespace imic3d::mechanics

@@ -64,12 +64,6 @@ bool mean_gradient(const ElementNodes<8>& nodes, Gradient& b, double& volume) {
   return true;
 }
 
-Eigen::Matrix3d tensor(const material::Vector6& v) {
-  Eigen::Matrix3d t;
-  t << v[0], v[3], v[5], v[3], v[1], v[4], v[5], v[4], v[2];
-  return t;
-}
-
 Eigen::Matrix<double, 6, 1> components(const Eigen::Matrix3d& t) {
   return (Eigen::Matrix<double, 6, 1>() << t(0, 0), t(1, 1), t(2, 2), t(0, 1), t(1, 2), t(0, 2)).finished();
 }
@@ -222,6 +216,32 @@ bool evaluate_one_point(const material::FiniteStrainLaw& law, std::span<const do
     for (int a = 0; a < 8; ++a)
       for (int c = 0; c < 8; ++c) result.tangent.block<3, 3>(3 * a, 3 * c).diagonal().array() += stiffening(a, c);
   return result.force.allFinite();
+}
+
+bool differentiate_one_point(const material::FiniteStrainLaw& law, std::span<const double> parameters, double time_increment,
+                             const ElementNodes<8>& nodes, const ElementVector<8>& displacement, std::span<const double> history_old,
+                             const ElementColumns<8>& d_displacement, const ElementDirections& along, ElementColumns<8>& d_force) noexcept {
+  using ByNode = Eigen::Map<const Eigen::Matrix<double, 8, 3, Eigen::RowMajor>>;
+  Gradient b;
+  double volume = 0.0;
+  if (!mean_gradient(nodes, b, volume)) return false;
+  const Eigen::Matrix3d F = Eigen::Matrix3d::Identity() + ByNode(displacement.data()).transpose() * b;
+  if (!(F.determinant() > 0.0)) return false;
+  const Gradient dN = b * F.inverse();
+  const auto n = static_cast<std::size_t>(d_displacement.cols());
+  PointDirections response;
+  for (std::size_t k = 0; k < n; ++k) {
+    response.L[k] = ByNode(d_displacement.col(static_cast<Eigen::Index>(k)).data()).transpose() * dN;
+    response.dF[k] = response.L[k] * F;
+  }
+  if (!response.update(law, F, time_increment, parameters, history_old, 0, n, along)) return false;
+  // f_a = V_0 tau dN_a and d(dN_a) = -L^T dN_a
+  d_force.resize(24, d_displacement.cols());
+  for (std::size_t k = 0; k < n; ++k) {
+    const Gradient df = volume * dN * (tensor(response.d_kirchhoff[k]) - response.L[k] * tensor(response.kirchhoff));
+    for (int a = 0; a < 8; ++a) d_force.col(static_cast<Eigen::Index>(k)).segment<3>(3 * a) = df.row(a).transpose();
+  }
+  return d_force.allFinite();
 }
 
 }  // namespace imic3d::mechanics

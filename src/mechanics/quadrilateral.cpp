@@ -105,11 +105,53 @@ bool evaluate(const material::FiniteStrainLaw& law, double thickness, std::span<
   return result.force.allFinite();
 }
 
+template <int nodes_count>
+bool differentiate(const material::FiniteStrainLaw& law, double thickness, std::span<const double> parameters, double time_increment,
+                   const ElementNodes<nodes_count, 2>& nodes, const ElementVector<nodes_count, 2>& displacement,
+                   std::span<const double> history_old, const ElementColumns<nodes_count, 2>& d_displacement,
+                   const ElementDirections& along, ElementColumns<nodes_count, 2>& d_force) noexcept {
+  using Gradient = Eigen::Matrix<double, nodes_count, 2>;
+  using ByNode = Eigen::Map<const Eigen::Matrix<double, nodes_count, 2, Eigen::RowMajor>>;
+  const ByNode u(displacement.data());
+  const auto n = static_cast<std::size_t>(d_displacement.cols());
+  d_force.setZero(2 * nodes_count, d_displacement.cols());
+  PointDirections response;
+  for (std::size_t point = 0; point < quadrilateral_points; ++point) {
+    const Eigen::Matrix2d dX_dxi = nodes.transpose() * dN_dxi<nodes_count>[point];
+    const double dV = thickness * dX_dxi.determinant();
+    const Gradient dN_dX = dN_dxi<nodes_count>[point] * dX_dxi.inverse();
+    Eigen::Matrix3d F = Eigen::Matrix3d::Identity();
+    F.topLeftCorner<2, 2>() += u.transpose() * dN_dX;
+    if (!(dV > 0.0) || !(F.determinant() > 0.0)) return false;
+    const Gradient dN = dN_dX * F.topLeftCorner<2, 2>().inverse();
+    for (std::size_t k = 0; k < n; ++k) {
+      response.L[k].setZero();
+      response.L[k].template topLeftCorner<2, 2>() = ByNode(d_displacement.col(static_cast<Eigen::Index>(k)).data()).transpose() * dN;
+      response.dF[k] = response.L[k] * F;
+    }
+    if (!response.update(law, F, time_increment, parameters, history_old, point, n, along)) return false;
+    // f_a = sum dV tau dN_a and d(dN_a) = -L^T dN_a
+    for (std::size_t k = 0; k < n; ++k) {
+      const Eigen::Matrix3d moved = tensor(response.d_kirchhoff[k]) - response.L[k] * tensor(response.kirchhoff);
+      const Gradient df = dV * dN * moved.topLeftCorner<2, 2>();
+      for (int a = 0; a < nodes_count; ++a) d_force.col(static_cast<Eigen::Index>(k)).template segment<2>(2 * a) += df.row(a).transpose();
+    }
+  }
+  return d_force.allFinite();
+}
+
 template bool evaluate<4>(const material::FiniteStrainLaw&, double, std::span<const double>, double,
                           const ElementNodes<4, 2>&, const ElementVector<4, 2>&, std::span<const double>,
                           std::span<double>, ElementResult<4, 2>&, bool) noexcept;
 template bool evaluate<8>(const material::FiniteStrainLaw&, double, std::span<const double>, double,
                           const ElementNodes<8, 2>&, const ElementVector<8, 2>&, std::span<const double>,
                           std::span<double>, ElementResult<8, 2>&, bool) noexcept;
+
+template bool differentiate<4>(const material::FiniteStrainLaw&, double, std::span<const double>, double,
+                               const ElementNodes<4, 2>&, const ElementVector<4, 2>&, std::span<const double>,
+                               const ElementColumns<4, 2>&, const ElementDirections&, ElementColumns<4, 2>&) noexcept;
+template bool differentiate<8>(const material::FiniteStrainLaw&, double, std::span<const double>, double,
+                               const ElementNodes<8, 2>&, const ElementVector<8, 2>&, std::span<const double>,
+                               const ElementColumns<8, 2>&, const ElementDirections&, ElementColumns<8, 2>&) noexcept;
 
 }  // namespace imic3d::mechanics

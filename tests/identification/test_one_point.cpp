@@ -64,7 +64,7 @@ void finds_the_truth(mesh::Integration integration, std::initializer_list<double
     auto parameters = plate.truth;
     parameters[2] *= 0.9;
     const auto result = gauss_newton(world, model, plate.images, testing::information(plate), {.free = {2}, .frames = {0, 1, 2, 3, 4}},
-                                     {.alpha = alpha, .eta = 1e-6}, parameters);
+                                     {.alpha = alpha, .eta = 1e-6, .sensitivities = model.differentiable() ? Sensitivities::direct : Sensitivities::perturbed}, parameters);
     EXPECT_TRUE(result.converged) << alpha << " " << result.message;
     EXPECT_NEAR(parameters[2] / plate.truth[2], 1.0, 1e-5) << alpha;
   }

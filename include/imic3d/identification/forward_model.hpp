@@ -34,6 +34,8 @@ struct Path {
   std::string message;
   int newton_iterations = 0;
   std::vector<int> increments;   ///< load increments that each frame took
+  std::vector<Eigen::MatrixXd> d_surface{};  ///< derivatives of `surface` by the run's `free` parameters
+  std::vector<Eigen::VectorXd> d_reaction{}; ///< and of `reaction`
 };
 
 /// The distribution of the external force over the ends (Sec. 3.4), for a measured force of one.
@@ -49,6 +51,7 @@ struct Run {
   const Eigen::VectorXd* resultant = nullptr;  ///< of the forces [frames, force]; the record's if not given
   const Eigen::MatrixXd* driving = nullptr;    ///< displacement of the ends, like Record::driving; the record's if not given
   const Eigen::MatrixXd* beyond = nullptr;     ///< added to the prescribed displacement [constrained dofs x frames, length]
+  std::vector<int> free{};                     ///< parameters by which the path is differentiated directly; the forces stay as they are
 };
 
 class ForwardModel {
@@ -71,13 +74,17 @@ class ForwardModel {
 
   /// Simulates the first `frames` frames of every run, the runs as concurrent groups. All runs take the same load
   /// increments, so that their differences are derivatives: one that needed other increments than the rest is simulated
-  /// again. Each starts its frames from the last DIC-driven solution of run 0, on every group alike. Collective over
-  /// the world.
+  /// again. Each starts its frames, on every group alike, from the last solution of run 0 under the same control, taken along its
+  /// derivatives to the new parameters where there are any; if there is none, and under Control::images, from that of the
+  /// DIC-driven one. Collective over the world.
   std::vector<Path> simulate(Control control, const std::vector<Run>& runs, int frames, const FrameSink& sink = {});
 
   /// Sec. 3.4: the reactions of the DIC-driven simulations `runs`, scaled to a resultant of one. Where the load is so small
   /// that noise makes the ratio meaningless, the pattern of the next loaded frame serves (after the last one, its). `driven` gets the paths.
   std::vector<ForceDistribution> distribute_forces(const std::vector<Run>& runs, int frames, std::vector<Path>& driven);
+
+  /// Whether Run::free may be given: hex8s elements are not differentiated (mechanics/one_point.hpp).
+  [[nodiscard]] bool differentiable() const { return specimen_.volume.integration != mesh::Integration::one_point_stabilised; }
 
   [[nodiscard]] const Record& record() const { return record_; }
   [[nodiscard]] const Specimen& specimen() const { return specimen_; }

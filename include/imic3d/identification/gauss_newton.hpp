@@ -22,12 +22,19 @@ enum class Functional {
 };
 [[nodiscard]] Functional functional_from(const std::string& name);  ///< throws InputError
 
+/// Where dU/dLambda and dR/dLambda come from.
+enum class Sensitivities {
+  direct,    ///< direct differentiation of the simulation (mechanics/equilibrium.hpp); not of hex8s elements
+  perturbed  ///< differences to simulations with one parameter changed each, as concurrent groups
+};
+
 struct GaussNewtonOptions {
   Functional functional = Functional::force_driven;
   double alpha = 0.0;              ///< penalty parameter of Eq. 16; 0: the limit, images only judge
   double eta = 1e-3;               ///< eta_c of Eq. 13
   int max_iterations = 20;
   double force_noise = 1.0;        ///< sigma of F - R [force]: the load cell's and that of `reaction_noise`
+  Sensitivities sensitivities = Sensitivities::direct;
   double perturbation = 1e-3;      ///< relative step of the perturbed simulations
   double largest_step = 0.5;       ///< largest relative change of a parameter in one iteration
   std::vector<double> scale{};     ///< usual size of each parameter, by which steps are measured where its value is smaller
@@ -60,7 +67,8 @@ struct StageResult {
 };
 
 /// Runs one stage from `parameters` and leaves the result there. `information` describes each parameter (bounds).
-/// `report` is called after each iteration. Collective over `world`.
+/// `report` is called after each iteration. Collective over `world`. Throws std::invalid_argument for direct sensitivities of a model that
+/// is not differentiable().
 StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageData& images,
                          const std::vector<ParameterInfo>& information, const Stage& stage,
                          const GaussNewtonOptions& options, std::vector<double>& parameters,

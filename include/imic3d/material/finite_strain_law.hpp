@@ -52,16 +52,27 @@ class FiniteStrainLaw {
   [[nodiscard]] virtual bool parameter_derivatives(
       const Matrix3& F, double time_increment, std::span<const double> parameters, std::span<const double> history_old,
       Eigen::Ref<Eigen::Matrix<double, 6, Eigen::Dynamic>> derivatives) const noexcept = 0;
-  /// Derivatives of the stress and of the new history along one direction in which the deformation gradient, the
+  /// Stress and its derivatives, and those of the new history, along n directions in which the deformation gradient, the
   /// parameters and the old history all move, as direct differentiation of a path needs them: after a step,
-  /// d_history_new is the d_history_old of the next one. d_parameters: [number of parameters]; d_history_old,
-  /// d_history_new: [history_size()], not overlapping. Returns false where `update` would.
-  [[nodiscard]] virtual bool directional_derivative(const Matrix3& F, const Matrix3& dF, double time_increment,
-                                                    std::span<const double> parameters,
-                                                    std::span<const double> d_parameters,
-                                                    std::span<const double> history_old,
-                                                    std::span<const double> d_history_old, Vector6& d_kirchhoff,
-                                                    std::span<double> d_history_new) const noexcept = 0;
+  /// d_history_new is the d_history_old of the next one. Direction after direction: dF [n]; d_parameters
+  /// [n x number of parameters]; d_history_old, d_history_new [n x history_size()], not overlapping; d_kirchhoff [n].
+  /// Returns false where `update` would.
+  [[nodiscard]] virtual bool directional_derivatives(const Matrix3& F, std::span<const Matrix3> dF, double time_increment,
+                                                     std::span<const double> parameters,
+                                                     std::span<const double> d_parameters,
+                                                     std::span<const double> history_old,
+                                                     std::span<const double> d_history_old, Vector6& kirchhoff,
+                                                     std::span<Vector6> d_kirchhoff,
+                                                     std::span<double> d_history_new) const noexcept = 0;
+  /// The same along one direction.
+  [[nodiscard]] bool directional_derivative(const Matrix3& F, const Matrix3& dF, double time_increment,
+                                            std::span<const double> parameters, std::span<const double> d_parameters,
+                                            std::span<const double> history_old, std::span<const double> d_history_old,
+                                            Vector6& d_kirchhoff, std::span<double> d_history_new) const noexcept {
+    Vector6 kirchhoff;
+    return directional_derivatives(F, {&dF, 1}, time_increment, parameters, d_parameters, history_old, d_history_old,
+                                   kirchhoff, {&d_kirchhoff, 1}, d_history_new);
+  }
 };
 
 /// How a law is chosen in the case file.

@@ -102,34 +102,23 @@ class LogStrainLaw final : public FiniteStrainLaw {
     return derivatives.leftCols(count).allFinite();
   }
 
-  [[nodiscard]] bool directional_derivative(const Matrix3& F, const Matrix3& dF, double time_increment,
-                                            std::span<const double> parameters, std::span<const double> d_parameters,
-                                            std::span<const double> history_old, std::span<const double> d_history_old,
-                                            Vector6& d_kirchhoff,
-                                            std::span<double> d_history_new) const noexcept override {
-    using T = Dual<1>;
-    const auto along = [](double at, double direction) { return T::variable(at, 0, direction); };
-    Tensor<T> F_along;
-    for (int i = 0; i < 3; ++i)
-      for (int j = 0; j < 3; ++j) F_along(i, j) = along(F(i, j), dF(i, j));
-    std::array<T, history_length> old_along, new_along;
-    for (std::size_t i = 0; i < history_length; ++i) old_along[i] = along(history_old[i], d_history_old[i]);
-    std::array<T, max_parameters> parameters_along;
-    for (std::size_t i = 0; i < parameters_.size(); ++i) parameters_along[i] = along(parameters[i], d_parameters[i]);
-
-    const Kinematics<T> kinematics(F_along, std::span<const T>(old_along));
-    if (!kinematics.valid) return false;
-    const StrainStep<T> step{kinematics.strain,
-                             time_increment,
-                             {parameters_along.data(), parameters_.size()},
-                             std::span<const T>(old_along).subspan(9)};
-    StressUpdate<T, Law::state_size> result;
-    if (!law_.update(step, result)) return false;
-    const SymmetricTensor<T> tau = kinematics.kirchhoff(result.stress);
-    for (int i = 0; i < 6; ++i) d_kirchhoff[i] = tau[i].derivative[0];
-    write_history(std::span<const T>(old_along), result, std::span<T>(new_along));
-    for (std::size_t i = 0; i < history_length; ++i) d_history_new[i] = new_along[i].derivative[0];
-    return d_kirchhoff.allFinite();
+  [[nodiscard]] bool directional_derivatives(const Matrix3& F, std::span<const Matrix3> dF, double time_increment,
+                                             std::span<const double> parameters, std::span<const double> d_parameters,
+                                             std::span<const double> history_old, std::span<const double> d_history_old,
+                                             Vector6& kirchhoff, std::span<Vector6> d_kirchhoff,
+                                             std::span<double> d_history_new) const noexcept override {
+    constexpr std::size_t chunk = 4;  // directions that are taken at once
+    const std::size_t n = dF.size(), of_parameters = parameters_.size(), of_history = history_length;
+    const auto along = [&]<int N>(std::size_t first, std::size_t count) {
+      return directions<N>(F, dF.subspan(first, count), time_increment, parameters,
+                           d_parameters.subspan(first * of_parameters, count * of_parameters), history_old,
+                           d_history_old.subspan(first * of_history, count * of_history), kirchhoff,
+                           d_kirchhoff.subspan(first, count), d_history_new.subspan(first * of_history, count * of_history));
+    };
+    if (n == 1) return along.template operator()<1>(0, 1);
+    for (std::size_t first = 0; first < n; first += chunk)
+      if (!along.template operator()<chunk>(first, std::min(chunk, n - first))) return false;
+    return true;
   }
 
  private:
@@ -188,6 +177,52 @@ class LogStrainLaw final : public FiniteStrainLaw {
       std::copy_n(history_old.begin(), 9, history_new.begin());
     }
     std::copy_n(result.state.begin(), Law::state_size, history_new.begin() + 9);
+  }
+
+  /// `directional_derivatives` along up to N directions.
+  template <int N>
+  [[nodiscard]] bool directions(const Matrix3& F, std::span<const Matrix3> dF, double time_increment,
+                                std::span<const double> parameters, std::span<const double> d_parameters,
+                                std::span<const double> history_old, std::span<const double> d_history_old,
+                                Vector6& kirchhoff, std::span<Vector6> d_kirchhoff,
+                                std::span<double> d_history_new) const noexcept {
+    using T = Dual<N>;
+    const std::size_t n = dF.size();
+    const auto along = [n](std::span<const double> at, std::span<const double> directions, auto& dual) {
+      for (std::size_t i = 0; i < at.size(); ++i) {
+        dual[i] = T(at[i]);
+        for (std::size_t k = 0; k < n; ++k) dual[i].derivative[k] = directions[k * at.size() + i];
+      }
+    };
+    Tensor<T> F_along;
+    for (int i = 0; i < 3; ++i)
+      for (int j = 0; j < 3; ++j) {
+        F_along(i, j) = T(F(i, j));
+        for (std::size_t k = 0; k < n; ++k) F_along(i, j).derivative[k] = dF[k](i, j);
+      }
+    std::array<T, history_length> old_along, new_along;
+    along(history_old.first(history_length), d_history_old, old_along);
+    std::array<T, max_parameters> parameters_along;
+    along(parameters, d_parameters, parameters_along);
+
+    const Kinematics<T> kinematics(F_along, std::span<const T>(old_along));
+    if (!kinematics.valid) return false;
+    const StrainStep<T> step{kinematics.strain,
+                             time_increment,
+                             {parameters_along.data(), parameters_.size()},
+                             std::span<const T>(old_along).subspan(9)};
+    StressUpdate<T, Law::state_size> result;
+    if (!law_.update(step, result)) return false;
+    const SymmetricTensor<T> tau = kinematics.kirchhoff(result.stress);
+    write_history(std::span<const T>(old_along), result, std::span<T>(new_along));
+    bool finite = true;
+    for (int i = 0; i < 6; ++i) kirchhoff[i] = tau[i].value;
+    for (std::size_t k = 0; k < n; ++k) {
+      for (int i = 0; i < 6; ++i) d_kirchhoff[k][i] = tau[i].derivative[k];
+      for (std::size_t i = 0; i < history_length; ++i) d_history_new[k * history_length + i] = new_along[i].derivative[k];
+      finite = finite && d_kirchhoff[k].allFinite();
+    }
+    return finite;
   }
 
   /// Values of the law's update and its tangent dT/dE (engineering shears) from dual numbers.

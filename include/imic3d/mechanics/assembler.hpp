@@ -22,6 +22,9 @@ namespace imic3d::mechanics {
 class HistoryField {
  public:
   HistoryField(const material::FiniteStrainLaw& law, int cells, int points_per_cell, int cell_state = 0);
+  HistoryField() = default;
+  /// Zeros: derivatives of a virgin state.
+  HistoryField(int cells, std::size_t per_cell) : per_cell_(per_cell), converged_(per_cell * static_cast<std::size_t>(cells)), trial_(converged_) {}
   /// The virgin state everywhere.
   void initialise(const material::FiniteStrainLaw& law);
   /// Elastic logarithmic strain of a cell along an axis, before the test: Fp^-1 = exp(strain).
@@ -36,7 +39,7 @@ class HistoryField {
   [[nodiscard]] std::span<double> trial(int cell);
 
  private:
-  std::size_t of_points_, per_cell_;
+  std::size_t of_points_ = 0, per_cell_ = 0;
   std::vector<double> converged_, trial_, saved_, replaced_;
 };
 
@@ -62,8 +65,14 @@ class Assembler {
   [[nodiscard]] bool assemble(Vec u, double time_increment, std::span<const double> parameters, Vec force,
                               Vec increment = nullptr, Vec lifting = nullptr);
 
-  /// Takes the material points to their state before the test.
-  void start();
+  /// Takes the material points to their state before the test, and their derivatives in `directions` directions to 0.
+  void start(int directions = 0);
+
+  /// Where `assemble` succeeded at u: the derivatives of the internal forces, `d_force[k]`, when the displacement moves by
+  /// `du[k]`, the parameters by `d_parameters` [directions x number of parameters] and the old history by its derivatives.
+  /// Leaves those of the new history behind. Collective; false on every rank if an element anywhere failed.
+  [[nodiscard]] bool differentiate(const std::vector<Vec>& du, double time_increment, std::span<const double> parameters,
+                                   std::span<const double> d_parameters, const std::vector<Vec>& d_force);
 
   /// While `begins`, the tangent is that of the beginning of a step (ElasticModuli::begins).
   void predict(bool begins) { elastic_.begins = begins; }
@@ -73,7 +82,10 @@ class Assembler {
   void restore_hourglass_moduli() { history_.take_back(hourglass_moduli); }  ///< those before the last renewal
 
   [[nodiscard]] Mat tangent() const { return tangent_; }
-  [[nodiscard]] HistoryField& history() { return history_; }
+  /// The state and its derivatives: the trial one becomes the converged one; is kept for `restore`; is what was kept.
+  void commit() { history_.commit(), d_history_.commit(); }
+  void save() { history_.save(), d_history_.save(); }
+  void restore() { history_.restore(), d_history_.restore(); }
   /// Cell averages at the last evaluation, for this rank's cells in the order of partition.cells:
   /// Cauchy stress [cells x 6], accumulated plastic strain [cells].
   [[nodiscard]] const Eigen::Matrix<double, Eigen::Dynamic, 6, Eigen::RowMajor>& cauchy_stress() const { return stress_; }
@@ -82,13 +94,18 @@ class Assembler {
 
  private:
   void gather(Vec global, std::vector<double>& local) const;
+  void insert(const std::vector<double>& element_vectors, Vec global) const;
   /// Fills the element arrays; false if an element of this rank failed.
   template <int nodes, int axes>
   [[nodiscard]] bool evaluate_cells(double time_increment, std::span<const double> parameters, bool with_tangent);
+  /// Fills the arrays of the derivatives; false if an element of this rank failed.
+  template <int nodes, int axes>
+  [[nodiscard]] bool differentiate_cells(double time_increment, std::span<const double> parameters, std::span<const double> d_parameters);
 
   const mesh::Partition& partition_;
   std::shared_ptr<const material::FiniteStrainLaw> law_;
-  HistoryField history_;
+  int points_per_cell_;
+  HistoryField history_, d_history_;  // of the latter most_directions after most_directions, point by point
   mesh::CellType type_;
   mesh::Integration integration_;
   ElasticModuli elastic_;  // of the parameters at hand, where the hourglass modes are stabilised
@@ -101,6 +118,7 @@ class Assembler {
   std::vector<char> constrained_local_, constrained_owned_;
   std::vector<double> element_tangents_, element_forces_, element_lifting_;
   std::vector<double> u_local_, increment_local_;
+  std::vector<std::vector<double>> du_local_, d_element_forces_;  // of each direction
   Eigen::Matrix<double, Eigen::Dynamic, 6, Eigen::RowMajor> stress_;
   Eigen::VectorXd plastic_strain_;
   Mat tangent_ = nullptr;

@@ -5,6 +5,7 @@
 #include <Eigen/SparseCore>
 #include <functional>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -30,6 +31,7 @@ struct FrameState {
   Eigen::Matrix<double, Eigen::Dynamic, 6, Eigen::RowMajor> cauchy_stress;  ///< [cells x 6, stress], natural order
   Eigen::VectorXd plastic_strain;                                          ///< [cells]
   int iterations = 0;            ///< Newton iterations, summed over increments
+  std::vector<Eigen::VectorXd> d_displacement, d_internal;  ///< derivatives of `displacement` and `internal`, as asked for
 };
 
 struct EquilibriumOptions {
@@ -38,6 +40,7 @@ struct EquilibriumOptions {
   int max_cuts = 6;               ///< doublings of a frame's increments before giving up
   double tolerance = 1e-10;       ///< residual relative to the norm of the internal forces
   double optical_tolerance = 1e-6;  ///< the same where the images take part
+  double derivative_tolerance = 1e-9;  ///< unbalanced derivative of the forces, relative to that at fixed displacement
   bool with_fields = true;        ///< gather stress and plastic strain per frame
   std::string prefix = "mechanics_";  ///< PETSc options: -mechanics_ksp_type, -mechanics_pc_type …
 };
@@ -49,6 +52,8 @@ struct OpticalTerm {
   /// c P^T b_DIC [3 * nodes] at the displacement U [3 * nodes] and the given fraction of the way from the frame before to
   /// `frame`; 1 at the frame itself. Collective over the group that solves.
   std::function<Eigen::VectorXd(int frame, double fraction, const Eigen::VectorXd& U)> force;
+  /// Derivative of `force` as U moves by dU [3 * nodes].
+  std::function<Eigen::VectorXd(int frame, double fraction, const Eigen::VectorXd& U, const Eigen::VectorXd& dU)> d_force;
 };
 
 /// How a series ended.
@@ -59,6 +64,7 @@ struct PathStatus {
   std::vector<int> increments;  ///< load increments that each frame took
   std::vector<double> residuals;  ///< relative residuals of the last increment's Newton iterations
   int total_iterations = 0;
+  int derivative_corrections = 0;  ///< passes over the elements for the derivatives, beyond one per increment
 };
 
 /// Finite-strain equilibrium by Newton's method (consistent tangent, step cutting). One object per group
@@ -81,10 +87,16 @@ class Equilibrium {
   /// stand and the status says why. `increments`: the number to begin each frame with (empty: options.increments).
   /// With an `optical` term Newton's method is a modified one (grad F for grad G): it converges linearly, and
   /// `options.optical_tolerance` is relative to the optical forces of the whole displacement.
+  ///
+  /// `free`: the law's parameters by which the path is differentiated, directly: with the history's derivatives carried at the points,
+  ///     K dU/dLambda = -(dF_int/dLambda + dF_int/dxi_n . dxi_n/dLambda)
+  /// at every converged increment. The right-hand side is exact (dual numbers), whatever the tangent: the equation is solved again
+  /// for what a dU leaves unbalanced, with the converged tangent and the last factor as preconditioner, until that vanishes. Where a
+  /// point turns from elastic to plastic the derivative is that of the side it is on. Throws std::invalid_argument for hex8s elements.
   PathStatus run(const std::vector<LoadStep>& steps, std::span<const double> parameters, double start_time,
                  const std::function<void(int, const FrameState&)>& frame_done,
                  const std::function<const Eigen::VectorXd*(int)>& guess = {}, const std::vector<int>& increments = {},
-                 const OpticalTerm* optical = nullptr);
+                 const OpticalTerm* optical = nullptr, std::span<const int> free = {});
 
   /// Internal forces [3 * nodes] of the virgin specimen under the displacement U [3 * nodes], and if `tangent` is given K there
   /// [3 * nodes x 3 * nodes], as if nothing were constrained. Where the communicator has one rank and `constrained_dofs` is empty.

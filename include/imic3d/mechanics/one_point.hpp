@@ -53,4 +53,12 @@ inline constexpr double least_hourglass_modulus = 1e-3, most_flowing_modulus = 0
                                       std::span<const double> history_old, std::span<double> history_new,
                                       ElementResult<8>& result, bool with_tangent, const ElasticModuli* elastic) noexcept;
 
+/// Derivatives of the internal forces without stabilisation in the directions `d_displacement` [24 x n] and `along`, the latter's
+/// history_new included. (Moduli that a step is solved again with, until they hardly change, are no function to differentiate.)
+[[nodiscard]] bool differentiate_one_point(const material::FiniteStrainLaw& law, std::span<const double> parameters,
+                                           double time_increment, const ElementNodes<8>& nodes,
+                                           const ElementVector<8>& displacement, std::span<const double> history_old,
+                                           const ElementColumns<8>& d_displacement, const ElementDirections& along,
+                                           ElementColumns<8>& d_force) noexcept;
+
 }  // namespace imic3d::mechanics

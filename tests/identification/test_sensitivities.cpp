@@ -1,0 +1,104 @@
+// dU/dLambda of the surface and dR/dLambda of the reaction by direct differentiation, as the identification uses them.
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <random>
+
+#include "plate.hpp"
+
+namespace imic3d::identification {
+namespace {
+
+using testing::Plate;
+
+const std::vector<double> stretch = {0.003, 0.006, 0.02, 0.06, 0.12, 0.118};  // the last unloads
+constexpr int frames = 6;
+const std::vector<int> free_parameters = {0, 1, 2, 3, 4};
+
+const char* name(Control control) {
+  return control == Control::displacement ? "displacement" : control == Control::force ? "force" : "images";
+}
+
+/// Against central differences of simulations under the same forces, by every parameter: error below 1e-6 at its least.
+void expect_derivatives(Control control) {
+  const Communicator world;
+  Plate plate(stretch);
+  const mechanics::EquilibriumOptions tight{.max_iterations = 40, .tolerance = 1e-13, .optical_tolerance = 1e-12, .derivative_tolerance = 1e-11};
+  ForwardModel model(world, plate.specimen, plate.law, plate.record, tight, 1, 1);
+  auto parameters = plate.truth;
+  parameters[2] *= 1.03;
+  std::vector<Path> driven;
+  std::vector<Eigen::VectorXd> plastic(frames);
+  const auto distribution = model.distribute_forces({{.parameters = plate.truth}}, frames, driven).front();
+  if (control == Control::images) model.follow_images(plate.images, 0.3, parameters);
+  const Run run{.parameters = parameters, .forces = &distribution, .free = free_parameters};
+  const auto keep = [&](int, int t, const mechanics::FrameState& state) { plastic[static_cast<std::size_t>(t)] = state.plastic_strain; };
+  const Path path = model.simulate(control, {run}, frames, keep).front();
+  ASSERT_EQ(path.frames, frames) << path.message;
+  EXPECT_GT(plastic[4].minCoeff(), 1e-3) << name(control) << " must yield";
+  EXPECT_LT((plastic[5] - plastic[4]).minCoeff(), 1e-9) << name(control) << " must unload";
+  for (std::size_t j = 0; j < free_parameters.size(); ++j) {
+    std::vector<double> errors;
+    std::string table;
+    for (const double h : {1e-2, 1e-3, 1e-4, 1e-5, 1e-8}) {
+      Run plus{.parameters = parameters, .forces = &distribution}, minus = plus;
+      plus.parameters[j] += h * parameters[j], minus.parameters[j] -= h * parameters[j];
+      const auto both = model.simulate(control, {plus, minus}, frames);
+      if (both[0].increments != path.increments) continue;  // another function
+      const auto error = [&](const auto& a, const auto& b, const auto& derivative) {
+        return ((a - b) / (2.0 * h * parameters[j]) - derivative).norm() / derivative.norm();
+      };
+      errors.push_back(error(both[0].surface, both[1].surface, path.d_surface[j]));
+      if (control == Control::displacement) errors.back() = std::max(errors.back(), error(both[0].reaction, both[1].reaction, path.d_reaction[j]));
+      char line[60];
+      std::snprintf(line, sizeof line, "\n  %.0e  %.2e", h, errors.back());
+      table += line;
+    }
+    const std::string what = std::string(name(control)) + ", " + plate.law->parameters()[j].name + table;
+    ASSERT_GE(errors.size(), 3U) << what;
+    const double best = *std::min_element(errors.begin(), errors.end());
+    EXPECT_LE(best, 1e-6) << what;
+    EXPECT_GT(best, 0.0) << what;
+    EXPECT_GT(errors.front(), 10.0 * best) << what;
+    EXPECT_GT(errors.back(), 10.0 * best) << what;
+  }
+}
+
+TEST(DirectSensitivities, AreDerivativesOfThePathUnderEveryControl) {
+  for (const Control control : {Control::displacement, Control::force, Control::images}) expect_derivatives(control);
+}
+
+/// With noise in the data, so that the derivatives decide where the minimum is.
+TEST(DirectSensitivities, IdentifyWhatPerturbedOnesDo) {
+  const Communicator world;
+  struct Way {
+    Functional functional;
+    double alpha;
+  };
+  for (const auto& [functional, alpha] : {Way{Functional::displacement_driven, 0.0}, {Functional::force_driven, 0.0}, {Functional::combined, 0.0}, {Functional::force_driven, 0.3}}) {
+    Plate plate(stretch);
+    std::mt19937 random(3);
+    std::normal_distribution<double> noise(0.0, 2e-4);
+    for (double& u : plate.record.surface_displacement.reshaped()) u += noise(random);
+    const auto identified = [&](Sensitivities sensitivities) {
+      ForwardModel model(world, plate.specimen, plate.law, plate.record, {.with_fields = false}, 3, 0);
+      auto parameters = plate.truth;
+      parameters[0] *= 1.05, parameters[2] *= 0.95;
+      const auto result = gauss_newton(world, model, plate.images, testing::information(plate), {.free = {0, 2}, .frames = {0, 1, 2, 3, 4, 5}},
+                                       {.functional = functional, .alpha = alpha, .eta = 1e-8, .force_noise = 5.0, .sensitivities = sensitivities, .perturbation = 1e-5},
+                                       parameters);
+      EXPECT_TRUE(result.converged) << result.message;
+      return parameters;
+    };
+    const auto direct = identified(Sensitivities::direct), perturbed = identified(Sensitivities::perturbed);
+    for (const int j : {0, 2}) {
+      const auto k = static_cast<std::size_t>(j);
+      EXPECT_NEAR(direct[k] / perturbed[k], 1.0, 1e-6) << static_cast<int>(functional) << " " << alpha << " " << j;
+      EXPECT_GT(std::abs(direct[k] / plate.truth[k] - 1.0), 1e-5) << "the noise must show";
+    }
+  }
+}
+
+}  // namespace
+}  // namespace imic3d::identification

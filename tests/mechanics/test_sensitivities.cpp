@@ -1,0 +1,213 @@
+// Derivatives of whole paths by the parameters of the law, direct differentiation against differences of simulations.
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+#include <set>
+
+#include "box.hpp"
+#include "imic3d/mechanics/equilibrium.hpp"
+
+namespace imic3d::mechanics {
+namespace {
+
+enum class Driven { by_displacement, by_force, by_images };
+
+struct LawCase {
+  std::string name;
+  material::LawChoice choice;
+  std::vector<double> parameters;
+};
+
+const LawCase power{"power_linear", {.hardening = "power_linear", .tie_initial_modulus = true}, {198e3, 0.25, 284.0, 4480.0, 0.042}};
+const LawCase all{"voce, kinematic, Hill, rate",
+                  {.hardening = "voce", .effects = {"kinematic", "hill", "rate"}},
+                  {198e3, 0.25, 284, 400, 10, 3500, 20e3, 150, 1.2, 0.9, 1.1, 20, 0.005, 1e-3}};
+const LawCase kinematic{"kinematic", {.hardening = "linear", .effects = {"kinematic"}}, {198e3, 0.25, 284, 4900, 20e3, 150}};
+const std::vector<LawCase> laws = {
+    power,
+    {"power_linear in Cauchy stress", {.hardening = "power_linear", .cauchy_yield = true}, {198e3, 0.25, 264.0, 4480.0, 0.05, 2e-3}},
+    {"voce", {.hardening = "voce"}, {198e3, 0.25, 284, 400, 10, 3500}},
+    kinematic,
+    {"Hill", {.hardening = "linear", .effects = {"hill"}}, {198e3, 0.25, 284, 4900, 1.2, 0.9, 1.1, 20}},
+    {"rate", {.hardening = "linear", .effects = {"rate"}}, {198e3, 0.25, 284, 4900, 0.005, 1e-3}},
+    all};
+
+/// A bar along x whose section and so the stress is not uniform, 3 cells long.
+mesh::Mesh bar(mesh::CellType type) {
+  mesh::Mesh mesh = testing::box({3, 2, 1}, {3.0, 1.5, 0.5});
+  if (mesh::dimension(type) == 2) {
+    const Eigen::Index nodes = mesh.nodes.rows() / 2;
+    mesh.type = mesh::CellType::quad4;
+    mesh.thickness = 0.5;
+    mesh.nodes = Eigen::MatrixXd(mesh.nodes.topRows(nodes));
+    mesh.cells = mesh::Cells(mesh.cells.leftCols(4));
+    for (auto& [name, group] : mesh.node_groups) std::erase_if(group, [&](int node) { return node >= nodes; });
+  }
+  for (Eigen::Index i = 0; i < mesh.nodes.rows(); ++i) mesh.nodes(i, 1) *= 1.0 - 0.07 * mesh.nodes(i, 0);
+  return type == mesh::CellType::hex20 || type == mesh::CellType::quad8 ? mesh::quadratic(std::move(mesh)) : mesh;
+}
+
+/// What the test looks at, all frames one after another.
+struct Path {
+  Eigen::VectorXd displacement, reaction;
+  Eigen::MatrixXd plastic_strain;  // [cells x frames]
+  std::vector<Eigen::VectorXd> d_displacement, d_reaction;
+  PathStatus status;
+};
+
+class Bar {
+ public:
+  Bar(mesh::CellType type, Driven driven, LawCase law) : mesh_(bar(type)), driven_(driven), case_(std::move(law)) {
+    case_.choice.plane_stress = mesh::dimension(type) == 2;
+    law_ = material::make_law(case_.choice);
+    std::set<int> dofs;
+    for (int node : mesh_.node_groups.at("left")) {
+      for (int i = 0; i < 3; ++i)
+        if (driven == Driven::by_displacement || i == 0 || (i == 1 && mesh_.nodes(node, 1) == 0.0) || (i == 2 && mesh_.nodes(node, 2) == 0.0)) dofs.insert(3 * node + i);
+    }
+    if (driven == Driven::by_displacement)
+      for (int node : mesh_.node_groups.at("right"))
+        for (int i = 0; i < 3; ++i) dofs.insert(3 * node + i);
+    if (case_.choice.plane_stress) std::erase_if(dofs, [](int dof) { return dof % 3 == 2; });
+    dofs_.assign(dofs.begin(), dofs.end());
+    // Weak images that see x of every node, elsewhere than the forces take it.
+    const Eigen::Index size = 3 * mesh_.nodes.rows();
+    optical_.stiffness.resize(size, size);
+    for (Eigen::Index i = 0; i < size; i += 3) optical_.stiffness.insert(i, i) = 50.0;
+    const Eigen::VectorXd seen = 0.04 * mesh_.nodes.reshaped<Eigen::RowMajor>();
+    // Of the third order, so that the tangent is not that of the stiffness.
+    optical_.force = [this, seen](int, double fraction, const Eigen::VectorXd& U) -> Eigen::VectorXd {
+      const Eigen::VectorXd gap = fraction * seen - U;
+      return optical_.stiffness * (gap.array() + gap.array().cube()).matrix();
+    };
+    optical_.d_force = [this, seen](int, double fraction, const Eigen::VectorXd& U, const Eigen::VectorXd& dU) -> Eigen::VectorXd {
+      const Eigen::VectorXd gap = fraction * seen - U;
+      return -optical_.stiffness * ((1.0 + 3.0 * gap.array().square()) * dU.array()).matrix();
+    };
+  }
+
+  [[nodiscard]] const LawCase& law() const { return case_; }
+  [[nodiscard]] bool under_given_forces() const { return driven_ == Driven::by_force; }
+
+  /// Pulled beyond yield in three frames, of several increments some, then unloaded.
+  Path pull(const std::vector<double>& parameters, const std::vector<int>& free = {}) {
+    std::vector<LoadStep> steps;
+    for (const double level : {0.4, 0.8, 1.0, 0.97}) {
+      LoadStep step{.time = static_cast<double>(steps.size()) + level, .prescribed = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(dofs_.size())), .force = {}};
+      if (driven_ == Driven::by_displacement)
+        for (std::size_t i = 0; i < dofs_.size(); ++i)
+          if (mesh_.nodes(dofs_[i] / 3, 0) > 2.0) step.prescribed[static_cast<Eigen::Index>(i)] = dofs_[i] % 3 == 0 ? 0.08 * level : dofs_[i] % 3 == 1 ? 0.02 * level : 0.0;
+      if (driven_ != Driven::by_displacement) {
+        step.force.setZero(3 * mesh_.nodes.rows());
+        const auto& right = mesh_.node_groups.at("right");
+        for (int node : right) step.force[3 * node] = 250.0 * level / static_cast<double>(right.size());
+      }
+      steps.push_back(std::move(step));
+    }
+    const Communicator world;
+    const mesh::Partition partition = mesh::partition(mesh_, world);
+    const double tight = driven_ == Driven::by_images ? 1e-12 : 1e-13;
+    Equilibrium equilibrium(partition, mesh_, law_, dofs_, {.max_iterations = 40, .tolerance = tight, .optical_tolerance = tight, .derivative_tolerance = 1e-11});
+    Path path;
+    path.d_displacement.resize(free.size()), path.d_reaction.resize(free.size());
+    path.plastic_strain.resize(mesh_.cells.rows(), static_cast<Eigen::Index>(steps.size()));
+    const auto append = [](Eigen::VectorXd& list, const Eigen::VectorXd& more) {
+      list.conservativeResize(list.size() + more.size());
+      list.tail(more.size()) = more;
+    };
+    path.status = equilibrium.run(
+        steps, parameters, 0.0,
+        [&](int t, const FrameState& state) {
+          append(path.displacement, state.displacement), append(path.reaction, state.internal);
+          path.plastic_strain.col(t) = state.plastic_strain;
+          for (std::size_t k = 0; k < free.size(); ++k) append(path.d_displacement[k], state.d_displacement[k]), append(path.d_reaction[k], state.d_internal[k]);
+        },
+        {}, driven_ == Driven::by_displacement ? std::vector<int>{1, 2, 1, 1} : std::vector<int>{2, 8, 8, 1}, driven_ == Driven::by_images ? &optical_ : nullptr, free);
+    return path;
+  }
+
+ private:
+  mesh::Mesh mesh_;
+  Driven driven_;
+  LawCase case_;
+  std::shared_ptr<const material::FiniteStrainLaw> law_;
+  std::vector<int> dofs_;
+  OpticalTerm optical_;
+};
+
+/// By every parameter of the law: the error of central differences falls with the step to 1e-6 and less, until rounding makes it rise.
+void expect_derivatives(Bar bar) {
+  const auto& parameters = bar.law().parameters;
+  std::vector<int> free(parameters.size());
+  for (std::size_t j = 0; j < free.size(); ++j) free[j] = static_cast<int>(j);
+  const Path path = bar.pull(parameters, free);
+  const std::string of = bar.law().name + " ";
+  ASSERT_EQ(path.status.frames, 4) << of << path.status.message;
+  const Eigen::Index last = path.plastic_strain.cols() - 1;
+  EXPECT_GT(path.plastic_strain.col(2).minCoeff(), 1e-3) << of << "must yield";
+  EXPECT_LT((path.plastic_strain.col(last) - path.plastic_strain.col(2)).minCoeff(), 1e-9) << of << "must unload";
+
+  for (std::size_t j = 0; j < free.size(); ++j) {
+    std::vector<double> errors;
+    std::string table;
+    for (const double h : {3e-2, 3e-3, 3e-4, 1e-4, 1e-5, 1e-7}) {
+      const auto at = [&](double sign) {
+        auto moved = parameters;
+        moved[j] += sign * h * parameters[j];
+        return bar.pull(moved);
+      };
+      const Path plus = at(1.0), minus = at(-1.0);
+      // Other increments are another function.
+      if (plus.status.increments != path.status.increments || minus.status.increments != path.status.increments) continue;
+      const auto error = [&](const Eigen::VectorXd& a, const Eigen::VectorXd& b, const Eigen::VectorXd& derivative) {
+        return ((a - b) / (2.0 * h * parameters[j]) - derivative).norm() / derivative.norm();
+      };
+      errors.push_back(error(plus.displacement, minus.displacement, path.d_displacement[j]));
+      if (!bar.under_given_forces()) errors.back() = std::max(errors.back(), error(plus.reaction, minus.reaction, path.d_reaction[j]));
+      char line[60];
+      std::snprintf(line, sizeof line, "\n  %.0e  %.2e", h, errors.back());
+      table += line;
+    }
+    ASSERT_GE(errors.size(), 4U) << of;
+    const auto best = std::min_element(errors.begin(), errors.end());
+    const std::string what = of + "parameter " + std::to_string(j) + table;
+    EXPECT_LE(*best, 1e-6) << what;
+    EXPECT_GT(*best, 0.0) << what;
+    EXPECT_GT(errors.front(), 10.0 * *best) << what;
+    EXPECT_GT(errors.back(), 10.0 * *best) << what;
+  }
+}
+
+TEST(Sensitivities, OfEveryLawUnderPrescribedDisplacement) {
+  for (const LawCase& law : laws) expect_derivatives({mesh::CellType::hex8, Driven::by_displacement, law});
+}
+TEST(Sensitivities, OfQuadraticHexahedra) {
+  expect_derivatives({mesh::CellType::hex20, Driven::by_displacement, power});
+  expect_derivatives({mesh::CellType::hex20, Driven::by_force, power});
+}
+TEST(Sensitivities, InPlaneStress) {
+  for (const auto type : {mesh::CellType::quad4, mesh::CellType::quad8}) {
+    expect_derivatives({type, Driven::by_displacement, power});
+    expect_derivatives({type, Driven::by_force, kinematic});
+  }
+}
+TEST(Sensitivities, UnderForces) {
+  for (const LawCase& law : {power, all}) expect_derivatives({mesh::CellType::hex8, Driven::by_force, law});
+}
+TEST(Sensitivities, UnderForcesAndImages) {
+  expect_derivatives({mesh::CellType::hex8, Driven::by_images, power});
+  expect_derivatives({mesh::CellType::quad4, Driven::by_images, power});
+}
+
+TEST(Sensitivities, NotOfAStepThatIsSolvedAgainWithOtherModuli) {
+  mesh::Mesh mesh = bar(mesh::CellType::hex8);
+  mesh.integration = mesh::Integration::one_point_stabilised;
+  const mesh::Partition partition = mesh::partition(mesh, {});
+  Equilibrium equilibrium(partition, mesh, material::make_law(power.choice), {0, 1, 2}, {});
+  const std::vector<int> free = {0};
+  EXPECT_THROW(equilibrium.run({}, power.parameters, 0.0, {}, {}, {}, nullptr, free), std::invalid_argument);
+}
+
+}  // namespace
+}  // namespace imic3d::mechanics
