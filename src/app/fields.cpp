@@ -161,6 +161,8 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
   data.surface = face;
   data.M = of_two_components(squares->M);
   data.references = 1;
+  // Numbers of a component that the nodes take from the points; what holds the shortest waves takes the others.
+  const double followed = squares->factor.solve(Eigen::MatrixXd(points.N.transpose() * points.N / squares->inflation)).trace();
   if (fields.noise) {
     data.noise = *fields.noise * fields.scale;
   } else if (!at_rest.empty()) {
@@ -171,12 +173,11 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
     double sum = 0.0;
     for (std::size_t f : at_rest) {
       const Eigen::MatrixXd rest = nodal[f] - affine * normal.solve(affine.transpose() * (squares->M * nodal[f]));
-      sum += rest.cwiseProduct(squares->M * rest).sum() / static_cast<double>(2 * (face.nodes.rows() - 3));
+      sum += rest.cwiseProduct(squares->M * rest).sum() / (2.0 * std::max(1.0, followed - 3.0));
     }
     data.noise = std::sqrt(sum / static_cast<double>(at_rest.size()) / 2.0);  // of the frame; the reference has as much
   } else {
     // What the nodes cannot follow, in the frame where that is least: noise of the frame and of the reference.
-    const double followed = squares->factor.solve(Eigen::MatrixXd(points.N.transpose() * points.N / squares->inflation)).trace();
     double least = INFINITY;
     for (std::size_t f : judged) least = std::min(least, (points.displacement[f] - points.N * nodal[f]).squaredNorm() / (2.0 * std::max(1.0, static_cast<double>(count) - followed)));
     data.noise = std::sqrt(0.5 * least);

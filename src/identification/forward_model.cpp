@@ -111,6 +111,8 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
       step.time = record_.time[t];
       step.prescribed = specimen_.from_surface(control) * driving.col(t);
       if (run.beyond != nullptr) step.prescribed += run.beyond->col(t);
+      step.d_prescribed.resize(step.prescribed.size(), static_cast<Eigen::Index>(run.directions.size()));
+      for (std::size_t k = 0; k < run.directions.size(); ++k) step.d_prescribed.col(static_cast<Eigen::Index>(k)) = specimen_.from_surface(control) * run.directions[k].col(t);
       if (control == Control::displacement) continue;
       step.force.setZero(3 * specimen_.volume.nodes.rows());
       for (std::size_t i = 0; i < run.forces->dofs.size(); ++i)
@@ -124,8 +126,8 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
   for (std::size_t task = 0; task < runs.size(); ++task) {
     paths[task].surface.setZero(unknowns, frames);
     paths[task].reaction.setZero(frames);
-    paths[task].d_surface.assign(runs[task].free.size(), Eigen::MatrixXd::Zero(unknowns, frames));
-    paths[task].d_reaction.assign(runs[task].free.size(), Eigen::VectorXd::Zero(frames));
+    paths[task].d_surface.assign(runs[task].free.size() + runs[task].directions.size(), Eigen::MatrixXd::Zero(unknowns, frames));
+    paths[task].d_reaction.assign(runs[task].free.size() + runs[task].directions.size(), Eigen::VectorXd::Zero(frames));
   }
   const auto resultant_of = [&](const Eigen::VectorXd& internal) {
     double resultant = 0.0;
@@ -157,7 +159,7 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
               }
               path.surface.col(t) = specimen_.project(state.displacement);
               path.reaction[t] = resultant_of(state.internal);
-              for (std::size_t k = 0; k < run.free.size(); ++k) {
+              for (std::size_t k = 0; k < path.d_surface.size(); ++k) {
                 path.d_surface[k].col(t) = specimen_.project(state.d_displacement[k]);
                 path.d_reaction[k][t] = resultant_of(state.d_internal[k]);
               }

@@ -31,6 +31,14 @@ struct FieldExperiment::Simulation {
   Key variant;
   Eigen::MatrixXd driving;      // [2n x frames]
   std::vector<double> loading;  // values of all effects' parameters, for what is driven beyond the surface
+  std::vector<Eigen::MatrixXd> directions{};  // in which `driving` moves, for the derivatives of the series
+};
+
+struct FieldExperiment::Series {
+  Eigen::MatrixXd U;  // of the measured surface [2n x frames]
+  Eigen::VectorXd R;  // [frames]; empty if the model could not follow
+  std::vector<Eigen::MatrixXd> dU;  // in the directions
+  std::vector<Eigen::VectorXd> dR;
 };
 
 struct FieldExperiment::Variant {
@@ -175,8 +183,8 @@ void FieldExperiment::make_scene() {
   const double largest = measured_.force.cwiseAbs().maxCoeff();
   for (Eigen::Index t = 0; t < measured_.force.size() && std::abs(measured_.force[t]) < 0.3 * largest; ++t) frame = t;
   const auto paths = simulate({Simulation{model_.values, {}, measured_.driving, {}}});
-  if (paths.front().second.size() == 0) throw ConvergenceError("the declared model cannot follow the measured displacement of the ends");
-  scene_.elastic = paths.front().first.col(frame) / paths.front().second[frame];
+  if (paths.front().R.size() == 0) throw ConvergenceError("the declared model cannot follow the measured displacement of the ends");
+  scene_.elastic = paths.front().U.col(frame) / paths.front().R[frame];
 }
 
 /// Subspace iteration for the smallest eigenvalues of curvature x = lambda M x; affine motions come first. Any smooth subspace
@@ -281,15 +289,18 @@ FieldExperiment::Variant& FieldExperiment::variant(const Key& wanted) {
   record.force = Eigen::VectorXd::Zero(frames);
   record.surface_displacement = record.driving = Eigen::MatrixXd::Zero(2 * own.nodes.rows(), frames);
   made.model = std::make_unique<id::ForwardModel>(groups_->layout.group(), made.specimen, wanted.law_effects.empty() ? model_.law : model_.extended(wanted.law_effects), std::move(record),
-                                                  mechanics::EquilibriumOptions{.increments = model_.increments * numerics.increments_factor, .with_fields = false}, 1, 1);
+                                                  mechanics::EquilibriumOptions{.increments = model_.increments * numerics.increments_factor, .derivative_tolerance = 1e-5, .with_fields = false}, 1, 1);
   return made;
 }
 
-std::vector<std::pair<Eigen::MatrixXd, Eigen::VectorXd>> FieldExperiment::simulate(const std::vector<Simulation>& wanted) {
+std::vector<FieldExperiment::Series> FieldExperiment::simulate(const std::vector<Simulation>& wanted) {
   const auto frames = measured_.force.size();
-  std::vector<std::pair<Eigen::MatrixXd, Eigen::VectorXd>> results(wanted.size());
+  std::vector<Series> results(wanted.size());
   std::vector<double> done(wanted.size(), 0.0);
-  for (auto& [U, R] : results) U.setZero(measured_.surface.nodes.rows() * 2, frames), R.setZero(frames);
+  for (std::size_t k = 0; k < wanted.size(); ++k) {
+    results[k].U.setZero(measured_.surface.nodes.rows() * 2, frames), results[k].R.setZero(frames);
+    results[k].dU.assign(wanted[k].directions.size(), results[k].U), results[k].dR.assign(wanted[k].directions.size(), results[k].R);
+  }
   const auto& layout = groups_->layout;
   // Series of one specimen one after another: its forward model is kept.
   std::vector<std::size_t> order(wanted.size());
@@ -299,11 +310,15 @@ std::vector<std::pair<Eigen::MatrixXd, Eigen::VectorXd>> FieldExperiment::simula
     for (std::size_t place = 0; place < order.size(); ++place) {
       if (static_cast<int>(place % static_cast<std::size_t>(layout.groups())) != layout.index()) continue;
       const Simulation& one = wanted[order[place]];
-      auto& [U, R] = results[order[place]];
+      Series& result = results[order[place]];
       Variant& with = variant(one.variant);
       const Eigen::Index before = with.before_test ? 1 : 0;
-      Eigen::MatrixXd driving = Eigen::MatrixXd::Zero(with.to_variant.rows(), frames + before);
-      driving.rightCols(frames) = with.to_variant * one.driving;
+      const auto on_variant = [&](const Eigen::MatrixXd& field) {
+        Eigen::MatrixXd all = Eigen::MatrixXd::Zero(with.to_variant.rows(), frames + before);
+        all.rightCols(frames) = with.to_variant * field;
+        return all;
+      };
+      const Eigen::MatrixXd driving = on_variant(one.driving);
       Eigen::MatrixXd beyond;
       if (!one.loading.empty()) {
         const auto& dofs = with.specimen.displacement_dofs;
@@ -319,21 +334,25 @@ std::vector<std::pair<Eigen::MatrixXd, Eigen::VectorXd>> FieldExperiment::simula
       }
       id::Run run{.parameters = one.law, .driving = &driving};
       if (beyond.size() > 0) run.beyond = &beyond;
+      for (const auto& direction : one.directions) run.directions.push_back(on_variant(direction));
       const auto path = with.model->simulate(id::Control::displacement, {run}, static_cast<int>(frames + before)).front();
       if (path.frames < frames + before || !layout.group().is_root()) continue;
-      Eigen::MatrixXd surface = path.surface.rightCols(frames);
-      if (with.before_test) surface.colwise() -= path.surface.col(0).eval();
-      U = with.from_variant * surface;
-      R = path.reaction.tail(frames);
+      const auto on_measured = [&](const Eigen::MatrixXd& surface) -> Eigen::MatrixXd {
+        if (!with.before_test) return with.from_variant * surface;
+        return with.from_variant * (surface.rightCols(frames).colwise() - surface.col(0));
+      };
+      result.U = on_measured(path.surface), result.R = path.reaction.tail(frames);
+      for (std::size_t k = 0; k < one.directions.size(); ++k) result.dU[k] = on_measured(path.d_surface[k]), result.dR[k] = path.d_reaction[k].tail(frames);
       done[order[place]] = 1.0;
     }
   });
   world_.sum(done);
   for (std::size_t k = 0; k < wanted.size(); ++k) {
-    auto& [U, R] = results[k];
-    world_.sum(std::span(U.data(), static_cast<std::size_t>(U.size())));
-    world_.sum(std::span(R.data(), static_cast<std::size_t>(R.size())));
-    if (done[k] < 0.5) R.resize(0);
+    const auto share = [&](auto& values) { world_.sum(std::span(values.data(), static_cast<std::size_t>(values.size()))); };
+    share(results[k].U), share(results[k].R);
+    for (auto& values : results[k].dU) share(values);
+    for (auto& values : results[k].dR) share(values);
+    if (done[k] < 0.5) results[k].R.resize(0);
   }
   simulations_ += static_cast<int>(wanted.size());
   return results;
@@ -380,9 +399,51 @@ FieldExperiment::Simulation FieldExperiment::simulation_of(const std::vector<dou
   return one;
 }
 
+Eigen::MatrixXd FieldExperiment::true_motion(const std::vector<double>& values, Eigen::MatrixXd driving) const {
+  for (Eigen::Index t = 0; t < driving.cols(); ++t) {
+    const Eigen::VectorXd measured = driving.col(t);
+    Eigen::VectorXd error = Eigen::VectorXd::Zero(measured.size());
+    for (std::size_t k = 0; k < effects_.size(); ++k) effects_[k]->see(values_of(k, values), scene_, static_cast<int>(t), measured, error);
+    driving.col(t) -= error;
+  }
+  return driving;
+}
+
+FieldExperiment::Prediction FieldExperiment::observed(const std::vector<double>& values, Prediction true_one) const {
+  for (Eigen::Index t = 0; t < true_one.displacement.cols(); ++t) {
+    const Eigen::VectorXd U = true_one.displacement.col(t);
+    Eigen::VectorXd error = Eigen::VectorXd::Zero(U.size());
+    for (std::size_t k = 0; k < effects_.size(); ++k) effects_[k]->see(values_of(k, values), scene_, static_cast<int>(t), U, error);
+    true_one.displacement.col(t) += error;
+  }
+  for (std::size_t k = 0; k < effects_.size(); ++k) effects_[k]->record(values_of(k, values), scene_, true_one.force);
+  return true_one;
+}
+
+std::vector<std::pair<double, FieldExperiment::Simulation>> FieldExperiment::simulations_of(const std::vector<double>& values, const Eigen::MatrixXd& driving) const {
+  Simulation base = simulation_of(values, driving);
+  std::vector<std::pair<double, Simulation>> all;
+  double rest = 1.0;
+  for (std::size_t k = 0; k < effects_.size(); ++k) {
+    Numerics numerics;
+    effects_[k]->numerics(numerics);
+    const auto its = values_of(k, values);
+    if ((numerics.refinements == 0 && numerics.increments_factor == 1) || its[0] == 0.0) continue;
+    Simulation other = base;
+    std::vector<double>& key = other.variant.specimen;
+    if (key.empty()) {
+      key = {0.0, 1.0, 0.0};
+      for (const auto& p : parameters_) key.push_back(p.info.null_value.value_or(0.0));
+    }
+    key[0] = numerics.refinements, key[1] = numerics.increments_factor;
+    rest -= its[0];
+    all.emplace_back(its[0], std::move(other));
+  }
+  all.emplace_back(rest, std::move(base));
+  return all;
+}
+
 std::vector<FieldExperiment::Prediction> FieldExperiment::predict(const std::vector<std::vector<double>>& sets, const std::vector<const Eigen::MatrixXd*>& drivings) {
-  const auto frames = measured_.force.size();
-  // Ends as they truly moved: measured less what the camera adds.
   std::vector<Simulation> wanted;
   struct Use {
     std::size_t set;
@@ -390,67 +451,31 @@ std::vector<FieldExperiment::Prediction> FieldExperiment::predict(const std::vec
     std::size_t simulation;
   };
   std::vector<Use> uses;
-  const auto add = [&](Simulation one, std::size_t set, double weight) {
-    for (std::size_t k = 0; k < wanted.size(); ++k)
-      if (wanted[k].law == one.law && wanted[k].variant == one.variant && wanted[k].loading == one.loading && wanted[k].driving == one.driving) {
-        uses.push_back({set, weight, k});
-        return;
-      }
-    wanted.push_back(std::move(one));
-    uses.push_back({set, weight, wanted.size() - 1});
-  };
-  for (std::size_t s = 0; s < sets.size(); ++s) {
-    Eigen::MatrixXd driving = *drivings[s];
-    for (Eigen::Index t = 0; t < frames; ++t) {
-      const Eigen::VectorXd measured = driving.col(t);
-      Eigen::VectorXd error = Eigen::VectorXd::Zero(measured.size());
-      for (std::size_t k = 0; k < effects_.size(); ++k) effects_[k]->see(values_of(k, sets[s]), scene_, static_cast<int>(t), measured, error);
-      driving.col(t) -= error;
+  for (std::size_t s = 0; s < sets.size(); ++s)
+    for (auto& [weight, one] : simulations_of(sets[s], true_motion(sets[s], *drivings[s]))) {
+      std::size_t k = 0;
+      while (k < wanted.size() && !(wanted[k].law == one.law && wanted[k].variant == one.variant && wanted[k].loading == one.loading && wanted[k].driving == one.driving)) ++k;
+      if (k == wanted.size()) wanted.push_back(std::move(one));
+      uses.push_back({s, weight, k});
     }
-    Simulation base = simulation_of(sets[s], driving);
-    double rest = 1.0;
-    for (std::size_t k = 0; k < effects_.size(); ++k) {
-      Numerics numerics;
-      effects_[k]->numerics(numerics);
-      const auto its = values_of(k, sets[s]);
-      if ((numerics.refinements == 0 && numerics.increments_factor == 1) || its[0] == 0.0) continue;
-      Simulation other = base;
-      std::vector<double>& key = other.variant.specimen;
-      if (key.empty()) {
-        key = {0.0, 1.0, 0.0};
-        for (const auto& p : parameters_) key.push_back(p.info.null_value.value_or(0.0));
-      }
-      key[0] = numerics.refinements, key[1] = numerics.increments_factor;
-      rest -= its[0];
-      add(std::move(other), s, its[0]);
-    }
-    add(std::move(base), s, rest);
-  }
-  const auto paths = simulate(wanted);
+  const auto series = simulate(wanted);
   std::vector<Prediction> predictions(sets.size());
   std::vector<char> good(sets.size(), 1);
-  for (auto& p : predictions) p.displacement.setZero(measured_.displacement.rows(), frames), p.force.setZero(frames);
+  for (auto& p : predictions) p.displacement.setZero(measured_.displacement.rows(), measured_.force.size()), p.force.setZero(measured_.force.size());
   for (const Use& use : uses) {
-    const auto& [U, R] = paths[use.simulation];
-    if (R.size() == 0) {
+    const Series& one = series[use.simulation];
+    if (one.R.size() == 0) {
       good[use.set] = 0;
       continue;
     }
-    predictions[use.set].displacement += use.weight * U;
-    predictions[use.set].force += use.weight * R;
+    predictions[use.set].displacement += use.weight * one.U;
+    predictions[use.set].force += use.weight * one.R;
   }
   for (std::size_t s = 0; s < sets.size(); ++s) {
-    if (!good[s]) {
+    if (good[s])
+      predictions[s] = observed(sets[s], std::move(predictions[s]));
+    else
       predictions[s].force.resize(0);
-      continue;
-    }
-    for (Eigen::Index t = 0; t < frames; ++t) {
-      const Eigen::VectorXd U = predictions[s].displacement.col(t);
-      Eigen::VectorXd error = Eigen::VectorXd::Zero(U.size());
-      for (std::size_t k = 0; k < effects_.size(); ++k) effects_[k]->see(values_of(k, sets[s]), scene_, static_cast<int>(t), U, error);
-      predictions[s].displacement.col(t) += error;
-    }
-    for (std::size_t k = 0; k < effects_.size(); ++k) effects_[k]->record(values_of(k, sets[s]), scene_, predictions[s].force);
   }
   return predictions;
 }
@@ -505,15 +530,8 @@ std::pair<Eigen::MatrixXd, Eigen::VectorXd> FieldExperiment::synthetic_test(cons
   ++simulations_;
   world_.broadcast(std::span(surface.data(), static_cast<std::size_t>(surface.size())));
   world_.broadcast(std::span(force.data(), static_cast<std::size_t>(force.size())));
-  Eigen::MatrixXd seen = measured_.correlate(own, surface);
-  for (Eigen::Index t = 0; t < frames; ++t) {
-    const Eigen::VectorXd U = seen.col(t);
-    Eigen::VectorXd error = Eigen::VectorXd::Zero(U.size());
-    for (std::size_t k = 0; k < effects_.size(); ++k) effects_[k]->see(values_of(k, values), scene_, static_cast<int>(t), U, error);
-    seen.col(t) += error;
-  }
-  for (std::size_t k = 0; k < effects_.size(); ++k) effects_[k]->record(values_of(k, values), scene_, force);
-  return {std::move(seen), std::move(force)};
+  Prediction made = observed(values, {measured_.correlate(own, surface), std::move(force)});
+  return {std::move(made.displacement), std::move(made.force)};
 }
 
 void FieldExperiment::learn_bias(const std::vector<double>& values) {
@@ -525,36 +543,79 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
   bias_ = std::make_shared<Bias>(seen - p.displacement, force - p.force);
 }
 
+std::vector<FieldExperiment::Prediction> FieldExperiment::responses(const std::vector<double>& values, const std::vector<Eigen::MatrixXd>& changes) {
+  const Eigen::MatrixXd driving = true_motion(values, measured_.driving);
+  // So many directions at once that the histories' derivatives stay small, and no fewer batches than groups of ranks.
+  const auto most = std::clamp<std::size_t>((changes.size() + static_cast<std::size_t>(groups_->layout.groups()) - 1) / static_cast<std::size_t>(groups_->layout.groups()), 1, 20);
+  std::vector<Simulation> wanted;
+  std::vector<std::pair<double, std::size_t>> uses;  // weight, first change
+  for (std::size_t first = 0; first < changes.size(); first += most)
+    for (auto& [weight, one] : simulations_of(values, driving)) {
+      for (std::size_t k = first; k < std::min(changes.size(), first + most); ++k) one.directions.push_back(true_motion(values, measured_.driving + changes[k]) - driving);
+      wanted.push_back(std::move(one));
+      uses.emplace_back(weight, first);
+    }
+  const auto series = simulate(wanted);
+  const Prediction none{Eigen::MatrixXd::Zero(measured_.displacement.rows(), measured_.force.size()), Eigen::VectorXd::Zero(measured_.force.size())};
+  Prediction nominal = none;
+  std::vector<Prediction> moved(changes.size(), none);
+  for (std::size_t s = 0; s < series.size(); ++s) {
+    const auto& [weight, first] = uses[s];
+    if (series[s].R.size() == 0) throw ConvergenceError("the model cannot follow the measured displacement of the ends");
+    if (first == 0) nominal.displacement += weight * series[s].U, nominal.force += weight * series[s].R;
+    for (std::size_t k = 0; k < series[s].dU.size(); ++k) moved[first + k].displacement += weight * series[s].dU[k], moved[first + k].force += weight * series[s].dR[k];
+  }
+  const Prediction seen = observed(values, nominal);
+  for (auto& one : moved) {
+    one.displacement += nominal.displacement, one.force += nominal.force;
+    one = observed(values, std::move(one));
+    one.displacement -= seen.displacement, one.force -= seen.force;
+  }
+  return moved;
+}
+
+std::vector<FieldExperiment::Prediction> FieldExperiment::differences(const std::vector<double>& values, const std::vector<Eigen::MatrixXd>& changes) {
+  const auto nominal = predict({values}, {&measured_.driving}).front();
+  if (nominal.force.size() == 0) throw ConvergenceError("the model cannot follow the measured displacement of the ends");
+  std::vector<Prediction> all;
+  constexpr std::size_t together = 16;  // whose fields are held at once
+  for (std::size_t first = 0; first < changes.size(); first += together) {
+    std::vector<Eigen::MatrixXd> drivings;
+    for (std::size_t k = first; k < std::min(changes.size(), first + together); ++k) drivings.emplace_back(measured_.driving + changes[k]);
+    std::vector<const Eigen::MatrixXd*> pointers;
+    for (const auto& driving : drivings) pointers.push_back(&driving);
+    for (auto& p : predict(std::vector<std::vector<double>>(drivings.size(), values), pointers)) {
+      if (p.force.size() == 0)  // out of the solver's reach: as if nothing had moved
+        p = {Eigen::MatrixXd::Zero(measured_.displacement.rows(), measured_.force.size()), Eigen::VectorXd::Zero(measured_.force.size())};
+      else
+        p.displacement -= nominal.displacement, p.force -= nominal.force;
+      all.push_back(std::move(p));
+    }
+  }
+  return all;
+}
+
 Eigen::MatrixXd FieldExperiment::noise(const std::vector<double>& values, int draws) {
   const auto frames = measured_.force.size(), unknowns = measured_.displacement.rows();
   const Eigen::SimplicialLLT<Eigen::SparseMatrix<double>> factor(measured_.M);  // P M P^T = L L^T
   std::mt19937_64 random(7);
   std::normal_distribution<double> normal;
+  std::vector<Eigen::MatrixXd> fields, changes;
+  std::vector<Eigen::VectorXd> forces;
+  for (int b = 0; b < draws; ++b) {
+    Eigen::MatrixXd white(unknowns, frames + 1);
+    for (double& x : white.reshaped()) x = normal(random);
+    const Eigen::MatrixXd field = measured_.noise * (factor.permutationPinv() * Eigen::MatrixXd(factor.matrixU().solve(white)));
+    fields.emplace_back(field.leftCols(frames).colwise() + field.col(frames) / std::sqrt(static_cast<double>(measured_.references)));
+    changes.push_back(measured_.smooth(fields.back()));
+    auto& force = forces.emplace_back(frames);
+    for (double& x : force) x = std::isfinite(measured_.force_noise) ? measured_.force_noise * normal(random) : 0.0;
+  }
+  const auto moved = variant({}).model->differentiable() ? responses(values, changes) : differences(values, changes);
   Eigen::MatrixXd result(static_cast<Eigen::Index>(data_.size()), draws);
-  const auto nominal = predict({values}, {&measured_.driving}).front();
-  if (nominal.force.size() == 0) throw ConvergenceError("the model cannot follow the measured displacement of the ends");
-  const int together = 16;  // draws whose fields are held at once
-  for (int first = 0; first < draws; first += together) {
-    const int here = std::min(together, draws - first);
-    std::vector<Eigen::MatrixXd> fields, drivings;
-    for (int b = 0; b < here; ++b) {
-      Eigen::MatrixXd white(unknowns, frames + 1);
-      for (double& x : white.reshaped()) x = normal(random);
-      const Eigen::MatrixXd field = measured_.noise * (factor.permutationPinv() * Eigen::MatrixXd(factor.matrixU().solve(white)));
-      fields.emplace_back(field.leftCols(frames).colwise() + field.col(frames) / std::sqrt(static_cast<double>(measured_.references)));
-      drivings.emplace_back(measured_.driving + measured_.smooth(fields.back()));
-    }
-    std::vector<const Eigen::MatrixXd*> pointers;
-    for (const auto& driving : drivings) pointers.push_back(&driving);
-    const auto predictions = predict(std::vector<std::vector<double>>(static_cast<std::size_t>(here), values), pointers);
-    for (int b = 0; b < here; ++b) {
-      const auto& p = predictions[static_cast<std::size_t>(b)];
-      Eigen::VectorXd force(frames);
-      for (double& x : force) x = std::isfinite(measured_.force_noise) ? measured_.force_noise * normal(random) : 0.0;
-      Eigen::MatrixXd field = fields[static_cast<std::size_t>(b)];
-      if (p.force.size() > 0) field -= p.displacement - nominal.displacement, force -= p.force - nominal.force;
-      result.col(first + b) = whitened(field, force);
-    }
+  for (int b = 0; b < draws; ++b) {
+    const auto k = static_cast<std::size_t>(b);
+    result.col(b) = whitened(fields[k] - moved[k].displacement, forces[k] - moved[k].force);
   }
   return result;
 }

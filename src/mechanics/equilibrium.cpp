@@ -40,8 +40,9 @@ struct Equilibrium::Implementation {
       lifting = nullptr, correction = nullptr;
   KSP solver = nullptr, refiner = nullptr;
   bool direct = true;
-  std::vector<Vec> du, d_force;  // of each free parameter
-  std::vector<double> d_parameters;  // unit vectors [free x number of parameters]
+  std::vector<Vec> du, d_force;  // of each free parameter and direction
+  std::vector<double> d_parameters;  // unit vectors [free x number of parameters], then 0
+  Eigen::MatrixXd d_prescribed;      // of the increment [constrained degrees x directions]
   std::vector<double> last_residuals;
   const OpticalTerm* optical = nullptr;  // of the run at hand
   int frame = 0;
@@ -64,7 +65,7 @@ struct Equilibrium::Implementation {
   ~Implementation() {
     KSPDestroy(&solver);
     KSPDestroy(&refiner);
-    differentiate_by({});
+    differentiate_by({}, 0);
     for (Vec* vector : {&u, &optical_force, &force, &external, &residual, &increment, &lifting, &correction}) VecDestroy(vector);
   }
   Implementation(const Implementation&) = delete;
@@ -311,15 +312,17 @@ struct Equilibrium::Implementation {
     return failed;
   }
 
-  /// By which of the law's parameters the path is differentiated.
-  void differentiate_by(std::span<const int> free) {
+  /// By which of the law's parameters the path is differentiated, and in how many directions of the prescribed displacement.
+  void differentiate_by(std::span<const int> free, std::size_t directions) {
+    const std::size_t all = free.size() + directions;
+    d_prescribed.resize(static_cast<Eigen::Index>(dofs.size()), static_cast<Eigen::Index>(directions));
     for (auto* vectors : {&du, &d_force}) {
       for (Vec& vector : *vectors) VecDestroy(&vector);
-      vectors->assign(free.size(), nullptr);
+      vectors->assign(all, nullptr);
       for (Vec& vector : *vectors) IMIC3D_PETSC(VecDuplicate(u, &vector));
     }
     const std::size_t parameters = law->parameters().size();
-    d_parameters.assign(free.size() * parameters, 0.0);
+    d_parameters.assign(all * parameters, 0.0);
     for (std::size_t k = 0; k < free.size(); ++k) d_parameters[k * parameters + static_cast<std::size_t>(free[k])] = 1.0;
   }
 
@@ -340,7 +343,14 @@ struct Equilibrium::Implementation {
     if (optical != nullptr) add_optical_stiffness();
     std::vector<double> scale(du.size());
     IMIC3D_PETSC(KSPSetReusePreconditioner(refiner, PETSC_TRUE));  // of both solvers
-    for (const Vec& vector : du) IMIC3D_PETSC(VecZeroEntries(vector));
+    for (std::size_t k = 0; k < du.size(); ++k) {
+      const auto direction = static_cast<Eigen::Index>(k) - (static_cast<Eigen::Index>(du.size()) - d_prescribed.cols());
+      IMIC3D_PETSC(VecZeroEntries(du[k]));
+      if (direction < 0) continue;
+      Eigen::VectorXd given = Eigen::VectorXd::Zero(3 * mesh.nodes.rows());
+      for (std::size_t i = 0; i < dofs.size(); ++i) given[dofs[i]] = d_prescribed(static_cast<Eigen::Index>(i), direction);
+      to_global(given, du[k]);
+    }
     for (int pass = 0; pass <= most; ++pass) {
       bool balanced = assembler.differentiate(du, time_increment, parameters, d_parameters, d_force);
       if (!balanced) break;
@@ -397,13 +407,15 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
                             const std::function<const Eigen::VectorXd*(int)>& guess,
                             const std::vector<int>& increments, const OpticalTerm* optical, std::span<const int> free) {
   auto& s = *impl_;
-  if (!free.empty() && s.mesh.integration == mesh::Integration::one_point_stabilised)
+  const Eigen::Index directions = steps.empty() ? 0 : steps.front().d_prescribed.cols();
+  const bool differentiated = !free.empty() || directions > 0;
+  if (differentiated && s.mesh.integration == mesh::Integration::one_point_stabilised)
     throw std::invalid_argument("Equilibrium: no direct differentiation of hex8s elements");
   s.optical = optical;
-  s.differentiate_by(free);
+  s.differentiate_by(free, static_cast<std::size_t>(directions));
   const Eigen::Index dofs = 3 * s.mesh.nodes.rows();
   PathStatus status;
-  s.assembler.start(static_cast<int>(free.size()));
+  s.assembler.start(static_cast<int>(s.du.size()));
   IMIC3D_PETSC(VecSet(s.u, 0.0));
 
   Vec converged = nullptr, before = nullptr, prescribed = nullptr, found = nullptr;
@@ -454,7 +466,8 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
         break;
       }
       if (outcome == Implementation::Outcome::converged) {
-        if (!free.empty() && !s.differentiate((step.time - begin) / count, parameters, status.derivative_corrections))
+        if (directions > 0) s.d_prescribed = previous != nullptr ? Eigen::MatrixXd(previous->d_prescribed + target * (step.d_prescribed - previous->d_prescribed)) : Eigen::MatrixXd(target * step.d_prescribed);
+        if (differentiated && !s.differentiate((step.time - begin) / count, parameters, status.derivative_corrections))
           throw ConvergenceError(fmt::format("no derivative by the parameters at frame {} of the series (time {:.6g})", frame + 1, step.time));
         s.assembler.commit();
         IMIC3D_PETSC(VecCopy(s.u, converged));

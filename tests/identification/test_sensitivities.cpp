@@ -69,6 +69,40 @@ TEST(DirectSensitivities, AreDerivativesOfThePathUnderEveryControl) {
   for (const Control control : {Control::displacement, Control::force, Control::images}) expect_derivatives(control);
 }
 
+/// As the ends' displacement moves: against central differences, with yielding and unloading.
+void expect_derivatives_in_directions() {
+  const Communicator world;
+  Plate plate(stretch);
+  ForwardModel model(world, plate.specimen, plate.law, plate.record, {.max_iterations = 40, .tolerance = 1e-13, .derivative_tolerance = 1e-11}, 1, 1);
+  std::mt19937 random(5);
+  std::normal_distribution<double> noise;
+  Run run{.parameters = plate.truth, .free = {2}};
+  for (int k = 0; k < 2; ++k) {
+    run.directions.emplace_back(plate.record.driving);
+    for (double& u : run.directions.back().reshaped()) u = noise(random);
+  }
+  const Path path = model.simulate(Control::displacement, {run}, frames).front();
+  ASSERT_EQ(path.frames, frames) << path.message;
+  ASSERT_EQ(path.d_surface.size(), 3U);
+  for (std::size_t k = 0; k < 2; ++k) {
+    std::vector<double> errors;
+    for (const double h : {1e-3, 1e-5, 1e-6, 1e-7, 1e-11}) {
+      const Eigen::MatrixXd more = plate.record.driving + h * run.directions[k], less = plate.record.driving - h * run.directions[k];
+      const auto both = model.simulate(Control::displacement, {Run{.parameters = plate.truth, .driving = &more}, Run{.parameters = plate.truth, .driving = &less}}, frames);
+      if (both[0].increments != path.increments) continue;
+      errors.push_back(std::max(((both[0].surface - both[1].surface) / (2 * h) - path.d_surface[1 + k]).norm() / path.d_surface[1 + k].norm(),
+                                ((both[0].reaction - both[1].reaction) / (2 * h) - path.d_reaction[1 + k]).norm() / path.d_reaction[1 + k].norm()));
+    }
+    ASSERT_GE(errors.size(), 3U);
+    const double best = *std::min_element(errors.begin(), errors.end());
+    EXPECT_LE(best, 1e-6);
+    EXPECT_GT(errors.front(), 10.0 * best);
+    EXPECT_GT(errors.back(), 10.0 * best);
+  }
+}
+
+TEST(DirectSensitivities, AreDerivativesInDirectionsOfTheDrivenEnds) { expect_derivatives_in_directions(); }
+
 /// With noise in the data, so that the derivatives decide where the minimum is.
 TEST(DirectSensitivities, IdentifyWhatPerturbedOnesDo) {
   const Communicator world;

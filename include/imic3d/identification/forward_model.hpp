@@ -34,7 +34,7 @@ struct Path {
   std::string message;
   int newton_iterations = 0;
   std::vector<int> increments;   ///< load increments that each frame took
-  std::vector<Eigen::MatrixXd> d_surface{};  ///< derivatives of `surface` by the run's `free` parameters
+  std::vector<Eigen::MatrixXd> d_surface{};  ///< derivatives of `surface` by the run's `free` parameters, then in its `directions`
   std::vector<Eigen::VectorXd> d_reaction{}; ///< and of `reaction`
 };
 
@@ -52,6 +52,7 @@ struct Run {
   const Eigen::MatrixXd* driving = nullptr;    ///< displacement of the ends, like Record::driving; the record's if not given
   const Eigen::MatrixXd* beyond = nullptr;     ///< added to the prescribed displacement [constrained dofs x frames, length]
   std::vector<int> free{};                     ///< parameters by which the path is differentiated directly; the forces stay as they are
+  std::vector<Eigen::MatrixXd> directions{};   ///< in which `driving` moves, for the path's derivatives; Control::displacement
 };
 
 class ForwardModel {
@@ -83,7 +84,7 @@ class ForwardModel {
   /// that noise makes the ratio meaningless, the pattern of the next loaded frame serves (after the last one, its). `driven` gets the paths.
   std::vector<ForceDistribution> distribute_forces(const std::vector<Run>& runs, int frames, std::vector<Path>& driven);
 
-  /// Whether Run::free may be given: hex8s elements are not differentiated (mechanics/one_point.hpp).
+  /// Whether Run::free and Run::directions may be given: hex8s elements are not differentiated (mechanics/one_point.hpp).
   [[nodiscard]] bool differentiable() const { return specimen_.volume.integration != mesh::Integration::one_point_stabilised; }
 
   [[nodiscard]] const Record& record() const { return record_; }

@@ -115,10 +115,20 @@ class FieldExperiment final : public Experiment {
   struct Variant;     // a specimen with its forward model
   struct Prediction { Eigen::MatrixXd displacement; Eigen::VectorXd force; };
 
-  [[nodiscard]] std::vector<std::pair<Eigen::MatrixXd, Eigen::VectorXd>> simulate(const std::vector<Simulation>& wanted);
+  struct Series;      // what comes of it
+  [[nodiscard]] std::vector<Series> simulate(const std::vector<Simulation>& wanted);
   struct Key;         // what a specimen with its forward model is made for
   Variant& variant(const Key& key);
   [[nodiscard]] Simulation simulation_of(const std::vector<double>& values, const Eigen::MatrixXd& driving) const;
+  /// The simulations that a prediction is made of, and their weights: several where effects of the numerics are there.
+  [[nodiscard]] std::vector<std::pair<double, Simulation>> simulations_of(const std::vector<double>& values, const Eigen::MatrixXd& driving) const;
+  /// What a displacement was before the camera added its errors.
+  [[nodiscard]] Eigen::MatrixXd true_motion(const std::vector<double>& values, Eigen::MatrixXd driving) const;
+  /// What camera and load cell make of displacement and force.
+  [[nodiscard]] Prediction observed(const std::vector<double>& values, Prediction true_one) const;
+  /// How the prediction moves with the displacement that drives the ends [2n x frames]: by the derivatives of the simulation; by simulations.
+  [[nodiscard]] std::vector<Prediction> responses(const std::vector<double>& values, const std::vector<Eigen::MatrixXd>& changes);
+  [[nodiscard]] std::vector<Prediction> differences(const std::vector<double>& values, const std::vector<Eigen::MatrixXd>& changes);
   [[nodiscard]] std::vector<Prediction> predict(const std::vector<std::vector<double>>& sets, const std::vector<const Eigen::MatrixXd*>& drivings);
   [[nodiscard]] Eigen::VectorXd whitened(const Eigen::MatrixXd& displacement, const Eigen::VectorXd& force) const;
   [[nodiscard]] std::span<const double> values_of(std::size_t effect, const std::vector<double>& values) const;

@@ -22,6 +22,7 @@ struct LoadStep {
   double time = 0.0;
   Eigen::VectorXd prescribed;  ///< displacement of the constrained degrees, in the order of Constraints::dofs [length]
   Eigen::VectorXd force;       ///< external nodal forces [3 * nodes, force]; empty if there are none
+  Eigen::MatrixXd d_prescribed{};  ///< directions in which `prescribed` moves [constrained degrees x directions], as many in every step
 };
 
 /// The state at one converged frame. U and reactions in natural numbering, the same on every rank.
@@ -31,7 +32,7 @@ struct FrameState {
   Eigen::Matrix<double, Eigen::Dynamic, 6, Eigen::RowMajor> cauchy_stress;  ///< [cells x 6, stress], natural order
   Eigen::VectorXd plastic_strain;                                          ///< [cells]
   int iterations = 0;            ///< Newton iterations, summed over increments
-  std::vector<Eigen::VectorXd> d_displacement, d_internal;  ///< derivatives of `displacement` and `internal`, as asked for
+  std::vector<Eigen::VectorXd> d_displacement, d_internal;  ///< derivatives of `displacement` and `internal`, by the free parameters, then in the steps' directions
 };
 
 struct EquilibriumOptions {
@@ -92,7 +93,8 @@ class Equilibrium {
   ///     K dU/dLambda = -(dF_int/dLambda + dF_int/dxi_n . dxi_n/dLambda)
   /// at every converged increment. The right-hand side is exact (dual numbers), whatever the tangent: the equation is solved again
   /// for what a dU leaves unbalanced, with the converged tangent and the last factor as preconditioner, until that vanishes. Where a
-  /// point turns from elastic to plastic the derivative is that of the side it is on. Throws std::invalid_argument for hex8s elements.
+  /// point turns from elastic to plastic the derivative is that of the side it is on. The same in the directions of the steps' d_prescribed, in which dU
+  /// is given at the constrained degrees. Throws std::invalid_argument for hex8s elements.
   PathStatus run(const std::vector<LoadStep>& steps, std::span<const double> parameters, double start_time,
                  const std::function<void(int, const FrameState&)>& frame_done,
                  const std::function<const Eigen::VectorXd*(int)>& guess = {}, const std::vector<int>& increments = {},
