@@ -132,7 +132,7 @@ class Loop {
       best = fit(experiment_, plain, rows_, free, best.values);
       say(fmt::format("  what mesh, correlation and scatter err by is learned: chi {:.3f}", std::sqrt(best.cost / static_cast<double>(rows_.size()))));
     }
-    say(fmt::format("null ensemble: {} draws of the noise", options_.draws));
+    say(fmt::format("null ensemble: 2 x {} draws of the noise", options_.draws));
     report_.declared.ground = ground_of(best.values);
     report_.declared.fit = fit(experiment_, report_.declared.ground->weight, rows_, free, best.values);
     finish(report_.declared);
@@ -143,10 +143,11 @@ class Loop {
   std::shared_ptr<const Ground> ground_of(const std::vector<double>& values) const {
     auto ground = std::make_shared<Ground>();
     ground->learned = experiment_.learned();
-    Eigen::MatrixXd null = experiment_.noise(values, options_.draws);
+    // One half of the draws says how the numbers of a frame vary together, the other what is left of them then: no draw judges itself.
+    Eigen::MatrixXd null = experiment_.noise(values, 2 * options_.draws);
     doubt_bias(null);
-    ground->weight = Weight(experiment_.data(), null);
-    ground->null = ground->weight(null);
+    ground->weight = Weight(experiment_.data(), null.leftCols(options_.draws));
+    ground->null = ground->weight(null.rightCols(options_.draws));
     return ground;
   }
 
