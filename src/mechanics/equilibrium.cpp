@@ -102,6 +102,7 @@ struct Equilibrium::Implementation {
     IMIC3D_PETSC(KSPSetPC(refiner, preconditioner));
     IMIC3D_PETSC(KSPSetOperators(refiner, assembler.tangent(), assembler.tangent()));
     IMIC3D_PETSC(KSPSetTolerances(refiner, 1e-10, PETSC_DEFAULT, PETSC_DEFAULT, 200));
+    IMIC3D_PETSC(KSPSetSkipPCSetFromOptions(refiner, PETSC_TRUE));
     IMIC3D_PETSC(KSPSetFromOptions(refiner));
   }
 
@@ -357,7 +358,7 @@ struct Equilibrium::Implementation {
       for (std::size_t k = 0; k < du.size(); ++k) {
         if (pass == 0) IMIC3D_PETSC(VecNorm(d_force[k], NORM_2, &scale[k]));  // dF_int/dLambda + dF_int/dxi . dxi/dLambda
         const double norm = unbalanced_derivative(k);
-        if (norm <= (optical != nullptr ? options.optical_tolerance : options.derivative_tolerance) * scale[k]) continue;
+        if (norm <= options.derivative_tolerance * scale[k]) continue;
         balanced = false;
         IMIC3D_PETSC(KSPSolve(refiner, residual, correction));
         IMIC3D_PETSC(VecAXPY(du[k], 1.0, correction));
