@@ -13,15 +13,20 @@ for ((i = 0; i < $#; ++i)); do
   esac
 done
 tools/reproduce_paper/studies.py --output "$output" "$@"
-[ -x tools/table1.sh ] && [ ! -e "$output/table1.txt" ] && { tools/table1.sh > "$output/table1.txt.part" 2>&1 && mv "$output/table1.txt.part" "$output/table1.txt"; } || true
-if [ -x build/release/tests/test_identification ] && [ ! -e "$output/covariance.txt" ]; then
-  OMP_NUM_THREADS=1 build/release/tests/test_identification --gtest_filter='CovarianceNightly*' > "$output/covariance.txt.part" 2>&1 || true
-  mv "$output/covariance.txt.part" "$output/covariance.txt"
-fi
+
+# once NAME COMMAND…: its output to NAME.txt, its processor time to NAME.seconds; again next time if it fails.
+TIMEFORMAT="%U %S"
+once() {
+  local name=$1
+  shift
+  [ -e "$output/$name.txt" ] && return
+  if { time "$@" > "$output/$name.txt.part" 2>&1; } 2> "$output/$name.seconds"; then mv "$output/$name.txt.part" "$output/$name.txt"; else echo "$name failed: $output/$name.txt.part"; fi
+}
+once table1 tools/table1.sh
+tests=build/release/tests/test_identification
+[ ! -x $tests ] || OMP_NUM_THREADS=1 once covariance $tests --gtest_filter='CovarianceNightly*'
 data=${IMIC3D_DATA:-../shared/data}
 for name in stereo_chessboard gt4_stereo; do
-  if [ -d "$data/$name" ] && [ ! -e "$output/$name.txt" ]; then
-    tools/run_measured.sh "$name" > "$output/$name.txt.part" 2>&1 && mv "$output/$name.txt.part" "$output/$name.txt" || true
-  fi
+  [ ! -d "$data/$name" ] || once "$name" tools/run_measured.sh "$name"
 done
 tools/reproduce_paper/page.py "$output"

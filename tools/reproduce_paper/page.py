@@ -239,6 +239,22 @@ class Page:
                 lines = [line for line in lines if not line.startswith(("Note:", "[=", "[-", "[ RUN"))]
             self.parts.append("<pre>" + html.escape("\n".join(lines[-60:])) + "</pre>")
 
+    def time(self):
+        """What the studies took, from the files `seconds` beside them."""
+        self.heading("Processor time")
+        rows = [(f"{KINEMATICS[file.parts[-3]]}, images {file.parts[-2]}", float(file.read_text())) for file in sorted(self.folder.glob("*/*/seconds"))
+                if (file.parent / "virtual.yaml").exists()]
+        for kinematics in KINEMATICS:
+            for study in dict.fromkeys(r["study"] for r in self.runs if r["kinematics"] == kinematics):
+                runs = {r["name"]: r["seconds"] for r in self.of(study, kinematics)}
+                rows.append((f"{KINEMATICS[kinematics]}, {study}: {len(runs)} identifications", sum(runs.values())))
+        rows += [(file.stem, sum(map(float, file.read_text().split()))) for file in sorted(self.folder.glob("*.seconds"))]
+        total = sum(seconds for _, seconds in rows)
+        self.table(("", "s"), [(what, f"{seconds:.0f}") for what, seconds in rows] + [("all", f"{total:.0f}")])
+        self.rows.append(("Time", "processor time over 2 cores", "< 20 min" if self.quick else "–", "–", f"{total / 120:.1f} min", verdict(total / 120, 20) if self.quick else ""))
+        with open(self.folder / "times.csv", "w", newline="") as stream:
+            csv.writer(stream).writerows([("study", "seconds"), *rows])
+
     def write(self):
         setup = json.loads((self.folder / "setup.json").read_text()) if (self.folder / "setup.json").exists() else {}
         self.alpha()
@@ -246,13 +262,16 @@ class Page:
         self.convergence()
         self.correlation()
         self.others()
+        self.quick = not setup.get("full", False)
+        self.time()
         missed = [f"{title}: {row[0]}" for title, *row in self.rows if row[-1] == "missed"]
         judged = [row for row in self.rows if row[-1] in ("met", "missed")]
         head = f"<p><b>{len(judged) - len(missed)} of {len(judged)} targets met.</b>" + (" Missed: " + html.escape("; ".join(missed)) + "." if missed else "") + "</p>"
         if setup:
-            head += (f"<p>Virtual tests of {setup['size'][0]} × {setup['size'][1]} px, {setup['frames']} loaded frames, noise of 1 % of the dynamic, 8 bits; made on a mesh of "
+            head += (f"<p>Virtual tests of {setup['size'][0]} × {setup['size'][1]} px, "
+                     f"{setup['frames']['plane_stress']} loaded frames (3D: {setup['frames']['3d']}); E on images of its own, 1024 × 1280 px, 5 frames; noise of 1 % of the dynamic, 8 bits; made on a mesh of "
                      f"{setup['mesh_generate_mm'][0]}–{setup['mesh_generate_mm'][1]} mm and 40 mm length, identified on {setup['mesh_identify_mm'][0]}–{setup['mesh_identify_mm'][1]} mm, "
-                     f"24 mm and other elements. Processor time of these identifications: {sum({r['kinematics'] + r['name']: r['seconds'] for r in self.runs}.values()) / 60:.0f} min.</p>")
+                     f"24 mm and other elements.</p>")
         style = ("body{font:15px/1.45 system-ui,sans-serif;max-width:1150px;margin:2em auto;padding:0 1em;color:#222}table{border-collapse:collapse;margin:1em 0}"
                  "th,td{border:1px solid #ccc;padding:3px 9px;text-align:left;font-size:14px}th{background:#f3f3f3}.met{background:#dff2df}.missed{background:#f8dcdc}"
                  "figure{margin:1em 0}svg{max-width:100%;height:auto}figcaption{color:#555;font-size:13px}pre{background:#f6f6f6;padding:8px;overflow:auto;font-size:12px}")

@@ -28,11 +28,16 @@ ALPHAS = (0.9, 0.5, 0.1, 1e-2, 1e-3, 1e-4)
 
 # Displacement of the loaded end [mm] in stages 0 (elastic), 1 (plastic strain to 4 %) and 2 (to 30 %), as the paper's.
 ELASTIC = [0.009, 0.018, 0.027, 0.036, 0.045]
-QUICK = {"size": [384, 480], "pixel": 0.06, "generate": (0.6, 1.6), "identify": (1.0, 2.5), "layers": (2, 2),
-         "refine": 2, "stages": [ELASTIC, numpy.linspace(0.058, 0.15, 8), numpy.linspace(0.32, 1.85, 10)]}
-FULL = {"size": [1024, 1280], "pixel": 0.0225, "generate": (0.6, 1.6), "identify": (1.0, 2.5), "layers": (3, 2),
-        "refine": 2, "stages": [ELASTIC, numpy.linspace(0.052, 0.15, 15), numpy.linspace(0.235, 1.85, 20)]}
-STATIC = 3  # frames before loading
+SHORT = {"plane_stress": [ELASTIC, numpy.linspace(0.058, 0.15, 8), numpy.linspace(0.32, 1.85, 10)],
+         "3d": [ELASTIC[2:5:2], numpy.linspace(0.065, 0.15, 6), numpy.linspace(0.4, 1.85, 6)]}
+LONG = [ELASTIC, numpy.linspace(0.052, 0.15, 15), numpy.linspace(0.235, 1.85, 20)]
+QUICK = {"size": [384, 480], "pixel": 0.06, "generate": (0.6, 1.6), "identify": (1.0, 2.5), "layers": (2, 1), "refine": 2, "stages": SHORT}
+FULL = {"size": [1024, 1280], "pixel": 0.0225, "generate": (0.6, 1.6), "identify": (1.0, 2.5), "layers": (3, 2), "refine": 2,
+        "stages": {"plane_stress": LONG, "3d": LONG}}
+# E has images of its own at either size, of stage 0 only: of the paper's size, as the noise goes with the square of the pixel, and
+# smoothed more, as cubic splines overrate displacements of less than half a pixel (docs/verification.md).
+STAGE_0 = {"size": [1024, 1280], "pixel": 0.0225, "static": 10, "dic": "dic: {low_pass: 1.5}\n"}
+STATIC = 3  # frames before loading of the others
 
 SPECIMEN = {
     "plane_stress": "{{mesh: {mesh}, kinematics: plane_stress, {more}, thickness: 8.0, held: bottom, loaded: top, axis: y}}",
@@ -47,12 +52,13 @@ material:
   parameters: {{E: {E!r}, nu: 0.25, S_y: {S_y!r}, H: {H!r}, delta: {delta!r}}}
 """
 VIRTUAL = """simulate: {{control: displacement, clamped: true, centred: true, value: {value}}}
-virtual: {{size: {size}, speckle_size: {speckle}, noise: {noise}, load_noise: 0, static_frames: 3, seed: 1, directory: .}}
+virtual: {{size: {size}, speckle_size: {speckle}, noise: {noise}, load_noise: 0, static_frames: {static}, seed: 1, directory: .}}
 output: .
 """
-IDENTIFY = """loads: {{file: {loads}, image: frame, time: time_s, force: force_N, noise: 1}}
+IDENTIFY = """{dic}loads: {{file: {loads}, image: frame, time: time_s, force: force_N, noise: 1}}
 identify:
   functional: force_driven
+  boundary_smoothing: {smoothing}  # a quarter of the width at most
   {options}
   stages: [{{free: {free}, frames: "{frames}"}}]
 output: results
@@ -63,8 +69,6 @@ class Study:
     def __init__(self, arguments):
         self.setup = FULL if arguments.full else QUICK
         self.folder, self.program, self.jobs = arguments.output.resolve(), arguments.program, arguments.jobs
-        counts = numpy.cumsum([len(stage) for stage in self.setup["stages"]]) + STATIC - 1
-        self.last = {"E": STATIC + 3, "S_y": int(counts[1]), "H": int(counts[2]), "delta": int(counts[2])}  # frames of each stage
         self.environment = dict(os.environ, OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", HWLOC_HIDE_ERRORS="2")
 
     def run(self, command, case):
@@ -78,14 +82,23 @@ class Study:
             sys.exit(f"{case} ended with {process.returncode}\n{log.read_text()}")
         return process.returncode, usage.ru_utime + usage.ru_stime
 
-    def text(self, kinematics, title, purpose, images="", **parameters):
+    def series(self, kinematics, free):
+        """Images that parameters are identified from: name, size, pixel, frames at rest, displacements, last frame, dic section."""
+        if free == ("E",):
+            return {**STAGE_0, "name": "stage_0", "value": ELASTIC, "last": STAGE_0["static"] + len(ELASTIC) - 1}
+        stages = self.setup["stages"][kinematics]
+        used = stages[:2] if free == ("S_y",) else stages
+        return {"name": "images", "size": self.setup["size"], "pixel": self.setup["pixel"], "static": STATIC, "dic": "",
+                "value": [v for stage in stages for v in stage], "last": STATIC + sum(len(stage) for stage in used) - 1}
+
+    def text(self, kinematics, series, title, purpose, images="", **parameters):
         setup = self.setup
         elements = {"generate": f"refine: {setup['refine']}, element: quad4", "identify": "element: quad8"} if kinematics == "plane_stress" else \
             {"generate": f"element: hex20, layers: {setup['layers'][0]}", "identify": f"element: hex20, layers: {setup['layers'][1]}"}
         specimen = SPECIMEN[kinematics].format(mesh=self.folder / f"{purpose}.msh", more=elements[purpose])
         values = {**TRUTH, **parameters}
-        return CASE.format(title=title, specimen=specimen, pixel=setup["pixel"], x=(setup["size"][0] - 1) / 2,
-                           y=(setup["size"][1] - 1) / 2, images=images, **values)
+        return CASE.format(title=title, specimen=specimen, pixel=series["pixel"], x=(series["size"][0] - 1) / 2,
+                           y=(series["size"][1] - 1) / 2, images=images, **values)
 
     def meshes(self):
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -95,12 +108,13 @@ class Study:
             subprocess.run(["gmsh", "-2", "-v", "2", *sizes, "-format", "msh41", ROOT / "tools/meshes/plate_with_hole.geo", "-o",
                             self.folder / f"{name}.msh"], check=True)
 
-    def images(self, kinematics, noise=0.01):
+    def images(self, kinematics, free, noise=0.01):
         """Folder of a virtual test, made once."""
-        folder = self.folder / kinematics / ("images" if noise else "images_without_noise")
-        value = [0.0] + [round(float(v), 4) for stage in self.setup["stages"] for v in stage]
-        text = self.text(kinematics, "The paper's virtual test", "generate") + \
-            VIRTUAL.format(value=value, size=self.setup["size"], speckle=5, noise=noise)
+        series = self.series(kinematics, free)
+        folder = self.folder / kinematics / (series["name"] + ("" if noise else "_without_noise"))
+        value = [0.0] + [round(float(v), 4) for v in series["value"]]
+        text = self.text(kinematics, series, "The paper's virtual test", "generate") + \
+            VIRTUAL.format(value=value, size=series["size"], speckle=5, noise=noise, static=series["static"])
         case = folder / "virtual.yaml"
         if not (folder / "truth.json").exists() or case.read_text() != text:
             folder.mkdir(parents=True, exist_ok=True)
@@ -108,23 +122,27 @@ class Study:
             status, seconds = self.run("virtual", case)
             if status != 0:
                 sys.exit(f"{case}: the simulation did not converge")
-            print(f"{kinematics} images, noise {noise}: {seconds:.0f} s of processor time", flush=True)
+            (folder / "seconds").write_text(f"{seconds:.0f}")
+            print(f"{kinematics} {folder.name}: {seconds:.0f} s of processor time", flush=True)
         return folder
 
     def case(self, job):
         """Writes the case of a job; False if its result is there already."""
         kinematics, free = job["kinematics"], job["free"]
-        last = max(self.last[name] for name in free)
-        source = self.images(kinematics, job.get("noise", 0.01))
+        series = self.series(kinematics, free)
+        first, last = series["static"], series["last"]
+        source = self.images(kinematics, free, job.get("noise", 0.01))
         folder = self.folder / kinematics / job["name"]
         (folder / "images").mkdir(parents=True, exist_ok=True)
         for image in sorted((source / "images").iterdir())[:last + 1]:  # a stage has no use for the others
             link = folder / "images" / image.name
             if not link.exists():
                 link.symlink_to(image)
-        text = self.text(kinematics, job["name"].replace("_", " "), "identify", f", images: 'images/*.png', frames: 0-{last}, reference: 0-2",
+        text = self.text(kinematics, series, job["name"].replace("_", " "), "identify",
+                         f", images: 'images/*.png', frames: 0-{last}, reference: 0-{first - 1}",
                          **{name: job["start"] * TRUTH[name] for name in free})
-        text += IDENTIFY.format(loads=source / "loads.csv", free=list(free), frames=f"{STATIC}-{last}", options=job.get("options", "eta: 1e-3"))
+        text += IDENTIFY.format(loads=source / "loads.csv", free=list(free), frames=f"{first}-{last}", dic=series["dic"],
+                                smoothing=job.get("smoothing", 5), options=job.get("options", "eta: 1e-3"))
         case = folder / "case.yaml"
         if case.exists() and case.read_text() == text and (folder / "results/result.json").exists():
             return case, False
@@ -141,19 +159,20 @@ class Study:
             (case.parent / "seconds").write_text(f"{seconds:.0f}")
             print(f"{job['kinematics']} {job['name']}: {seconds:.0f} s of processor time", flush=True)
 
-    def truth_on_the_surface(self, kinematics):
-        """dic/displacement as `imic3d dic` writes it, of the simulation that the images were made from."""
-        target = self.folder / kinematics / "true_displacement.h5"
-        dic = self.folder / kinematics / "H_0.9/results/results.h5"
-        with h5py.File(self.images(kinematics) / "results.h5") as made, h5py.File(dic) as seen:
+    def truth_on_the_surface(self, kinematics, name):
+        """dic/displacement as `imic3d dic` writes it, of the simulation that the images of a parameter were made from."""
+        series = self.series(kinematics, (name,))
+        target = self.folder / kinematics / f"true_displacement_{name}.h5"
+        dic = self.folder / kinematics / f"{name}_0.9/results/results.h5"
+        with h5py.File(self.images(kinematics, (name,)) / "results.h5") as made, h5py.File(dic) as seen:
             nodes, u = made["mesh/nodes"][:], made["fields/displacement"][:]
             front = nodes[:, 2] > nodes[:, 2].max() - 1e-9
             surface, frames = seen["surface/nodes"][:], seen["frames/number"].shape[0]
             values = numpy.zeros((frames, len(surface), 3))
             for t in range(frames):
-                step = t - STATIC + 1  # the images begin with static ones of step 0
+                step = t - series["static"] + 1  # the images begin with static ones of step 0
                 if step > 0:
-                    values[t] = LinearNDInterpolator(nodes[front, :2], u[t if len(u) == frames else step][front])(surface[:, :2])
+                    values[t] = LinearNDInterpolator(nodes[front, :2], u[step][front])(surface[:, :2])
         outside = numpy.isnan(values).any(axis=(0, 2))
         if outside.any():  # the hole is a polygon on either mesh: from the nearest node
             for i in numpy.flatnonzero(outside):
@@ -188,22 +207,21 @@ class Study:
 
     def floors(self, kinematics, names):
         """Runs from 90 % with one source of error switched off at a time; `images` and `boundary` say what is left."""
-        self.images(kinematics, 0.0)
         clean = [{"study": "floors", "kinematics": kinematics, "name": f"clean_{name}", "free": (name,), "start": 0.9, "noise": 0.0}
                  for name in names]
         self.all(clean)
         jobs = clean
-        truth = self.truth_on_the_surface(kinematics)
         for name in names:
+            truth = self.truth_on_the_surface(kinematics, name)
             without_noise = self.folder / kinematics / f"clean_{name}/results/results.h5"
             for case, driving, noise in (("ends_without_noise", without_noise, 0.01), ("ends_true", truth, 0.01), ("clean_ends_true", truth, 0.0)):
                 jobs.append({"study": "floors", "kinematics": kinematics, "name": f"{case}_{name}", "free": (name,), "start": 0.9, "noise": noise,
-                             "options": f"driving: {driving}\n  boundary_smoothing: 0"})
+                             "smoothing": 0, "options": f"driving: {driving}"})
         return jobs
 
     def all(self, jobs):
-        for kinematics in {job["kinematics"] for job in jobs}:
-            self.images(kinematics)
+        for kinematics, free, noise in sorted({(job["kinematics"], "E" if job["free"] == ("E",) else "H", job.get("noise", 0.01)) for job in jobs}):
+            self.images(kinematics, (free,), noise)  # before the runs that share them
         with concurrent.futures.ThreadPoolExecutor(self.jobs) as pool:
             list(pool.map(self.identify, jobs))
 
@@ -266,7 +284,7 @@ def main():
         study.collect(done)
     with open(study.folder / "setup.json", "w") as file:
         setup = study.setup
-        json.dump({"full": arguments.full, "size": setup["size"], "pixel_mm": setup["pixel"], "frames": sum(len(s) for s in setup["stages"]),
+        json.dump({"full": arguments.full, "size": setup["size"], "pixel_mm": setup["pixel"], "frames": {k: sum(len(s) for s in stages) for k, stages in setup["stages"].items()},
                    "mesh_generate_mm": setup["generate"], "mesh_identify_mm": setup["identify"], "seconds_of_this_call": round(time.time() - begin)}, file)
 
 
