@@ -1,0 +1,40 @@
+#!/usr/bin/python3
+"""The paper's pair of laws (Figs 22b, 23): images made with the power law, linear hardening declared. The loop must name the missing term, with the
+parameters of Eq. 18 in it, and leave nothing but noise on held-out frames.
+
+Usage: paper_pair.py EXECUTABLE
+"""
+import json
+import pathlib
+import shutil
+import sys
+import tempfile
+
+from runs import end, require, run
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+
+
+def main():
+    program = sys.argv[1]
+    folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_pair_"))
+    for name in ("paper_pair", "plate_with_hole"):
+        shutil.copytree(ROOT / "inputs" / name, folder / "inputs" / name)
+    run(program, "virtual", folder / "inputs/paper_pair/virtual.yaml", 1)
+    run(program, "loop", folder / "inputs/paper_pair/loop.yaml", 1)
+    result = json.loads((folder / "runs/paper_pair/loop/result.json").read_text())
+    before, after = result["before"]["chi"], result["after"]["chi"]
+    print(result["sentence"])
+    require(before["fitted"] > 3 * before["null_fitted"], f"linear hardening does not do: chi {before['fitted']:.2f}, null {before['null_fitted']:.2f}")
+    best = max(result["before"]["candidates"], key=lambda one: one["z"])
+    require(best["name"] == "power_term", f"the largest score is that of {best['name']}")
+    require(result["verdict"] in ("attributed", "ambiguous") and "power_term" in result["set"], f"verdict: {result['verdict']}, {result['set']}")
+    require(after["held_out"] < 1.05 * after["null_held_out"], f"held-out chi {before['held_out']:.2f} -> {after['held_out']:.2f}, null {after['null_held_out']:.2f}")
+    if result["named"] == ["power_term"]:
+        for name, truth, tolerance in (("E", 198e3, 0.01), ("S_y", 284.0, 0.01), ("H", 1480.0, 0.03), ("n_p", 0.042, 0.05)):
+            found = result["after"]["parameters"][name]
+            require(abs(found["value"] / truth - 1) < tolerance, f"{name} {found['value']:.5g} +- {found['standard_deviation']:.2g}, true {truth:g}")
+    end()
+
+
+main()
