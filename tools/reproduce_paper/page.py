@@ -232,7 +232,7 @@ class Page:
             self.heading(title)
             file = self.folder / f"{name}.txt"
             if not file.exists():
-                self.say("Skipped: not there." if name != "table1" else "Skipped: tools/table1.sh is not there.")
+                self.say("Not run.")
                 continue
             lines = [re.sub(r"\x1b\[[0-9;]*m", "", line) for line in file.read_text().splitlines()]
             if name == "covariance":
@@ -242,7 +242,7 @@ class Page:
     def time(self):
         """What the studies took, from the files `seconds` beside them."""
         self.heading("Processor time")
-        rows = [(f"{KINEMATICS[file.parts[-3]]}, images {file.parts[-2]}", float(file.read_text())) for file in sorted(self.folder.glob("*/*/seconds"))
+        rows = [(f"{KINEMATICS[file.parts[-3]]}, virtual test {file.parts[-2]}", float(file.read_text())) for file in sorted(self.folder.glob("*/*/seconds"))
                 if (file.parent / "virtual.yaml").exists()]
         for kinematics in KINEMATICS:
             for study in dict.fromkeys(r["study"] for r in self.runs if r["kinematics"] == kinematics):
@@ -251,7 +251,7 @@ class Page:
         rows += [(file.stem, sum(map(float, file.read_text().split()))) for file in sorted(self.folder.glob("*.seconds"))]
         total = sum(seconds for _, seconds in rows)
         self.table(("", "s"), [(what, f"{seconds:.0f}") for what, seconds in rows] + [("all", f"{total:.0f}")])
-        self.rows.append(("Time", "processor time over 2 cores", "< 20 min" if self.quick else "–", "–", f"{total / 120:.1f} min", verdict(total / 120, 20) if self.quick else ""))
+        self.rows.append(("Time", "processor time, half of it", "< 20 min" if self.quick else "–", "–", f"{total / 120:.1f} min", verdict(total / 120, 20) if self.quick else ""))
         with open(self.folder / "times.csv", "w", newline="") as stream:
             csv.writer(stream).writerows([("study", "seconds"), *rows])
 
