@@ -51,7 +51,7 @@ def main():
     case = re.sub(r"^output:.*\n", "", absolute(arguments.case.read_text(), arguments.case.resolve().parent), flags=re.M)
     case = re.sub(r"^  sensitivities:.*\n", "", case, flags=re.M)
     made = arguments.virtual.read_text()
-    simulation = "".join(section(case, name) for name in ("units", "specimen")) + section(made, "material") + section(made, "simulate")
+    simulation = "".join(section(case, name) for name in ("title", "units", "specimen")) + section(made, "material") + section(made, "simulate")
     runs = {"simulate": ("simulate", simulation + "output: simulate\n")}
     for key in arguments.keys.split(","):
         runs[key] = ("identify", case.replace("identify:\n", f"identify:\n  sensitivities: {key}\n") + f"output: {key}\n")
