@@ -256,6 +256,17 @@ class Loop {
     }
     model.others = kept;
     model.scores = score(problem);
+    for (std::size_t i = 0; i < kept.size(); ++i) hold_within_bounds(model.scores.candidates[i], kept[i], model);
+  }
+
+  /// A size beyond its bounds explains nothing: what counts is the drop T = (2 a a_b - a_b^2)/sd^2 of the size a_b on the bound.
+  void hold_within_bounds(Score& one, int k, const Model& model) const {
+    if (one.degrees != 1 || one.size.size() != 1 || !(one.deviation[0] > 0.0)) return;
+    const auto j = static_cast<std::size_t>(candidate(k).parameters.front());
+    const auto& info = experiment_.parameters()[j].info;
+    const double allowed = std::clamp(one.size[0], info.lower - model.fit.values[j], info.upper - model.fit.values[j]);
+    if (allowed == one.size[0]) return;
+    one.z = std::min(one.z, std::sqrt(std::max(0.0, (2.0 * one.size[0] - allowed) * allowed)) / one.deviation[0]);
   }
 
   /// Whether the candidate without which it would be that one itself is in the model, or is none here.

@@ -185,6 +185,7 @@ void FieldExperiment::make_scene() {
   const auto paths = simulate({Simulation{model_.values, {}, measured_.driving, {}}});
   if (paths.front().R.size() == 0) throw ConvergenceError("the declared model cannot follow the measured displacement of the ends");
   scene_.elastic = paths.front().U.col(frame) / paths.front().R[frame];
+  motion_ = paths.front().U;
 }
 
 /// Subspace iteration for the smallest eigenvalues of curvature x = lambda M x; affine motions come first. Any smooth subspace
@@ -401,9 +402,8 @@ FieldExperiment::Simulation FieldExperiment::simulation_of(const std::vector<dou
 
 Eigen::MatrixXd FieldExperiment::true_motion(const std::vector<double>& values, Eigen::MatrixXd driving) const {
   for (Eigen::Index t = 0; t < driving.cols(); ++t) {
-    const Eigen::VectorXd measured = driving.col(t);
-    Eigen::VectorXd error = Eigen::VectorXd::Zero(measured.size());
-    for (std::size_t k = 0; k < effects_.size(); ++k) effects_[k]->see(values_of(k, values), scene_, static_cast<int>(t), measured, error);
+    Eigen::VectorXd error = Eigen::VectorXd::Zero(driving.rows());
+    for (std::size_t k = 0; k < effects_.size(); ++k) effects_[k]->see(values_of(k, values), scene_, static_cast<int>(t), motion_.col(t), error);
     driving.col(t) -= error;
   }
   return driving;

@@ -42,6 +42,7 @@ struct Equilibrium::Implementation {
   bool direct = true;
   std::vector<Vec> du, d_force;  // of each free parameter and direction
   std::vector<double> d_parameters;  // unit vectors [free x number of parameters], then 0
+  double least_norm = 0.0;           // round-off of the forces; 0: not known yet
   Eigen::MatrixXd d_prescribed;      // of the increment [constrained degrees x directions]
   std::vector<double> last_residuals;
   const OpticalTerm* optical = nullptr;  // of the run at hand
@@ -241,6 +242,16 @@ struct Equilibrium::Implementation {
 
   enum class Outcome { converged, diverged, limit_point };
 
+  /// Round-off of the deformation gradient, times the stiffness: forces below it are none, as at rest and after unloading.
+  [[nodiscard]] double round_off_of_forces() const {
+    double stiffness = 0.0;
+    IMIC3D_PETSC(MatGetDiagonal(assembler.tangent(), correction));
+    IMIC3D_PETSC(VecNorm(correction, NORM_2, &stiffness));
+    IMIC3D_PETSC(VecZeroEntries(correction));
+    const Eigen::RowVector3d extent = mesh.nodes.colwise().maxCoeff() - mesh.nodes.colwise().minCoeff();
+    return 1e-15 * stiffness * extent.norm();
+  }
+
   /// One increment: from u to equilibrium with the prescribed displacement and `external`. Full Newton steps: with a
   /// consistent tangent the unbalanced forces of a plastic step may well grow before they vanish, and a search that
   /// forbids it crawls. A step is shortened where an element would be inverted or the forces grow a thousandfold.
@@ -265,6 +276,7 @@ struct Equilibrium::Implementation {
         IMIC3D_PETSC(VecAXPY(u, -step, correction));  // back by half of what was taken
         missing_displacement(prescribed);
       }
+      if (least_norm == 0.0) least_norm = round_off_of_forces();
       IMIC3D_PETSC(VecNorm(increment, NORM_INFINITY, &missing));
       IMIC3D_PETSC(VecNorm(force, NORM_2, &size));
       IMIC3D_PETSC(VecNorm(external, NORM_2, &load));
@@ -281,7 +293,7 @@ struct Equilibrium::Implementation {
         IMIC3D_PETSC(VecNorm(correction, NORM_2, &moved));
         IMIC3D_PETSC(VecNorm(u, NORM_2, &whole));
         const bool settled = optical == nullptr || moved <= 1e-5 * whole;
-        if ((norm <= tolerance * scale && settled) || stalled)
+        if ((norm <= std::max(tolerance * scale, least_norm) && settled) || stalled)
           return indefinite && load > 0.0 ? Outcome::limit_point : Outcome::converged;
       }
       if (iteration == most) break;

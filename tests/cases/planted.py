@@ -14,7 +14,7 @@ import numpy
 import scipy.interpolate
 from PIL import Image
 
-from runs import end, gmsh, require, run
+from runs import bar, end, gmsh, require, run
 
 PLATE = """
 title: Plate with effects
@@ -44,17 +44,6 @@ output: {name}
 effects: {effects}
 """
 PIXEL, FRAMES = 0.08, 6
-
-
-def bar(path, low, high, rows, columns=16, half_width=4.0):
-    """Quadrilaterals of a straight bar along y, Gmsh 2.2."""
-    nodes = [(half_width * (2 * i / columns - 1), low + (high - low) * j / rows) for j in range(rows + 1) for i in range(columns + 1)]
-    number = lambda i, j: j * (columns + 1) + i + 1
-    elements = [f"1 2 {tag} {tag} {number(i, j)} {number(i + 1, j)}" for tag, j in ((1, 0), (2, rows)) for i in range(columns)]
-    elements += [f"3 2 3 3 {number(i, j)} {number(i + 1, j)} {number(i + 1, j + 1)} {number(i, j + 1)}" for j in range(rows) for i in range(columns)]
-    path.write_text('$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n3\n1 1 "bottom"\n1 2 "top"\n2 3 "specimen"\n$EndPhysicalNames\n'
-                    f"$Nodes\n{len(nodes)}\n" + "".join(f"{k} {x} {y} 0\n" for k, (x, y) in enumerate(nodes, 1)) + "$EndNodes\n"
-                    f"$Elements\n{len(elements)}\n" + "".join(f"{k} {e}\n" for k, e in enumerate(elements, 1)) + "$EndElements\n")
 
 
 def forces(folder):

@@ -15,6 +15,17 @@ def gmsh(script, output, **sizes):
     subprocess.run(command, check=True)
 
 
+def bar(path, low, high, rows, columns=16, half_width=4.0):
+    """Quadrilaterals of a straight bar along y, Gmsh 2.2."""
+    nodes = [(half_width * (2 * i / columns - 1), low + (high - low) * j / rows) for j in range(rows + 1) for i in range(columns + 1)]
+    number = lambda i, j: j * (columns + 1) + i + 1
+    elements = [f"1 2 {tag} {tag} {number(i, j)} {number(i + 1, j)}" for tag, j in ((1, 0), (2, rows)) for i in range(columns)]
+    elements += [f"3 2 3 3 {number(i, j)} {number(i + 1, j)} {number(i + 1, j + 1)} {number(i, j + 1)}" for j in range(rows) for i in range(columns)]
+    path.write_text('$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n3\n1 1 "bottom"\n1 2 "top"\n2 3 "specimen"\n$EndPhysicalNames\n'
+                    f"$Nodes\n{len(nodes)}\n" + "".join(f"{k} {x} {y} 0\n" for k, (x, y) in enumerate(nodes, 1)) + "$EndNodes\n"
+                    f"$Elements\n{len(elements)}\n" + "".join(f"{k} {e}\n" for k, e in enumerate(elements, 1)) + "$EndElements\n")
+
+
 def run(program, command, case, ranks=1, options=(), status=0, errors=False):
     """Runs a command of the program; ends the test if the exit status is another than expected. Returns stdout, or stderr."""
     line = ["mpirun", "--oversubscribe", "-n", str(ranks), program, command, str(case), *options]

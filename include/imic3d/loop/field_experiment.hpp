@@ -122,7 +122,8 @@ class FieldExperiment final : public Experiment {
   [[nodiscard]] Simulation simulation_of(const std::vector<double>& values, const Eigen::MatrixXd& driving) const;
   /// The simulations that a prediction is made of, and their weights: several where effects of the numerics are there.
   [[nodiscard]] std::vector<std::pair<double, Simulation>> simulations_of(const std::vector<double>& values, const Eigen::MatrixXd& driving) const;
-  /// What a displacement was before the camera added its errors.
+  /// What a measured displacement was before the camera added its errors. These are taken at the declared model's motion: at the measured one
+  /// they would hold its noise, and be found again in the residual.
   [[nodiscard]] Eigen::MatrixXd true_motion(const std::vector<double>& values, Eigen::MatrixXd driving) const;
   /// What camera and load cell make of displacement and force.
   [[nodiscard]] Prediction observed(const std::vector<double>& values, Prediction true_one) const;
@@ -144,6 +145,7 @@ class FieldExperiment final : public Experiment {
   std::vector<Parameter> parameters_;
   std::vector<Candidate> candidates_;
   std::vector<Datum> data_;
+  Eigen::MatrixXd motion_;          // of the surface under the declared model [2n x frames]
   Eigen::MatrixXd modes_;           // L_c^-1 A_c^T of both colours [modes x 2n]
   Eigen::MatrixXd shapes_;          // M^-1 modes_^T [2n x modes]
   Eigen::MatrixXd over_time_;       // inverse of the Cholesky factor of 1 + 11^T/references [frames x frames]
