@@ -248,8 +248,9 @@ struct Equilibrium::Implementation {
     IMIC3D_PETSC(MatGetDiagonal(assembler.tangent(), correction));
     IMIC3D_PETSC(VecNorm(correction, NORM_2, &stiffness));
     IMIC3D_PETSC(VecZeroEntries(correction));
-    const Eigen::RowVector3d extent = mesh.nodes.colwise().maxCoeff() - mesh.nodes.colwise().minCoeff();
-    return 1e-15 * stiffness * extent.norm();
+    double edge = 0.0;
+    for (Eigen::Index cell = 0; cell < mesh.cells.rows(); ++cell) edge += (mesh.nodes.row(mesh.cells(cell, 0)) - mesh.nodes.row(mesh.cells(cell, 1))).norm();
+    return 3e-16 * stiffness * edge / static_cast<double>(mesh.cells.rows());
   }
 
   /// One increment: from u to equilibrium with the prescribed displacement and `external`. Full Newton steps: with a
