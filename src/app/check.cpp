@@ -12,6 +12,7 @@
 #include "imic3d/app/setup.hpp"
 #include "imic3d/core/log.hpp"
 #include "curves.hpp"
+#include "fields.hpp"
 #include "placement.hpp"
 #include "rig.hpp"
 #include "several_cameras.hpp"
@@ -20,7 +21,7 @@ namespace imic3d::app {
 
 void check(const Communicator& world, const CommandOptions& options) {
   spdlog::set_level(spdlog::level::warn);  // the plan on stdout says it all
-  const io::Case test = read_case(options, {}, true);
+  const io::Case test = read_case(options, {}, true, true);
   if (!test.experiments.empty() && test.cameras.empty()) {
     const auto curves = make_curves(test);
     if (!world.is_root()) return;
@@ -51,6 +52,10 @@ void check(const Communicator& world, const CommandOptions& options) {
   const GroupLayout simulations(world, static_cast<int>(1 + most_free), test.identify.groups);
   const GroupLayout frames(world, std::max(1, static_cast<int>(test.frames.size())), test.dic.groups);
   std::string images = "none";
+  if (test.fields) {
+    const auto data = imported_fields(test, specimen);
+    images = fmt::format("{} displacement fields of another program, {}", data.frames.size(), std::isfinite(data.force_noise) ? "with a load record" : "no load record");
+  }
   if (!several && !test.cameras.empty() && !test.cameras.front().images.empty()) {
     const auto& camera = test.cameras.front();
     const auto reference = imaging::read_image(camera.images[static_cast<std::size_t>(test.index_of(camera.reference.front()))]);

@@ -33,7 +33,7 @@ Case CaseReader::read() {
   case_.output = folder_ / "results";
   root_.get("output", case_.output);
   const bool on_curves = root_.has("experiments") && std::count(checks_.sections.begin(), checks_.sections.end(), "identify") > 0;
-  const bool on_fields = root_.has("fields") && checks_.fields;
+  const bool on_fields = root_.has("fields");
   for (const auto& section : checks_.sections)
     if (!root_.has(section) && !(on_fields && (section == "cameras" || section == "loads")) && !(on_curves && (section == "cameras" || section == "loads"))) mistake(section, "not given", "a section " + section);
 

@@ -66,8 +66,6 @@ void CaseReader::read_identify() {
   if (gap && !case_.specimen.plane_stress())
     mistake(section.path("functional"), "equilibrium_gap in 3D", "specimen.kinematics: plane_stress");
   if (gap && case_.material.law != "elastic") mistake(section.path("functional"), "equilibrium_gap with law: " + case_.material.law, "law: elastic");
-  // Hourglass modes that weak images hold alone have no good derivatives, and those of hex8s none.
-  if (case_.specimen.one_point()) identify.sensitivities = "perturbed";
   section.get("sensitivities", identify.sensitivities);
   if (case_.specimen.element == "hex8s" && identify.sensitivities == "direct")
     mistake(section.path("sensitivities"), "direct with specimen.element: hex8s", "perturbed, or element: hex8, hex20");
