@@ -1,9 +1,11 @@
 """Trials of `imic3d loop` with known truth: running them, judging their verdicts, the table."""
 
 import csv
+import hashlib
 import json
 import math
 import os
+import pathlib
 import subprocess
 import sys
 
@@ -18,11 +20,12 @@ class Suite:
         os.environ.setdefault("OMP_NUM_THREADS", "1")
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         folder.mkdir(parents=True, exist_ok=True)
+        self.digest = hashlib.sha256(pathlib.Path(self.program).read_bytes()).hexdigest()
 
     def run(self, folder, planted, seed):
-        """result.json of a trial, None if the program failed. What was run is not run again."""
+        """result.json of a trial, None if the program failed. What the same program ran is not run again."""
         done, what = folder / "run/result.json", folder / "planted.json"
-        text = json.dumps({"planted": planted, "seed": seed}, sort_keys=True)
+        text = json.dumps({"planted": planted, "seed": seed, "program": self.digest}, sort_keys=True)
         if not (done.exists() and what.exists() and what.read_text() == text):
             self.make(folder, planted, seed)
             with open(folder / "log.txt", "w") as log:

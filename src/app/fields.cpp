@@ -56,16 +56,6 @@ struct LeastSquares {
 Eigen::VectorXd interleaved(const Points& U) { return Eigen::MatrixXd(U.transpose()).reshaped(); }
 Points columns_of(const Eigen::VectorXd& U) { return Eigen::Map<const Eigen::Matrix2Xd>(U.data(), 2, U.size() / 2).transpose(); }
 
-Eigen::SparseMatrix<double> of_two_components(const Eigen::SparseMatrix<double>& scalar) {
-  std::vector<Eigen::Triplet<double>> entries;
-  for (int column = 0; column < scalar.outerSize(); ++column)
-    for (Eigen::SparseMatrix<double>::InnerIterator entry(scalar, column); entry; ++entry)
-      for (int i = 0; i < 2; ++i) entries.emplace_back(2 * static_cast<int>(entry.row()) + i, 2 * column + i, entry.value());
-  Eigen::SparseMatrix<double> matrix(2 * scalar.rows(), 2 * scalar.cols());
-  matrix.setFromTriplets(entries.begin(), entries.end());
-  return matrix;
-}
-
 /// Points that every table has [points], in the axes of the specimen, within its face; displacements of each frame there.
 struct Common {
   Points at;
@@ -159,12 +149,12 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
 
   loop::FieldData data;
   data.surface = face;
-  data.M = of_two_components(squares->M);
+  data.M = identification::two_components(squares->M);
   data.references = 1;
   // Numbers of a component that the nodes take from the points; what holds the shortest waves takes the others.
   const double followed = squares->factor.solve(Eigen::MatrixXd(points.N.transpose() * points.N / squares->inflation)).trace();
   if (fields.noise) {
-    data.noise = *fields.noise * fields.scale;
+    data.noise = *fields.noise * fields.scale / std::sqrt(2.0);  // of the frame; the reference has as much
   } else if (!at_rest.empty()) {
     // Less what a clamped specimen does between two pictures: it moves and strains uniformly.
     Eigen::MatrixXd affine(face.nodes.rows(), 3);

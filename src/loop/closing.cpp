@@ -289,8 +289,10 @@ class Loop {
     }
   }
 
+  /// Beyond the limit, and visible: what the free parameters leave of an invisible mark says nothing of its effect.
+  static bool stands_out(const Model& model, const Score& s) { return s.z > model.scores.threshold && s.visibility >= least_visibility; }
   bool candidate_significant(const Model& model) const {
-    return std::any_of(model.scores.candidates.begin(), model.scores.candidates.end(), [&](const Score& s) { return s.z > model.scores.threshold && matters(model, s); });
+    return std::any_of(model.scores.candidates.begin(), model.scores.candidates.end(), [&](const Score& s) { return stands_out(model, s) && matters(model, s); });
   }
   bool omnibus_significant(const Model& model) const { return model.scores.omnibus > model.scores.omnibus_threshold; }
   bool significant(const Model& model) const { return candidate_significant(model) || omnibus_significant(model); }
@@ -310,7 +312,7 @@ class Loop {
   Round try_candidates(const Model& at) {
     std::vector<std::size_t> order;
     for (std::size_t i = 0; i < at.others.size(); ++i)
-      if (at.scores.candidates[i].z > at.scores.threshold && at.scores.candidates[i].visibility >= least_visibility) order.push_back(i);
+      if (stands_out(at, at.scores.candidates[i])) order.push_back(i);
     std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return at.scores.candidates[a].z > at.scores.candidates[b].z; });
     if (order.size() > static_cast<std::size_t>(options_.rivals)) order.resize(static_cast<std::size_t>(options_.rivals));
     Round round;

@@ -73,30 +73,7 @@ Eigen::VectorXd elongation_of(const id::Specimen& specimen, const Eigen::MatrixX
   return result;
 }
 
-/// Weights of nodes [k x n] as weights of two components a node [2k x 2n].
-Eigen::SparseMatrix<double> two_components(const Eigen::SparseMatrix<double>& scalar) {
-  std::vector<Eigen::Triplet<double>> entries;
-  for (int column = 0; column < scalar.outerSize(); ++column)
-    for (Eigen::SparseMatrix<double>::InnerIterator entry(scalar, column); entry; ++entry)
-      for (int i = 0; i < 2; ++i) entries.emplace_back(2 * static_cast<int>(entry.row()) + i, 2 * column + i, entry.value());
-  Eigen::SparseMatrix<double> matrix(2 * scalar.rows(), 2 * scalar.cols());
-  matrix.setFromTriplets(entries.begin(), entries.end());
-  return matrix;
-}
-
 Eigen::Matrix<double, Eigen::Dynamic, 2> in_plane(const mesh::Mesh& surface) { return surface.nodes.leftCols<2>(); }
-
-/// The colour of each node: squares of a quarter of the narrower side.
-std::vector<int> checkerboard(const mesh::Mesh& surface) {
-  const Eigen::RowVector2d low = surface.nodes.leftCols<2>().colwise().minCoeff(), side = surface.nodes.leftCols<2>().colwise().maxCoeff() - low;
-  const double square = 0.25 * side.minCoeff() * (1.0 + 1e-9);
-  std::vector<int> colour;
-  for (Eigen::Index i = 0; i < surface.nodes.rows(); ++i) {
-    const Eigen::RowVector2d at = (surface.nodes.row(i).head<2>() - low) / square;
-    colour.push_back((static_cast<int>(at[0]) + static_cast<int>(at[1])) % 2);
-  }
-  return colour;
-}
 
 /// Gives an effect's parameter what the model declares of it; whether it declares anything.
 bool declare(Parameter& parameter, const std::string& effect, const std::vector<DeclaredEffect>& declared) {
@@ -160,7 +137,14 @@ FieldExperiment::FieldExperiment(Communicator world, FieldData data, DeclaredMod
       throw InputError("effects." + one.effect, "declared for a specimen that lacks what it acts on", "an effect that this test can have");
   candidates_.insert(candidates_.end(), ordered.begin(), ordered.end());
   std::stable_sort(candidates_.begin(), candidates_.end(), [](const auto& a, const auto& b) { return a.link < b.link; });
-  make_modes(options.modes);
+  modes_ = SurfaceModes(measured_.surface, measured_.M, options.modes);
+  const auto frames = measured_.force.size();
+  const Eigen::MatrixXd over_time = Eigen::MatrixXd::Identity(frames, frames) + Eigen::MatrixXd::Constant(frames, frames, 1.0 / measured_.references);
+  over_time_ = over_time.llt().matrixL().solve(Eigen::MatrixXd::Identity(frames, frames));
+  for (Eigen::Index t = 0; t < frames; ++t) {
+    for (int side : modes_.sides()) data_.push_back({static_cast<int>(t), 0, side});
+    if (std::isfinite(measured_.force_noise)) data_.push_back({static_cast<int>(t), force_channel});
+  }
 }
 
 FieldExperiment::~FieldExperiment() = default;
@@ -187,49 +171,6 @@ void FieldExperiment::make_scene() {
   scene_.elastic = paths.front().U.col(frame) / paths.front().R[frame];
   motion_ = paths.front().U;
 }
-
-/// Subspace iteration for the smallest eigenvalues of curvature x = lambda M x; affine motions come first. Any smooth subspace
-/// serves, the modes need not be exact.
-void FieldExperiment::make_modes(int wanted) {
-  const Eigen::SparseMatrix<double>& M = measured_.M;
-  const auto size = M.rows();
-  const auto count = std::min<Eigen::Index>(std::max(1, wanted / 2), std::max<Eigen::Index>(1, size / 8));
-  const Eigen::SparseMatrix<double> K = correlation::curvature_energy(measured_.surface, 2);
-  const double shift = 1e-6 * K.diagonal().sum() / M.diagonal().sum();
-  const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(K + shift * M);
-  std::mt19937_64 random(1);
-  std::normal_distribution<double> normal;
-  Eigen::MatrixXd X(size, std::min<Eigen::Index>(size, count + count / 5 + 5));
-  for (double& x : X.reshaped()) x = normal(random);
-  for (int iteration = 0; iteration < 12; ++iteration) {
-    X = factor.solve(M * X);
-    const Eigen::MatrixXd MX = M * X;
-    const Eigen::GeneralizedSelfAdjointEigenSolver<Eigen::MatrixXd> ritz(X.transpose() * (K * X), X.transpose() * MX);
-    X = X * ritz.eigenvectors();
-  }
-  const Eigen::MatrixXd smooth = M * X.leftCols(count);
-  const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> inverse(M);
-  const std::vector<int> colour = checkerboard(measured_.surface);
-  modes_.resize(2 * count, size), shapes_.resize(size, 2 * count);
-  for (int c = 0; c < 2; ++c) {
-    Eigen::MatrixXd A = smooth;
-    for (Eigen::Index i = 0; i < size; ++i)
-      if (colour[static_cast<std::size_t>(i / 2)] != c) A.row(i).setZero();
-    const Eigen::MatrixXd moved = inverse.solve(A);
-    const Eigen::LLT<Eigen::MatrixXd> L(A.transpose() * moved);
-    modes_.middleRows(c * count, count) = L.matrixL().solve(A.transpose());
-    shapes_.middleCols(c * count, count) = L.matrixL().solve(moved.transpose()).transpose();
-  }
-  const auto frames = measured_.force.size();
-  const Eigen::MatrixXd over_time = Eigen::MatrixXd::Identity(frames, frames) + Eigen::MatrixXd::Constant(frames, frames, 1.0 / measured_.references);
-  over_time_ = over_time.llt().matrixL().solve(Eigen::MatrixXd::Identity(frames, frames));
-  for (Eigen::Index t = 0; t < frames; ++t) {
-    for (Eigen::Index i = 0; i < 2 * count; ++i) data_.push_back({static_cast<int>(t), 0, i < count ? 0 : 1});
-    if (std::isfinite(measured_.force_noise)) data_.push_back({static_cast<int>(t), force_channel});
-  }
-}
-
-Eigen::VectorXd FieldExperiment::displacement_of(const Eigen::VectorXd& frame) const { return measured_.noise * (shapes_ * frame.head(shapes_.cols())); }
 
 std::span<const double> FieldExperiment::values_of(std::size_t effect, const std::vector<double>& values) const {
   const std::size_t next = effect + 1 < first_.size() ? first_[effect + 1] : parameters_.size();
@@ -278,8 +219,8 @@ FieldExperiment::Variant& FieldExperiment::variant(const Key& wanted) {
     made.to_variant.setIdentity();
     made.from_variant = made.to_variant;
   } else {
-    made.to_variant = two_components(id::interpolation(measured_.surface, in_plane(own)));
-    made.from_variant = two_components(id::interpolation(own, in_plane(measured_.surface)));
+    made.to_variant = id::two_components(id::interpolation(measured_.surface, in_plane(own)));
+    made.from_variant = id::two_components(id::interpolation(own, in_plane(measured_.surface)));
   }
   const Eigen::Index before = before_test ? 1 : 0, frames = measured_.force.size() + before;
   id::Record record;
@@ -481,7 +422,7 @@ std::vector<FieldExperiment::Prediction> FieldExperiment::predict(const std::vec
 }
 
 Eigen::VectorXd FieldExperiment::whitened(const Eigen::MatrixXd& displacement, const Eigen::VectorXd& force) const {
-  const Eigen::MatrixXd q = (modes_ * displacement) * over_time_.transpose() / measured_.noise;  // [modes x frames]
+  const Eigen::MatrixXd q = modes_.numbers(displacement) * over_time_.transpose() / measured_.noise;  // [modes x frames]
   if (!std::isfinite(measured_.force_noise)) return q.reshaped();
   Eigen::MatrixXd all(q.rows() + 1, q.cols());
   all.topRows(q.rows()) = q;

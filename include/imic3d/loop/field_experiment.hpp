@@ -9,6 +9,7 @@
 #include "imic3d/identification/forward_model.hpp"
 #include "imic3d/loop/effect.hpp"
 #include "imic3d/loop/experiment.hpp"
+#include "imic3d/loop/surface_modes.hpp"
 
 namespace imic3d::loop {
 
@@ -71,14 +72,9 @@ struct FieldOptions {
   int modes = 100;  ///< numbers that the residual displacement of each frame is written in: half as many smooth modes on either side of the checkerboard
 };
 
-/// The residual of each frame: the measured minus the simulated displacement, r, in smooth modes Phi, those of the least curvature, and the
-/// measured force minus the reaction before any scaling (the dual residual). The modes are taken on the black and on the white squares of a
-/// checkerboard, D_c being 1 at the nodes of colour c and 0 elsewhere:
-///
-///   q_c = L_c^-1 A_c^T r,  A_c = D_c M Phi,  A_c^T M^-1 A_c = L_c L_c^T,
-///
-/// so that noise of covariance M^-1 is white on either colour and all but independent of the other's. What lies beyond the modes is left out.
-/// The noise of the reference, common to all frames, is whitened over time.
+/// The residual of each frame: the measured minus the simulated displacement in smooth modes on the two colours of a checkerboard (SurfaceModes), and
+/// the measured force minus the reaction before any scaling (the dual residual). What lies beyond the modes is left out. The noise of the reference,
+/// common to all frames, is whitened over time.
 class FieldExperiment final : public Experiment {
  public:
   FieldExperiment(Communicator world, FieldData data, DeclaredModel model, const FieldOptions& options = {});
@@ -96,7 +92,9 @@ class FieldExperiment final : public Experiment {
     if (const auto bias = std::dynamic_pointer_cast<const Bias>(learned)) bias_ = bias;
   }
   [[nodiscard]] Eigen::MatrixXd noise(const std::vector<double>& values, int draws) override;
-  [[nodiscard]] Eigen::VectorXd displacement_of(const Eigen::VectorXd& frame) const override;
+  [[nodiscard]] Eigen::VectorXd displacement_of(const Eigen::VectorXd& frame) const override {
+    return measured_.noise * modes_.displacement(frame.head(static_cast<Eigen::Index>(modes_.sides().size())));
+  }
 
   [[nodiscard]] const FieldData& measured() const { return measured_; }
   [[nodiscard]] const Scene& scene() const { return scene_; }
@@ -134,7 +132,6 @@ class FieldExperiment final : public Experiment {
   [[nodiscard]] Eigen::VectorXd whitened(const Eigen::MatrixXd& displacement, const Eigen::VectorXd& force) const;
   [[nodiscard]] std::span<const double> values_of(std::size_t effect, const std::vector<double>& values) const;
   void make_scene();
-  void make_modes(int modes);
 
   Communicator world_;
   FieldData measured_;
@@ -146,8 +143,7 @@ class FieldExperiment final : public Experiment {
   std::vector<Candidate> candidates_;
   std::vector<Datum> data_;
   Eigen::MatrixXd motion_;          // of the surface under the declared model [2n x frames]
-  Eigen::MatrixXd modes_;           // L_c^-1 A_c^T of both colours [modes x 2n]
-  Eigen::MatrixXd shapes_;          // M^-1 modes_^T [2n x modes]
+  SurfaceModes modes_;
   Eigen::MatrixXd over_time_;       // inverse of the Cholesky factor of 1 + 11^T/references [frames x frames]
   struct Groups;
   std::unique_ptr<Groups> groups_;
