@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Runs a case on measured data: tools/run_measured.sh pcabs_tension | plate_independent | gt4_stereo | stereo_chessboard |
 # steel304L_rates | steel_cyclic (curves: every case file of the folder, one after the other, and a picture of all);
-# with `loop` as the second word (pcabs_tension, oht_cfrp, steel304L_rates): what the declared model lacks
+# with `loop` as the second word (pcabs_tension, oht_cfrp, gt4_stereo, steel304L_rates): what the declared model lacks
 # The data folder is IMIC3D_DATA (default ../shared/data); it is linked, never copied. A case without a section identify is
 # correlated only.
 set -euo pipefail
@@ -14,6 +14,7 @@ ln -sfn "$(cd "$data" && pwd)" runs/data
 export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 HWLOC_HIDE_ERRORS=2
 if [ "$case" = stereo_chessboard ]; then exec build/release/imic3d calibrate "inputs/$case/${2:-calibration}.yaml"; fi
 if [ "${2:-}" = loop ]; then
+  tools/make_meshes.sh
   mpirun --oversubscribe -n "${RANKS:-2}" build/release/imic3d loop "inputs/$case/loop.yaml"
   [ ! -e "runs/$case/loop/results.h5" ] || tools/plot_loop.py "runs/$case/loop/results.h5"
   exit

@@ -199,7 +199,7 @@ loop::DeclaredModel declared_model(const io::Case& test, const Material& materia
 void loop(const Communicator& world, const CommandOptions& options) {
   const auto start = std::chrono::steady_clock::now();
   const auto seconds = [&] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(); };
-  const io::Case test = read_case(options, {"cameras", "loads", "material", "identify"}, true, true);
+  const io::Case test = read_case(options, {"cameras", "material", "identify"}, true, true);
   if (!test.experiments.empty()) {
     loop_on_curves(world, options, test);
     return;
@@ -214,7 +214,7 @@ void loop(const Communicator& world, const CommandOptions& options) {
   spdlog::info("{}: {} frames, {} surface nodes", test.title, seen ? seen->places.size() : test.frames.size(), specimen.surface.mesh.nodes.rows());
   if (seen) correlate(*seen, test, world);
   loop::FieldExperiment experiment(world, seen ? field_data(world, *seen, test, specimen) : imported_fields(test, specimen), declared_model(test, material), {.modes = test.loop.modes});
-  if (seen) spdlog::info("noise: {:.3f} grey levels, {:.4g} {} of the force", seen->noise, experiment.measured().force_noise, test.units.force);
+  if (seen) spdlog::info("noise: {:.3f} grey levels{}", seen->noise, std::isfinite(experiment.measured().force_noise) ? fmt::format(", {:.4g} {} of the force", experiment.measured().force_noise, test.units.force) : "");
   loop::LoopOptions how{.draws = test.loop.draws, .additions = test.loop.additions, .rivals = test.loop.rivals, .starts = test.loop.starts, .held_out = {}};
   for (std::size_t t = 0; t < experiment.measured().frames.size(); ++t)
     if (std::binary_search(test.identify.held_out.begin(), test.identify.held_out.end(), experiment.measured().frames[t])) how.held_out.push_back(static_cast<int>(t));

@@ -207,6 +207,11 @@ Eigen::MatrixXd displacement_of_file(const io::Case& test, const std::vector<int
 }
 }  // namespace
 
+namespace {
+/// Where there is no load record the frames' numbers are the clock.
+double time_of(const io::Case& test, int place) { return test.loads.records.empty() ? test.frames[static_cast<std::size_t>(place)] : test.load(place).time; }
+}  // namespace
+
 identification::Record make_record(Observation& observation, const io::Case& test,
                                    const identification::Specimen& specimen) {
   identification::Record record;
@@ -216,13 +221,12 @@ identification::Record make_record(Observation& observation, const io::Case& tes
   record.surface_displacement.resize(observation.frames.front().displacement.size(), frames);
   for (Eigen::Index t = 0; t < frames; ++t) {
     const int place = observation.places[static_cast<std::size_t>(t)];
-    const auto& load = test.load(place);
     record.frames.push_back(test.frames[static_cast<std::size_t>(place)]);
-    record.time[t] = load.time;
-    record.force[t] = load.force;
+    record.time[t] = time_of(test, place);
+    record.force[t] = test.loads.records.empty() ? 0.0 : test.load(place).force;
     record.surface_displacement.col(t) = observation.frames[static_cast<std::size_t>(t)].displacement;
   }
-  record.start_time = test.load(observation.places.front() - 1).time;
+  record.start_time = time_of(test, observation.places.front() - 1);
 
   // Noise of single nodes on the ends would strain, and might yield, what lies between them: the displacement that drives
   // the simulation is smoothed as far as the noise allows.
@@ -361,6 +365,7 @@ identification::ImageData make_image_data(const Observation& observation, const 
 }
 
 double force_noise(const Observation& observation, const io::Case& test) {
+  if (test.loads.records.empty()) return INFINITY;
   if (test.loads.noise) return *test.loads.noise;
   const auto& reference = test.cameras.front().reference;
   double mean = 0.0, squares = 0.0, largest = 0.0;

@@ -131,6 +131,8 @@ class CaseReader {
   void read_loop();
   void read_effects();
   void read_virtual();
+  /// Files of the pattern, or the patterns, under `key`; a pattern without any is a mistake.
+  std::vector<fs::path> files_of(const Section& section, const std::string& key);
   /// Frames under `key`, restricted to `available` (where nothing is known of the images, as they are written).
   Frames frames_of(const Section& section, const std::string& key, const std::optional<Frames>& available);
   [[nodiscard]] bool simulates() const;

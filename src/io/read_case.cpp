@@ -188,6 +188,19 @@ void CaseReader::settle_frames() {
   }
 }
 
+std::vector<fs::path> CaseReader::files_of(const Section& section, const std::string& key) {
+  std::vector<std::string> patterns;
+  if (std::string one; section.has(key) && section.value(key).is_string()) section.get(key, one), patterns.push_back(one);
+  section.get(key, patterns);
+  std::vector<fs::path> all;
+  for (const auto& pattern : patterns) {
+    const auto files = matching_files(folder_, pattern);
+    if (files.empty()) mistake(section.path(key), fmt::format("no file \"{}\"", pattern), (key == "images" ? key : "files") + " that exist");
+    all.insert(all.end(), files.begin(), files.end());
+  }
+  return all;
+}
+
 Frames CaseReader::frames_of(const Section& section, const std::string& key, const std::optional<Frames>& available) {
   const auto& value = section.value(key);
   std::string text;

@@ -134,19 +134,11 @@ void CaseReader::read_place(const Section& camera_section, CameraCase& camera) {
 
 void CaseReader::read_images(const Section& section, CameraCase& camera) {
   if (!section.has("images")) return;
-  const auto& value = section.value("images");
-  std::vector<std::string> patterns;
-  if (value.is_string()) patterns.push_back(value);
-  if (value.is_array()) section.get("images", patterns);
-  if (value == "from_loads") {
+  if (section.value("images") == "from_loads") {
     take_images_from_loads(section, camera);
     return;
   }
-  for (const auto& pattern : patterns) {
-    const auto files = matching_files(folder_, pattern);
-    if (files.empty()) mistake(section.path("images"), fmt::format("no file \"{}\"", pattern), "images that exist");
-    camera.images.insert(camera.images.end(), files.begin(), files.end());
-  }
+  camera.images = files_of(section, "images");
   number_images(section, camera);
 }
 
@@ -269,19 +261,12 @@ void CaseReader::read_fields() {
   columns.get("v", fields.columns.v);
   columns.get("valid", fields.columns.valid);
   if (!section.has("files")) return;
-  std::vector<std::string> patterns;
-  if (const auto& value = section.value("files"); value.is_string()) patterns.push_back(value);
-  section.get("files", patterns);
-  for (const auto& pattern : patterns) {
-    const auto files = matching_files(folder_, pattern);
-    if (files.empty()) mistake(section.path("files"), fmt::format("no file \"{}\"", pattern), "files that exist");
-    for (const auto& file : files) {
-      try {
-        fields.tables.push_back(read_points(file, fields.columns));
-        fields.files.push_back(file);
-      } catch (const InputError& error) {
-        for (const auto& one : error.mistakes()) mistakes_.push_back({document_.line(section.path("files")), one});
-      }
+  for (const auto& file : files_of(section, "files")) {
+    try {
+      fields.tables.push_back(read_points(file, fields.columns));
+      fields.files.push_back(file);
+    } catch (const InputError& error) {
+      for (const auto& one : error.mistakes()) mistakes_.push_back({document_.line(section.path("files")), one});
     }
   }
   const auto n = fields.files.size();

@@ -10,7 +10,6 @@
 #include <stdexcept>
 
 #include "case_reader.hpp"
-#include "image_files.hpp"
 
 namespace imic3d::io {
 
@@ -144,22 +143,13 @@ void CaseReader::read_experiments() {
 }
 
 void CaseReader::read_curves(const Section& section, ExperimentCase& experiment) {
-  if (!section.has("file")) return;
-  const auto& value = section.value("file");
-  std::vector<std::string> patterns;
-  if (value.is_string()) patterns.push_back(value);
-  if (value.is_array()) section.get("file", patterns);
-  for (const auto& pattern : patterns) {
-    const auto files = matching_files(folder_, pattern);
-    if (files.empty()) mistake(section.path("file"), fmt::format("no file \"{}\"", pattern), "files that exist");
-    for (const auto& file : files) {
-      if (std::find(experiment.files.begin(), experiment.files.end(), file) != experiment.files.end()) continue;
-      try {
-        experiment.tables.push_back(read_curve(file, experiment.columns));
-        experiment.files.push_back(file);
-      } catch (const InputError& error) {
-        for (const auto& one : error.mistakes()) mistakes_.push_back({document_.line(section.path("file")), one});
-      }
+  for (const auto& file : files_of(section, "file")) {
+    if (std::find(experiment.files.begin(), experiment.files.end(), file) != experiment.files.end()) continue;
+    try {
+      experiment.tables.push_back(read_curve(file, experiment.columns));
+      experiment.files.push_back(file);
+    } catch (const InputError& error) {
+      for (const auto& one : error.mistakes()) mistakes_.push_back({document_.line(section.path("file")), one});
     }
   }
 }

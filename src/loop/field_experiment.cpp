@@ -7,12 +7,10 @@
 #include <algorithm>
 #include <cmath>
 #include <list>
-#include <map>
 #include <optional>
 #include <random>
 
 #include "imic3d/core/error.hpp"
-#include "imic3d/correlation/smoothing.hpp"
 #include "imic3d/loop/law_effects.hpp"
 
 namespace imic3d::loop {
@@ -31,13 +29,20 @@ struct FieldExperiment::Simulation {
   Key variant;
   Eigen::MatrixXd driving;      // [2n x frames]
   std::vector<double> loading;  // values of all effects' parameters, for what is driven beyond the surface
-  std::vector<Eigen::MatrixXd> directions{};  // in which `driving` moves, for the derivatives of the series
+  std::vector<int> free{};                    // numbers of the law by which the series is differentiated
+  std::vector<Eigen::MatrixXd> directions{};  // and in which `driving` moves
+};
+
+/// What a series is differentiated by: a number of the law, or a change of what drives the ends.
+struct FieldExperiment::Tangent {
+  int parameter = -1;
+  Eigen::MatrixXd driving{};
 };
 
 struct FieldExperiment::Series {
   Eigen::MatrixXd U;  // of the measured surface [2n x frames]
   Eigen::VectorXd R;  // [frames]; empty if the model could not follow
-  std::vector<Eigen::MatrixXd> dU;  // in the directions
+  std::vector<Eigen::MatrixXd> dU;  // by the numbers of the law, then in the directions
   std::vector<Eigen::VectorXd> dR;
 };
 
@@ -232,6 +237,8 @@ FieldExperiment::Variant& FieldExperiment::variant(const Key& wanted) {
   record.surface_displacement = record.driving = Eigen::MatrixXd::Zero(2 * own.nodes.rows(), frames);
   made.model = std::make_unique<id::ForwardModel>(groups_->layout.group(), made.specimen, wanted.law_effects.empty() ? model_.law : model_.extended(wanted.law_effects), std::move(record),
                                                   mechanics::EquilibriumOptions{.increments = model_.increments * numerics.increments_factor, .derivative_tolerance = 1e-5, .with_fields = false}, 1, 1);
+  // Nearly the same series as the last one of this group.
+  if (variants.size() > 1 && !before_test && !std::next(variants.begin())->second.before_test) made.model->start_from(*std::next(variants.begin())->second.model);
   return made;
 }
 
@@ -241,7 +248,8 @@ std::vector<FieldExperiment::Series> FieldExperiment::simulate(const std::vector
   std::vector<double> done(wanted.size(), 0.0);
   for (std::size_t k = 0; k < wanted.size(); ++k) {
     results[k].U.setZero(measured_.surface.nodes.rows() * 2, frames), results[k].R.setZero(frames);
-    results[k].dU.assign(wanted[k].directions.size(), results[k].U), results[k].dR.assign(wanted[k].directions.size(), results[k].R);
+    const auto derivatives = wanted[k].free.size() + wanted[k].directions.size();
+    results[k].dU.assign(derivatives, results[k].U), results[k].dR.assign(derivatives, results[k].R);
   }
   const auto& layout = groups_->layout;
   // Series of one specimen one after another: its forward model is kept.
@@ -274,7 +282,7 @@ std::vector<FieldExperiment::Series> FieldExperiment::simulate(const std::vector
               beyond(static_cast<Eigen::Index>(i), t + before) += effects_[k]->driven(values_of(k, one.loading), scene_, static_cast<int>(t), z);
         }
       }
-      id::Run run{.parameters = one.law, .driving = &driving};
+      id::Run run{.parameters = one.law, .driving = &driving, .free = one.free};
       if (beyond.size() > 0) run.beyond = &beyond;
       for (const auto& direction : one.directions) run.directions.push_back(on_variant(direction));
       const auto path = with.model->simulate(id::Control::displacement, {run}, static_cast<int>(frames + before)).front();
@@ -284,7 +292,7 @@ std::vector<FieldExperiment::Series> FieldExperiment::simulate(const std::vector
         return with.from_variant * (surface.rightCols(frames).colwise() - surface.col(0));
       };
       result.U = on_measured(path.surface), result.R = path.reaction.tail(frames);
-      for (std::size_t k = 0; k < one.directions.size(); ++k) result.dU[k] = on_measured(path.d_surface[k]), result.dR[k] = path.d_reaction[k].tail(frames);
+      for (std::size_t k = 0; k < result.dU.size(); ++k) result.dU[k] = on_measured(path.d_surface[k]), result.dR[k] = path.d_reaction[k].tail(frames);
       done[order[place]] = 1.0;
     }
   });
@@ -433,9 +441,12 @@ Eigen::VectorXd FieldExperiment::whitened(const Eigen::MatrixXd& displacement, c
 std::vector<Eigen::VectorXd> FieldExperiment::residuals(const std::vector<std::vector<double>>& sets) {
   const auto predictions = predict(sets, std::vector<const Eigen::MatrixXd*>(sets.size(), &measured_.driving));
   std::vector<Eigen::VectorXd> result;
-  for (const auto& p : predictions)
-    result.push_back(p.force.size() == 0 ? Eigen::VectorXd() : whitened(measured_.displacement - bias_->displacement - p.displacement, measured_.force - bias_->force - p.force));
+  for (const auto& p : predictions) result.push_back(p.force.size() == 0 ? Eigen::VectorXd() : residual_of(p));
   return result;
+}
+
+Eigen::VectorXd FieldExperiment::residual_of(const Prediction& p) const {
+  return whitened(measured_.displacement - bias_->displacement - p.displacement, measured_.force - bias_->force - p.force);
 }
 
 std::pair<Eigen::MatrixXd, Eigen::VectorXd> FieldExperiment::unwhitened(const std::vector<double>& values) {
@@ -484,28 +495,100 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
   bias_ = std::make_shared<Bias>(seen - p.displacement, force - p.force);
 }
 
-std::vector<FieldExperiment::Prediction> FieldExperiment::responses(const std::vector<double>& values, const std::vector<Eigen::MatrixXd>& changes) {
+std::pair<FieldExperiment::Prediction, std::vector<FieldExperiment::Prediction>> FieldExperiment::differentiate(const std::vector<double>& values, const std::vector<Tangent>& tangents) {
   const Eigen::MatrixXd driving = true_motion(values, measured_.driving);
-  // So many directions at once that the histories' derivatives stay small, and no fewer batches than groups of ranks.
-  const auto most = std::clamp<std::size_t>((changes.size() + static_cast<std::size_t>(groups_->layout.groups()) - 1) / static_cast<std::size_t>(groups_->layout.groups()), 1, 20);
+  // So many at once that the histories' derivatives stay small, and no fewer batches than groups of ranks.
+  const auto groups = static_cast<std::size_t>(groups_->layout.groups());
+  const auto most = std::clamp<std::size_t>((tangents.size() + groups - 1) / groups, 1, 20);
   std::vector<Simulation> wanted;
-  std::vector<std::pair<double, std::size_t>> uses;  // weight, first change
-  for (std::size_t first = 0; first < changes.size(); first += most)
+  struct Use {
+    double weight;
+    std::size_t first;               // tangent
+    std::vector<std::size_t> order;  // tangents of the derivatives
+  };
+  std::vector<Use> uses;
+  for (std::size_t first = 0; first == 0 || first < tangents.size(); first += most)
     for (auto& [weight, one] : simulations_of(values, driving)) {
-      for (std::size_t k = first; k < std::min(changes.size(), first + most); ++k) one.directions.push_back(true_motion(values, measured_.driving + changes[k]) - driving);
+      Use use{weight, first, {}};
+      const auto last = std::min(tangents.size(), first + most);
+      for (std::size_t k = first; k < last; ++k)
+        if (tangents[k].parameter >= 0) one.free.push_back(tangents[k].parameter), use.order.push_back(k);
+      for (std::size_t k = first; k < last; ++k)
+        if (tangents[k].parameter < 0) one.directions.push_back(tangents[k].driving), use.order.push_back(k);
       wanted.push_back(std::move(one));
-      uses.emplace_back(weight, first);
+      uses.push_back(std::move(use));
     }
   const auto series = simulate(wanted);
   const Prediction none{Eigen::MatrixXd::Zero(measured_.displacement.rows(), measured_.force.size()), Eigen::VectorXd::Zero(measured_.force.size())};
-  Prediction nominal = none;
-  std::vector<Prediction> moved(changes.size(), none);
+  std::pair<Prediction, std::vector<Prediction>> result{none, std::vector<Prediction>(tangents.size(), none)};
+  auto& [nominal, derivatives] = result;
   for (std::size_t s = 0; s < series.size(); ++s) {
-    const auto& [weight, first] = uses[s];
-    if (series[s].R.size() == 0) throw ConvergenceError("the model cannot follow the measured displacement of the ends");
-    if (first == 0) nominal.displacement += weight * series[s].U, nominal.force += weight * series[s].R;
-    for (std::size_t k = 0; k < series[s].dU.size(); ++k) moved[first + k].displacement += weight * series[s].dU[k], moved[first + k].force += weight * series[s].dR[k];
+    const Use& use = uses[s];
+    if (series[s].R.size() == 0) {
+      nominal.force.resize(0);
+      return result;
+    }
+    if (use.first == 0) nominal.displacement += use.weight * series[s].U, nominal.force += use.weight * series[s].R;
+    for (std::size_t k = 0; k < use.order.size(); ++k)
+      derivatives[use.order[k]].displacement += use.weight * series[s].dU[k], derivatives[use.order[k]].force += use.weight * series[s].dR[k];
   }
+  return result;
+}
+
+/// Sets that differ from `values` in numbers of the law or in what drives the ends are taken along the derivatives of one series; the others
+/// are simulated.
+std::vector<Eigen::VectorXd> FieldExperiment::residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) {
+  if (!variant({}).model->differentiable()) return Experiment::residuals_near(values, std::move(sets));
+  const Eigen::MatrixXd driving = true_motion(values, measured_.driving);
+  const auto here = simulations_of(values, driving);
+  std::vector<Tangent> tangents;
+  std::vector<std::vector<std::pair<std::size_t, double>>> moves(sets.size());  // along tangents
+  std::vector<std::size_t> far;
+  for (std::size_t s = 0; s < sets.size(); ++s) {
+    const auto there = simulations_of(sets[s], true_motion(sets[s], measured_.driving));
+    const bool near = std::equal(there.begin(), there.end(), here.begin(), here.end(), [](const auto& a, const auto& b) {
+      return a.first == b.first && a.second.variant == b.second.variant && a.second.loading == b.second.loading;
+    });
+    if (!near) {
+      far.push_back(s);
+      continue;
+    }
+    const Simulation &one = there.front().second, &base = here.front().second;
+    for (std::size_t j = 0; j < base.law.size(); ++j) {
+      if (one.law[j] == base.law[j]) continue;
+      const auto same = [&](const Tangent& t) { return t.parameter == static_cast<int>(j); };
+      const auto found = static_cast<std::size_t>(std::find_if(tangents.begin(), tangents.end(), same) - tangents.begin());
+      if (found == tangents.size()) tangents.push_back({.parameter = static_cast<int>(j)});
+      moves[s].emplace_back(found, one.law[j] - base.law[j]);
+    }
+    if (one.driving != base.driving) {
+      moves[s].emplace_back(tangents.size(), 1.0);
+      tangents.push_back({.driving = one.driving - base.driving});
+    }
+  }
+  const auto [nominal, derivatives] = differentiate(values, tangents);
+  std::vector<Eigen::VectorXd> result(1 + sets.size());
+  if (nominal.force.size() == 0) return result;
+  result.front() = residual_of(observed(values, nominal));
+  std::vector<std::vector<double>> simulated;
+  for (std::size_t s : far) simulated.push_back(sets[s]);
+  const auto others = residuals(simulated);
+  for (std::size_t k = 0; k < far.size(); ++k) result[1 + far[k]] = others[k];
+  for (std::size_t s = 0; s < sets.size(); ++s) {
+    if (std::binary_search(far.begin(), far.end(), s)) continue;
+    Prediction moved = nominal;
+    for (const auto& [k, length] : moves[s]) moved.displacement += length * derivatives[k].displacement, moved.force += length * derivatives[k].force;
+    result[1 + s] = residual_of(observed(sets[s], std::move(moved)));
+  }
+  return result;
+}
+
+std::vector<FieldExperiment::Prediction> FieldExperiment::responses(const std::vector<double>& values, const std::vector<Eigen::MatrixXd>& changes) {
+  const Eigen::MatrixXd driving = true_motion(values, measured_.driving);
+  std::vector<Tangent> tangents;
+  for (const auto& change : changes) tangents.push_back({.driving = true_motion(values, measured_.driving + change) - driving});
+  auto [nominal, moved] = differentiate(values, tangents);
+  if (nominal.force.size() == 0) throw ConvergenceError("the model cannot follow the measured displacement of the ends");
   const Prediction seen = observed(values, nominal);
   for (auto& one : moved) {
     one.displacement += nominal.displacement, one.force += nominal.force;

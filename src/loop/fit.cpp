@@ -76,14 +76,14 @@ struct Linear {
 };
 
 Linear linearise(Experiment& experiment, const Weight& weight, const std::vector<double>& at, const std::vector<int>& parameters) {
-  std::vector<std::vector<double>> sets(1 + parameters.size(), at);
+  std::vector<std::vector<double>> sets(parameters.size(), at);
   std::vector<double> moves;
   for (std::size_t j = 0; j < parameters.size(); ++j) {
     const auto k = static_cast<std::size_t>(parameters[j]);
     moves.push_back(signed_step(experiment.parameters()[k], at[k]));
-    sets[1 + j][k] += moves.back();
+    sets[j][k] += moves.back();
   }
-  const auto residuals = experiment.residuals(sets);
+  const auto residuals = experiment.residuals_near(at, sets);
   Linear result;
   if (residuals.front().size() == 0) return result;
   result.residual = weight(residuals.front());
@@ -97,10 +97,10 @@ Linear linearise(Experiment& experiment, const Weight& weight, const std::vector
 
 std::vector<Eigen::MatrixXd> marks(Experiment& experiment, const Weight& weight, const std::vector<double>& values, const std::vector<int>& candidates) {
   struct Column {
-    std::size_t plus, minus;  // simulations, 0: as it is
-    double over;
+    std::size_t moved;
+    double step;
   };
-  std::vector<std::vector<double>> sets = {values};
+  std::vector<std::vector<double>> sets;
   std::vector<std::vector<Column>> columns;
   const auto& parameters = experiment.parameters();
   for (int k : candidates) {
@@ -121,23 +121,24 @@ std::vector<Eigen::MatrixXd> marks(Experiment& experiment, const Weight& weight,
         const double step = signed_step(p, values[i]);
         sets.push_back(values);
         sets.back()[i] += step;
-        its.push_back({sets.size() - 1, 0, step});
+        its.push_back({sets.size(), step});
         continue;
       }
       for (double shape : other_shapes(p, values[i])) {
         sets.push_back(present);
         sets.back()[i] = shape;
-        its.push_back({sets.size() - 1, 0, step_of_sizes});
+        its.push_back({sets.size(), step_of_sizes});
       }
     }
   }
-  const auto residuals = experiment.residuals(sets);
+  const auto residuals = experiment.residuals_near(values, sets);
+  const Eigen::VectorXd& here = residuals.front();
   std::vector<Eigen::MatrixXd> result;
   for (const auto& its : columns) {
-    auto& matrix = result.emplace_back(Eigen::MatrixXd::Zero(residuals.front().size(), static_cast<Eigen::Index>(its.size())));
+    auto& matrix = result.emplace_back(Eigen::MatrixXd::Zero(here.size(), static_cast<Eigen::Index>(its.size())));
     for (std::size_t c = 0; c < its.size(); ++c)
-      if (const auto &plus = residuals[its[c].plus], &minus = residuals[its[c].minus]; plus.size() > 0 && minus.size() > 0 && (minus - plus).norm() > experiment.round_off())
-        matrix.col(static_cast<Eigen::Index>(c)) = weight((minus - plus) / its[c].over);
+      if (const auto& moved = residuals[its[c].moved]; here.size() > 0 && moved.size() > 0 && (here - moved).norm() > experiment.round_off())
+        matrix.col(static_cast<Eigen::Index>(c)) = weight((here - moved) / its[c].step);
   }
   return result;
 }
@@ -156,8 +157,9 @@ Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::I
   };
   Fit result{.free = free, .values = std::move(start), .residual = {}, .sensitivity = {}};
   double damping = 1e-8;  // Levenberg's and Marquardt's
+  Linear at;
   for (result.iterations = 0; result.iterations <= options.max_iterations; ++result.iterations) {
-    const Linear at = linearise(experiment, weight, result.values, free);
+    if (at.residual.size() == 0) at = linearise(experiment, weight, result.values, free);
     if (at.residual.size() == 0) throw ConvergenceError("the model cannot be computed where its identification starts");
     result.residual = at.residual;
     result.sensitivity = at.sensitivity;
@@ -183,16 +185,21 @@ Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::I
       result.converged = true;
       break;
     }
-    // More and more damped until the residual falls.
+    // More and more damped until the residual falls. The first step is taken as a rule: its derivatives are found with it.
     bool moved = false;
     for (int trial = 0; trial < 8 && !moved; ++trial) {
       const Eigen::VectorXd step = bounded_step(H, b, low, high, damping);
       std::vector<double> values = result.values;
       for (Eigen::Index j = 0; j < unknowns; ++j) values[static_cast<std::size_t>(free[static_cast<std::size_t>(j)])] += step[j];
-      const auto there = experiment.residuals({values}).front();
-      const double cost = there.size() == 0 ? INFINITY : Eigen::VectorXd(Eigen::VectorXd(weight(there))(rows)).squaredNorm() + prior_cost(values);
+      Linear there;
+      if (trial == 0)
+        there = linearise(experiment, weight, values, free);
+      else if (const auto residual = experiment.residuals({values}).front(); residual.size() > 0)
+        there.residual = weight(residual);
+      const double cost = there.residual.size() == 0 ? INFINITY : Eigen::VectorXd(there.residual(rows)).squaredNorm() + prior_cost(values);
       if (cost < result.cost) {
         result.values = std::move(values), moved = true;
+        at = trial == 0 ? std::move(there) : Linear{};
         if (trial == 0) damping = std::max(1e-10, 0.1 * damping);
       } else {
         damping = std::max(1e-4, 10.0 * damping);

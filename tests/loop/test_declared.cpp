@@ -5,54 +5,14 @@
 #include <Eigen/Dense>
 #include <cmath>
 
-#include "../identification/plate.hpp"
 #include "imic3d/core/error.hpp"
-#include "imic3d/loop/field_experiment.hpp"
 #include "imic3d/loop/fit.hpp"
+#include "strip.hpp"
 
 namespace imic3d::loop {
 namespace {
 
-/// The strip of identification/plate.hpp, measured without noise, with a load cell that reads `offset` without load.
-struct Strip {
-  FieldData data;
-  DeclaredModel model;
-
-  explicit Strip(double offset) {
-    const identification::testing::Plate plate({0.002, 0.004, 0.02, 0.05});
-    data.surface = plate.specimen.surface.mesh;
-    data.M = plate.images.M;
-    data.displacement = data.driving = plate.record.surface_displacement;
-    data.smooth = [](Eigen::MatrixXd field) { return field; };
-    data.frames = plate.record.frames, data.time = plate.record.time;
-    data.force = plate.record.force.array() + offset;
-    data.force_noise = 5.0;
-    model.law = plate.law, model.information = plate.law->parameters(), model.values = plate.truth;
-    model.priors.assign(plate.truth.size(), 0.0), model.free.assign(plate.truth.size(), 0);
-    model.free[0] = 1;
-    model.specimen = [](const MeshChange&) {
-      return identification::make_specimen(mesh::extrude(identification::testing::strip(), 0.5, 1), "bottom", "top", 1, true);
-    };
-  }
-
-  [[nodiscard]] FieldExperiment experiment() const { return {Communicator{}, data, model, {.modes = 12}}; }
-};
-
-int place_of(const FieldExperiment& experiment, const std::string& name) {
-  for (std::size_t j = 0; j < experiment.parameters().size(); ++j)
-    if (experiment.parameters()[j].info.name == name) return static_cast<int>(j);
-  return -1;
-}
-
-bool is_candidate(const FieldExperiment& experiment, const std::string& name) {
-  return std::any_of(experiment.candidates().begin(), experiment.candidates().end(), [&](const auto& one) { return one.name == name; });
-}
-
-std::vector<double> declared(const FieldExperiment& experiment) {
-  std::vector<double> values;
-  for (const auto& p : experiment.parameters()) values.push_back(p.value);
-  return values;
-}
+using testing::declared, testing::is_candidate, testing::place_of, testing::Strip;
 
 TEST(Declared, AKnownEffectIsInThePrediction) {
   Strip strip(120.0);

@@ -57,6 +57,12 @@ class Experiment {
   /// One residual [N] for each set of parameter values; the sets as concurrent groups of ranks. Collective. Empty where the
   /// model could not follow (a set out of reach of the solver).
   [[nodiscard]] virtual std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) = 0;
+  /// The residual at `values`, then those of `sets`, each no farther from it than the step of a finite difference, so that the derivatives of the model may serve.
+  /// Collective. The first is empty where the model could not follow.
+  [[nodiscard]] virtual std::vector<Eigen::VectorXd> residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) {
+    sets.insert(sets.begin(), values);
+    return residuals(sets);
+  }
   /// Norm of a difference of two residuals that is round-off.
   [[nodiscard]] virtual double round_off() const { return 0.0; }
   /// Learns what the procedure itself errs by with these values: a synthetic test without noise is made of the model on a

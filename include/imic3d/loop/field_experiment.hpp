@@ -85,6 +85,7 @@ class FieldExperiment final : public Experiment {
   [[nodiscard]] const std::vector<Datum>& data() const override { return data_; }
   [[nodiscard]] std::vector<int> frame_numbers() const override { return measured_.frames; }
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) override;
+  [[nodiscard]] std::vector<Eigen::VectorXd> residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) override;
   void learn_bias(const std::vector<double>& values) override;
   [[nodiscard]] Eigen::VectorXd bias() const override { return whitened(bias_->displacement, bias_->force); }
   [[nodiscard]] std::shared_ptr<const Learned> learned() const override { return measured_.correlate ? bias_ : nullptr; }
@@ -125,10 +126,14 @@ class FieldExperiment final : public Experiment {
   [[nodiscard]] Eigen::MatrixXd true_motion(const std::vector<double>& values, Eigen::MatrixXd driving) const;
   /// What camera and load cell make of displacement and force.
   [[nodiscard]] Prediction observed(const std::vector<double>& values, Prediction true_one) const;
+  struct Tangent;     // what a series is differentiated by
+  /// The prediction without camera and load cell, and its derivatives. Without forces where the model could not follow.
+  [[nodiscard]] std::pair<Prediction, std::vector<Prediction>> differentiate(const std::vector<double>& values, const std::vector<Tangent>& tangents);
   /// How the prediction moves with the displacement that drives the ends [2n x frames]: by the derivatives of the simulation; by simulations.
   [[nodiscard]] std::vector<Prediction> responses(const std::vector<double>& values, const std::vector<Eigen::MatrixXd>& changes);
   [[nodiscard]] std::vector<Prediction> differences(const std::vector<double>& values, const std::vector<Eigen::MatrixXd>& changes);
   [[nodiscard]] std::vector<Prediction> predict(const std::vector<std::vector<double>>& sets, const std::vector<const Eigen::MatrixXd*>& drivings);
+  [[nodiscard]] Eigen::VectorXd residual_of(const Prediction& p) const;
   [[nodiscard]] Eigen::VectorXd whitened(const Eigen::MatrixXd& displacement, const Eigen::VectorXd& force) const;
   [[nodiscard]] std::span<const double> values_of(std::size_t effect, const std::vector<double>& values) const;
   void make_scene();

@@ -14,7 +14,7 @@ namespace imic3d::loop {
 ///
 ///   q_c = L_c^-1 A_c^T u,  A_c = D_c M Phi,  A_c^T M^-1 A_c = L_c L_c^T,
 ///
-/// so that noise of covariance M^-1 is white on either colour and all but independent of the other's.
+/// so that noise of covariance M^-1 is white on either colour; the two share what is correlated across the squares' edges.
 class SurfaceModes {
  public:
   SurfaceModes() = default;

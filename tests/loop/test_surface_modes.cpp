@@ -1,0 +1,66 @@
+// Displacements in few numbers: noise becomes white, and what has these numbers is found again.
+
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <Eigen/SparseCholesky>
+#include <random>
+
+#include "../identification/plate.hpp"
+#include "imic3d/loop/surface_modes.hpp"
+
+namespace imic3d::loop {
+namespace {
+
+/// Of neighbours that share pixels, as those of an image do: the mass matrix of a bilinear square in each cell.
+Eigen::SparseMatrix<double> mass(const mesh::Mesh& surface) {
+  std::vector<Eigen::Triplet<double>> entries;
+  for (Eigen::Index cell = 0; cell < surface.cells.rows(); ++cell)
+    for (int a = 0; a < 4; ++a)
+      for (int b = 0; b < 4; ++b) entries.emplace_back(surface.cells(cell, a), surface.cells(cell, b), a == b ? 4e6 : (a + b) % 2 == 1 ? 2e6 : 1e6);
+  Eigen::SparseMatrix<double> M(surface.nodes.rows(), surface.nodes.rows());
+  M.setFromTriplets(entries.begin(), entries.end());
+  return identification::two_components(M);
+}
+
+struct Modes : ::testing::Test {
+  const mesh::Mesh surface = identification::testing::Plate({0.001}).specimen.surface.mesh;
+  const Eigen::SparseMatrix<double> M = mass(surface);
+  const SurfaceModes modes{surface, M, 12};
+  const Eigen::Index count = static_cast<Eigen::Index>(modes.sides().size());
+
+  [[nodiscard]] std::vector<Eigen::Index> of_side(int side) const {
+    std::vector<Eigen::Index> rows;
+    for (Eigen::Index i = 0; i < count; ++i)
+      if (modes.sides()[static_cast<std::size_t>(i)] == side) rows.push_back(i);
+    return rows;
+  }
+};
+
+TEST_F(Modes, NoiseIsWhiteOnEitherColour) {
+  const Eigen::SimplicialLLT<Eigen::SparseMatrix<double>> factor(M);
+  const Eigen::MatrixXd inverse = factor.solve(Eigen::MatrixXd(Eigen::MatrixXd::Identity(M.rows(), M.rows())));
+  const Eigen::MatrixXd numbers = modes.numbers(Eigen::MatrixXd::Identity(M.rows(), M.rows()));
+  const Eigen::MatrixXd covariance = numbers * inverse * numbers.transpose();
+  for (int side : {0, 1}) {
+    const auto rows = of_side(side);
+    ASSERT_FALSE(rows.empty());
+    const Eigen::MatrixXd block = covariance(rows, rows);
+    EXPECT_LT((block - Eigen::MatrixXd::Identity(block.rows(), block.cols())).cwiseAbs().maxCoeff(), 1e-8);
+  }
+}
+
+TEST_F(Modes, NumbersOfAColourAreFoundAgain) {
+  std::mt19937_64 random(3);
+  std::normal_distribution<double> normal;
+  for (int side : {0, 1}) {
+    const auto rows = of_side(side);
+    Eigen::VectorXd q = Eigen::VectorXd::Zero(count);
+    for (Eigen::Index i : rows) q[i] = normal(random);
+    const Eigen::VectorXd again = modes.numbers(modes.displacement(q));
+    EXPECT_LT((again(rows) - q(rows)).norm(), 1e-8 * q.norm());
+  }
+}
+
+}  // namespace
+}  // namespace imic3d::loop
