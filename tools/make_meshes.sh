@@ -15,6 +15,7 @@ mesh dumbbell inputs/pcabs_tension/dumbbell.msh region 28 size 1.0
 mesh plate_with_hole inputs/virtual_study/generate.msh length 40 size_hole 0.6 size_far 1.6
 mesh plate_with_hole inputs/virtual_study/identify.msh length 24 size_hole 1.0 size_far 2.5
 mesh gt4 inputs/gt4_stereo/gt4.msh size 2.0
+mesh gt4_web inputs/gt4_stereo/web.msh size 1.5
 mesh plate_with_hole inputs/two_faces/generate.msh length 36 size_hole 0.6 size_far 1.6
 mesh plate_with_hole inputs/two_faces/coarse.msh length 22 size_hole 0.9 size_far 2.0
 mesh plate_with_hole inputs/two_faces/fine.msh length 22 size_hole 0.6 size_far 1.4

@@ -22,7 +22,7 @@ once() {
   [ -e "$output/$name.txt" ] && return
   if { time "$@" > "$output/$name.txt.part" 2>&1; } 2> "$output/$name.seconds"; then mv "$output/$name.txt.part" "$output/$name.txt"; else echo "$name failed: $output/$name.txt.part"; fi
 }
-once table1 tools/table1.sh
+once table1 env RANKS=2 tools/table1.sh
 tests=build/release/tests/test_identification
 [ ! -x $tests ] || OMP_NUM_THREADS=1 once covariance $tests --gtest_filter='CovarianceNightly*'
 data=${IMIC3D_DATA:-../shared/data}

@@ -121,7 +121,6 @@ Eigen::MatrixXd correlated(const Observation& seen, const io::Case& test, const 
   imaging::SynthesisOptions options;
   options.width = reference.width, options.height = reference.height;
   options.depth = reference.depth, options.supersampling = 1;
-  const imaging::Speckle background = imaging::dark_background(options);
   const auto pixels = [&](const Eigen::VectorXd& displacement) {
     imaging::PixelPoints points(surface.nodes.rows(), 2);
     for (Eigen::Index i = 0; i < points.rows(); ++i)
@@ -130,7 +129,7 @@ Eigen::MatrixXd correlated(const Observation& seen, const io::Case& test, const 
   };
   const imaging::PixelPoints at_rest = pixels(Eigen::VectorXd::Zero(2 * surface.nodes.rows()));
   const auto source = [&](int t) {
-    return imaging::render(imaging::InverseMapping(at_rest, pixels(whole(U.col(t))), surface.cells), texture, background, options);
+    return imaging::render(imaging::InverseMapping(at_rest, pixels(whole(U.col(t))), surface.cells), texture, texture, options);  // what is beside it stands still
   };
   const auto frames = seen.faces.front().dic->run(world, static_cast<int>(U.cols()), source);
   Eigen::MatrixXd measured(frames.front().displacement.size(), U.cols());

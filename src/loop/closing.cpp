@@ -188,12 +188,42 @@ class Loop {
     }
   }
 
+  /// What is known of the free parameters beforehand is data beside the others.
+  struct Known {
+    Eigen::VectorXd residual;     // [priors]
+    Eigen::MatrixXd sensitivity;  // [priors x free]
+    Eigen::MatrixXd null;         // [priors x draws]
+  };
+  Known known(const Model& model) const {
+    const Fit& fit = model.fit;
+    std::vector<std::size_t> places;
+    for (std::size_t i = 0; i < fit.free.size(); ++i)
+      if (experiment_.parameters()[static_cast<std::size_t>(fit.free[i])].prior > 0.0) places.push_back(i);
+    const auto count = static_cast<Eigen::Index>(places.size());
+    Known result{Eigen::VectorXd(count), Eigen::MatrixXd::Zero(count, static_cast<Eigen::Index>(fit.free.size())), Eigen::MatrixXd(count, model.ground->null.cols())};
+    for (Eigen::Index k = 0; k < count; ++k) {
+      const auto i = places[static_cast<std::size_t>(k)], j = static_cast<std::size_t>(fit.free[i]);
+      const Parameter& p = experiment_.parameters()[j];
+      result.residual[k] = (p.value - fit.values[j]) / p.prior;
+      result.sensitivity(k, static_cast<Eigen::Index>(i)) = 1.0 / p.prior;
+    }
+    std::mt19937_64 random(13);
+    std::normal_distribution<double> normal;
+    for (double& x : result.null.reshaped()) x = normal(random);
+    return result;
+  }
+  static Eigen::MatrixXd stacked(const Eigen::MatrixXd& above, const Eigen::MatrixXd& below) {
+    Eigen::MatrixXd all(above.rows() + below.rows(), above.cols());
+    all << above, below;
+    return all;
+  }
+  static Eigen::MatrixXd inverse_of(const Eigen::MatrixXd& J) { return J.completeOrthogonalDecomposition().pseudoInverse(); }
+
   /// Covariance, misfit and scores of a model whose fit is done.
   void finish(Model& model) {
-    const Eigen::MatrixXd J = model.fit.sensitivity(rows_, Eigen::all);
-    const Eigen::MatrixXd pull = J.completeOrthogonalDecomposition().pseudoInverse();
+    const Known prior = known(model);
     const Eigen::MatrixXd& null = model.ground->null;
-    const Eigen::MatrixXd moved = pull * null(rows_, Eigen::all);  // of the parameters by the noise
+    const Eigen::MatrixXd moved = inverse_of(stacked(model.fit.sensitivity(rows_, Eigen::all), prior.sensitivity)) * stacked(null(rows_, Eigen::all), prior.null);  // of the parameters by the noise
     model.covariance = moved * moved.transpose() / static_cast<double>(moved.cols());
     const Eigen::MatrixXd left = null - model.fit.sensitivity * moved;
     const auto chi = [](const auto& r) { return std::sqrt(r.squaredNorm() / static_cast<double>(std::max<Eigen::Index>(1, r.size()))); };
@@ -226,11 +256,12 @@ class Loop {
     std::vector<Eigen::Index> black, white;
     for (Eigen::Index i : rows_) (experiment_.data()[static_cast<std::size_t>(i)].side == 1 ? white : black).push_back(i);
     if (white.empty()) return;
-    const Eigen::MatrixXd &J = model.fit.sensitivity, pull = Eigen::MatrixXd(J(black, Eigen::all)).completeOrthogonalDecomposition().pseudoInverse();
-    const auto left = [&](const auto& r) { return Eigen::MatrixXd(r(white, Eigen::all) - J(white, Eigen::all) * (pull * r(black, Eigen::all))); };
+    const Known prior = known(model);
+    const Eigen::MatrixXd &J = model.fit.sensitivity, pull = inverse_of(stacked(J(black, Eigen::all), prior.sensitivity));
+    const auto left = [&](const Eigen::MatrixXd& r, const Eigen::MatrixXd& of_prior) { return Eigen::MatrixXd(r(white, Eigen::all) - J(white, Eigen::all) * (pull * stacked(r(black, Eigen::all), of_prior))); };
     const auto scale = 1.0 / std::sqrt(static_cast<double>(white.size()));
-    model.misfit.checkerboard = scale * left(model.fit.residual).norm();
-    model.misfit.null_checkerboard = quantile(scale * left(model.ground->null).colwise().norm().transpose(), 0.95);
+    model.misfit.checkerboard = scale * left(model.fit.residual, prior.residual).norm();
+    model.misfit.null_checkerboard = quantile(scale * left(model.ground->null, prior.null).colwise().norm().transpose(), 0.95);
   }
 
   void score_others(Model& model) {
@@ -241,15 +272,16 @@ class Loop {
       model.others.push_back(k);
     }
     const auto signatures = marks(experiment_, model.ground->weight, model.fit.values, model.others);
+    const Known prior = known(model);
     ScoreProblem problem;
-    problem.residual = model.fit.residual(rows_);
-    problem.sensitivity = model.fit.sensitivity(rows_, Eigen::all);
-    problem.null = model.ground->null(rows_, Eigen::all);
+    problem.residual = stacked(model.fit.residual(rows_), prior.residual);
+    problem.sensitivity = stacked(model.fit.sensitivity(rows_, Eigen::all), prior.sensitivity);
+    problem.null = stacked(model.ground->null(rows_, Eigen::all), prior.null);
     std::vector<int> kept;
     for (std::size_t i = 0; i < signatures.size(); ++i) {
       const Eigen::MatrixXd signature = signatures[i](rows_, Eigen::all);
       if (signature.norm() == 0.0) continue;
-      problem.signatures.push_back(signature);
+      problem.signatures.push_back(stacked(signature, Eigen::MatrixXd::Zero(prior.residual.size(), signature.cols())));
       const auto& its = candidate(model.others[i]).parameters;
       problem.sizes.push_back(static_cast<int>(std::count_if(its.begin(), its.end(), [&](int j) { return !experiment_.parameters()[static_cast<std::size_t>(j)].info.shape; })));
       kept.push_back(model.others[i]);
@@ -491,8 +523,9 @@ class Loop {
     };
     Remainder& remainder = report_.remainder;
     if (!lengths(weight.undone(fit.residual), remainder.map)) return;
-    const Eigen::MatrixXd pull = Eigen::MatrixXd(fit.sensitivity(rows_, Eigen::all)).completeOrthogonalDecomposition().pseudoInverse();
-    const Eigen::MatrixXd left = weight.undone(null - fit.sensitivity * (pull * null(rows_, Eigen::all)));
+    const Known prior = known(report_.final);
+    const Eigen::MatrixXd pull = inverse_of(stacked(fit.sensitivity(rows_, Eigen::all), prior.sensitivity));
+    const Eigen::MatrixXd left = weight.undone(null - fit.sensitivity * (pull * stacked(null(rows_, Eigen::all), prior.null)));
     Eigen::MatrixXd squares = Eigen::MatrixXd::Zero(remainder.map.rows(), frames_);
     std::vector<Eigen::MatrixXd> draws(static_cast<std::size_t>(left.cols()));
     for (Eigen::Index b = 0; b < left.cols(); ++b) {

@@ -44,6 +44,12 @@ class Curves final : public Experiment {
     for (int t = 0; t < frames; ++t) measured_[t * (numbers + 1) + t % numbers] += unknown * std::sin(0.7 * t);
   }
 
+  /// A parameter is known beforehand.
+  Curves& know(std::size_t parameter, double value, double deviation) {
+    parameters_[parameter].value = value, parameters_[parameter].prior = deviation;
+    return *this;
+  }
+
   const std::vector<Parameter>& parameters() const override { return parameters_; }
   const std::vector<Candidate>& candidates() const override { return candidates_; }
   const std::vector<Datum>& data() const override { return data_; }
@@ -177,6 +183,17 @@ TEST(Closing, TheInvisibleIsListedAndNotNamed) {
   const auto& others = report.declared.others;
   const auto place = static_cast<std::size_t>(std::find(others.begin(), others.end(), Curves::gain) - others.begin());
   EXPECT_NEAR(report.declared.scores.candidates[place].bias(0, 0), 1.0, 0.02);
+}
+
+TEST(Closing, WhatIsKnownBeforehandShowsTheInvisible) {
+  const Report report = loop_on(Curves(4, {{Curves::gain, 1.0}}).know(0, 10.6, 0.02));
+  EXPECT_EQ(report.verdict, Verdict::attributed) << report.sentence;
+  EXPECT_EQ(report.named, std::vector<int>{Curves::gain});
+  EXPECT_TRUE(report.invisible.empty());
+  EXPECT_NEAR(std::sqrt(report.final.covariance(0, 0)), 0.02, 0.003);  // of p0: no data tell it from the gain
+  const Report null = loop_on(Curves(4).know(0, 10.6, 0.02));
+  EXPECT_EQ(null.verdict, Verdict::nothing_found) << null.sentence;
+  EXPECT_LT(std::sqrt(null.declared.covariance(0, 0)), 0.02);
 }
 
 TEST(Closing, TwoEffectsAreFoundOneAfterTheOther) {

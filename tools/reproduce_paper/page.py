@@ -269,9 +269,9 @@ class Page:
         head = f"<p><b>{len(judged) - len(missed)} of {len(judged)} targets met.</b>" + (" Missed: " + html.escape("; ".join(missed)) + "." if missed else "") + "</p>"
         if setup:
             head += (f"<p>Virtual tests of {setup['size'][0]} × {setup['size'][1]} px, "
-                     f"{setup['frames']['plane_stress']} loaded frames (3D: {setup['frames']['3d']}); E on images of its own, 1024 × 1280 px, 5 frames; noise of 1 % of the dynamic, 8 bits; made on a mesh of "
-                     f"{setup['mesh_generate_mm'][0]}–{setup['mesh_generate_mm'][1]} mm and 40 mm length, identified on {setup['mesh_identify_mm'][0]}–{setup['mesh_identify_mm'][1]} mm, "
-                     f"24 mm and other elements.</p>")
+                     f"{setup['frames']['plane_stress']} loaded frames (3D: {setup['frames']['3d']}); E on images of its own at 22.5 µm a pixel, 5 frames; noise of 1 % of the dynamic, 8 bits; made on a mesh of "
+                     f"{setup['mesh_generate_mm'][0]}–{setup['mesh_generate_mm'][1]} mm and {setup['lengths_mm'][0]} mm length, identified on {setup['mesh_identify_mm'][0]}–{setup['mesh_identify_mm'][1]} mm, "
+                     f"{setup['lengths_mm'][1]} mm and other elements.</p>")
         style = ("body{font:15px/1.45 system-ui,sans-serif;max-width:1150px;margin:2em auto;padding:0 1em;color:#222}table{border-collapse:collapse;margin:1em 0}"
                  "th,td{border:1px solid #ccc;padding:3px 9px;text-align:left;font-size:14px}th{background:#f3f3f3}.met{background:#dff2df}.missed{background:#f8dcdc}"
                  "figure{margin:1em 0}svg{max-width:100%;height:auto}figcaption{color:#555;font-size:13px}pre{background:#f6f6f6;padding:8px;overflow:auto;font-size:12px}")

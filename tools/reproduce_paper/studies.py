@@ -31,12 +31,14 @@ ELASTIC = [0.009, 0.018, 0.027, 0.036, 0.045]
 SHORT = {"plane_stress": [ELASTIC, numpy.linspace(0.058, 0.15, 8), numpy.linspace(0.32, 1.85, 10)],
          "3d": [ELASTIC[2:5:2], numpy.linspace(0.065, 0.15, 6), numpy.linspace(0.4, 1.85, 6)]}
 LONG = [ELASTIC, numpy.linspace(0.052, 0.15, 15), numpy.linspace(0.235, 1.85, 20)]
-QUICK = {"size": [384, 480], "pixel": 0.06, "generate": (0.6, 1.6), "identify": (1.0, 2.5), "layers": (2, 1), "refine": 2, "stages": SHORT}
-FULL = {"size": [1024, 1280], "pixel": 0.0225, "generate": (0.6, 1.6), "identify": (1.0, 2.5), "layers": (3, 2), "refine": 2,
+# Of the mesh that generates and the one that identifies: sizes at the hole and far from it, layers, length. At the paper's image size the specimen's
+# visible part is shorter, which costs accuracy in 3D (docs/reproduce_paper.md).
+QUICK = {"size": [384, 640], "pixel": 0.06, "generate": (0.6, 1.6), "identify": (1.0, 2.5), "layers": (2, 1), "length": (46, 34), "refine": 1, "stages": SHORT}
+FULL = {"size": [1024, 1280], "pixel": 0.0225, "generate": (0.6, 1.6), "identify": (1.0, 2.5), "layers": (3, 2), "length": (40, 24), "refine": 1,
         "stages": {"plane_stress": LONG, "3d": LONG}}
 # E has images of its own at either size, of stage 0 only: of the paper's size, as the noise goes with the square of the pixel, and
 # smoothed more, as cubic splines overrate displacements of less than half a pixel (docs/verification.md).
-STAGE_0 = {"size": [1024, 1280], "pixel": 0.0225, "static": 10, "dic": "dic: {low_pass: 1.5}\n"}
+STAGE_0 = {"pixel": 0.0225, "static": 10, "dic": "dic: {low_pass: 1.5}\n"}
 STATIC = 3  # frames before loading of the others
 
 SPECIMEN = {
@@ -59,6 +61,7 @@ IDENTIFY = """{dic}loads: {{file: {loads}, image: frame, time: time_s, force: fo
 identify:
   functional: force_driven
   boundary_smoothing: {smoothing}  # a quarter of the width at most
+  sensitivities: direct
   {options}
   stages: [{{free: {free}, frames: "{frames}"}}]
 output: results
@@ -85,7 +88,8 @@ class Study:
     def series(self, kinematics, free):
         """Images that parameters are identified from: name, size, pixel, frames at rest, displacements, last frame, dic section."""
         if free == ("E",):
-            return {**STAGE_0, "name": "stage_0", "value": ELASTIC, "last": STAGE_0["static"] + len(ELASTIC) - 1}
+            rows = 1280 if self.setup is FULL else 1600  # as many as the mesh is long
+            return {**STAGE_0, "size": [1024, rows], "name": "stage_0", "value": ELASTIC, "last": STAGE_0["static"] + len(ELASTIC) - 1}
         stages = self.setup["stages"][kinematics]
         used = stages[:2] if free == ("S_y",) else stages
         return {"name": "images", "size": self.setup["size"], "pixel": self.setup["pixel"], "static": STATIC, "dic": "",
@@ -93,7 +97,7 @@ class Study:
 
     def text(self, kinematics, series, title, purpose, images="", **parameters):
         setup = self.setup
-        elements = {"generate": f"refine: {setup['refine']}, element: quad4", "identify": "element: quad8"} if kinematics == "plane_stress" else \
+        elements = {"generate": f"refine: {setup['refine']}, element: quad8", "identify": "element: quad8"} if kinematics == "plane_stress" else \
             {"generate": f"element: hex20, layers: {setup['layers'][0]}", "identify": f"element: hex20, layers: {setup['layers'][1]}"}
         specimen = SPECIMEN[kinematics].format(mesh=self.folder / f"{purpose}.msh", more=elements[purpose])
         values = {**TRUTH, **parameters}
@@ -102,7 +106,7 @@ class Study:
 
     def meshes(self):
         self.folder.mkdir(parents=True, exist_ok=True)
-        for name, length in (("generate", 40), ("identify", 24)):
+        for name, length in zip(("generate", "identify"), self.setup["length"]):
             hole, far = self.setup[name]
             sizes = [a for key, value in (("length", length), ("size_hole", hole), ("size_far", far)) for a in ("-setnumber", key, str(value))]
             subprocess.run(["gmsh", "-2", "-v", "2", *sizes, "-format", "msh41", ROOT / "tools/meshes/plate_with_hole.geo", "-o",
@@ -285,7 +289,7 @@ def main():
     with open(study.folder / "setup.json", "w") as file:
         setup = study.setup
         json.dump({"full": arguments.full, "size": setup["size"], "pixel_mm": setup["pixel"], "frames": {k: sum(len(s) for s in stages) for k, stages in setup["stages"].items()},
-                   "mesh_generate_mm": setup["generate"], "mesh_identify_mm": setup["identify"], "seconds_of_this_call": round(time.time() - begin)}, file)
+                   "lengths_mm": setup["length"], "mesh_generate_mm": setup["generate"], "mesh_identify_mm": setup["identify"], "seconds_of_this_call": round(time.time() - begin)}, file)
 
 
 main()
