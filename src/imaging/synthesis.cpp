@@ -9,6 +9,7 @@
 #include <limits>
 #include <numbers>
 #include <numeric>
+#include <opencv2/imgproc.hpp>
 #include <random>
 #include <set>
 #include <utility>
@@ -378,6 +379,26 @@ Image record(const Image& clean, int frame, const SynthesisOptions& options) {
     }
   }
   return image;
+}
+
+Image without(const Image& image, const InverseMapping& specimen, int margin) {
+  cv::Mat covered(image.height, image.width, CV_8U, cv::Scalar(0)), near, distance, nearest;
+  InverseMapping::Location at;
+  for (int y = 0; y < image.height; ++y)
+    for (int x = 0; x < image.width; ++x)
+      if (specimen.locate({x, y}, at)) covered.at<std::uint8_t>(y, x) = 255;
+  cv::dilate(covered, near, cv::getStructuringElement(cv::MORPH_ELLIPSE, {2 * margin + 1, 2 * margin + 1}));
+  if (cv::countNonZero(near) == image.width * image.height) return image;
+  cv::distanceTransform(near, distance, nearest, cv::DIST_L2, cv::DIST_MASK_5, cv::DIST_LABEL_PIXEL);
+  std::vector<float> grey(static_cast<std::size_t>(image.width) * static_cast<std::size_t>(image.height) + 1);
+  for (int y = 0; y < image.height; ++y)
+    for (int x = 0; x < image.width; ++x)
+      if (near.at<std::uint8_t>(y, x) == 0) grey[static_cast<std::size_t>(nearest.at<int>(y, x))] = image(x, y);
+  Image result = image;
+  for (int y = 0; y < image.height; ++y)
+    for (int x = 0; x < image.width; ++x)
+      if (covered.at<std::uint8_t>(y, x) != 0) result(x, y) = grey[static_cast<std::size_t>(nearest.at<int>(y, x))];
+  return result;
 }
 
 Speckle dark_background(const SynthesisOptions& options) {

@@ -285,5 +285,25 @@ TEST(Render, BadOptionsAreRefused) {
   EXPECT_THROW((void)record(Image(4, 4), 0, {.noise = -0.1}), InputError);
 }
 
+TEST(Synthesis, WithoutTheSpecimenItsSurroundingsGoOn) {
+  Image image(40, 30, 8, 10.0F);
+  for (int y = 0; y < 30; ++y)
+    for (int x = 0; x < 40; ++x) {
+      if (x < 20) image(x, y) = 60.0F;
+      if (x >= 8 && x <= 31 && y >= 8 && y <= 21) image(x, y) = 200.0F;  // the specimen, two pixels wider than its mesh
+    }
+  PixelPoints corners(4, 2);
+  corners << 9.5, 9.5, 29.5, 9.5, 29.5, 19.5, 9.5, 19.5;
+  Quads quads(1, 4);
+  quads << 0, 1, 2, 3;
+  const Image cleared = without(image, InverseMapping(corners, corners, quads), 4);
+  EXPECT_EQ(cleared(11, 14), 60.0F);
+  EXPECT_EQ(cleared(28, 14), 10.0F);
+  EXPECT_EQ(cleared(8, 14), 200.0F);  // what the mesh does not cover stays
+  EXPECT_EQ(cleared(2, 2), 60.0F);
+  for (int y = 10; y < 20; ++y)
+    for (int x = 10; x < 30; ++x) EXPECT_LT(cleared(x, y), 200.0F) << x << ", " << y;
+}
+
 }  // namespace
 }  // namespace imic3d::imaging

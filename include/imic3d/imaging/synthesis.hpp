@@ -144,6 +144,10 @@ struct SynthesisOptions {
 /// frame give the same image, whatever the number of threads.
 [[nodiscard]] Image record(const Image& clean, int frame, const SynthesisOptions& options);
 
+/// The image without the specimen: pixels that it covers take the grey level of the nearest one that lies more than `margin` [px] beside it. As it was
+/// where there is none.
+[[nodiscard]] Image without(const Image& image, const InverseMapping& specimen, int margin);
+
 /// A dark background with a faint texture, for images of `options`' size and depth.
 [[nodiscard]] Speckle dark_background(const SynthesisOptions& options);
 
