@@ -3,7 +3,7 @@
 
 Usage: tools/plot_loop.py results.h5 [--folder FOLDER] [--frame NUMBER]
 
-Makes chi.png (error of each frame before and after with the null, the load below), force.png (measured - predicted), residual.png (displacement
+Makes chi.png (error of each frame before and after with the null, the load below), force.png (measured - predicted; where there is a load record), residual.png (displacement
 measured - predicted before and after on one scale) and remainder.png (what is left over its rms under the null, and its first mode). Held-out
 frames are shaded; the frame that is drawn is the worst one of the declared model, if none is chosen."""
 import argparse
@@ -62,19 +62,21 @@ def main():
         top.set_yscale("log")
         top.set_ylabel("χ")
         top.legend()
-        bottom.plot(frames, loop["force"][:], color="#222222")
-        bottom.set_ylabel(f"force [{unit(loop['force'])}]")
+        load = "force" if "force" in loop else "time"
+        bottom.plot(frames, loop[load][:], color="#222222")
+        bottom.set_ylabel(f"{load} [{unit(loop[load])}]")
         bottom.set_xlabel("frame")
         figure.savefig(folder / "chi.png", dpi=110)
 
-        figure, axis = plt.subplots(figsize=(8, 4))
-        shade(axis, frames, held)
-        for name, colour in (("before", BEFORE), ("after", AFTER)):
-            axis.plot(frames, loop[f"{name}/force"][:], "o-", ms=3, color=colour, label=name)
-        axis.set_xlabel("frame")
-        axis.set_ylabel(f"force, measured − predicted [{unit(loop['force'])}]")
-        axis.legend()
-        figure.savefig(folder / "force.png", dpi=110)
+        if "force" in loop:
+            figure, axis = plt.subplots(figsize=(8, 4))
+            shade(axis, frames, held)
+            for name, colour in (("before", BEFORE), ("after", AFTER)):
+                axis.plot(frames, loop[f"{name}/force"][:], "o-", ms=3, color=colour, label=name)
+            axis.set_xlabel("frame")
+            axis.set_ylabel(f"force, measured − predicted [{unit(loop['force'])}]")
+            axis.legend()
+            figure.savefig(folder / "force.png", dpi=110)
 
         both = [loop[f"{name}/displacement"][worst] for name in ("before", "after")]
         largest = max(numpy.abs(both[0]).max(), 1e-300)

@@ -144,11 +144,11 @@ void write_loop_fields(const std::filesystem::path& file, const loop::FieldExper
   h5.store("loop/frames", {frames}, measured.frames, "-", "numbers of the frames");
   h5.store("loop/held_out", {frames}, std::vector<int>(report.held_out.begin(), report.held_out.end()), "-", "1: never fitted");
   h5.store("loop/time", {frames}, list(measured.time), units.time, "time");
-  h5.store("loop/force", {frames}, list(measured.force), units.force, "measured force");
+  if (std::isfinite(measured.force_noise)) h5.store("loop/force", {frames}, list(measured.force), units.force, "measured force");
   for (const auto& [name, U, F, model] : {std::tuple("before", &fields.displacement_before, &fields.force_before, &report.declared), std::tuple("after", &fields.displacement_after, &fields.force_after, &report.final)}) {
     const std::string group = fmt::format("loop/{}/", name);
     h5.store(group + "displacement", {frames, nodes, 2}, list(*U), units.length, "measured - predicted displacement of the nodes");
-    h5.store(group + "force", {frames}, list(*F), units.force, "measured - predicted force");
+    if (std::isfinite(measured.force_noise)) h5.store(group + "force", {frames}, list(*F), units.force, "measured - predicted force");
     h5.store(group + "chi", {frames}, list(model->misfit.frames), "noise", "residual of each frame");
     h5.store(group + "null_chi", {frames}, list(model->misfit.null_frames), "noise", "its 95 % quantile under the null");
   }
@@ -168,7 +168,7 @@ void write_loop_report(const std::filesystem::path& folder, const io::Case& test
   json["title"] = test.title;
   json["time"] = io::quantity(seconds, "s");
   json["simulations"] = experiment.simulations();
-  json["force_residual"] = {{"before", numbers(fields.force_before)}, {"after", numbers(fields.force_after)}, {"unit", test.units.force}};
+  if (std::isfinite(experiment.measured().force_noise)) json["force_residual"] = {{"before", numbers(fields.force_before)}, {"after", numbers(fields.force_after)}, {"unit", test.units.force}};
   json["remainder"]["goes_with"] = companions(experiment.scene(), report.remainder.time);
   const Eigen::MatrixXd& map = report.remainder.map;
   if (map.size() > 0) {

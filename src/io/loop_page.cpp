@@ -130,7 +130,9 @@ void write_loop_page(const std::filesystem::path& page, const json& summary, con
   out += "</table>\n<h2>Candidates under the declared model</h2>\n" + candidates(before);
   int round = 0;
   for (const auto& one : summary["rounds"]) {
-    out += fmt::format("<h2>Round {}: added on trial</h2>\n<table>\n<tr><th>candidate</th><th>χ fitted</th><th>χ held out</th><th>largest score left</th><th>limit</th><th></th></tr>\n", ++round);
+    ++round;
+    if (one["trials"].empty()) continue;  // none stood out: what is left is in the energy
+    out += fmt::format("<h2>Round {}: added on trial</h2>\n<table>\n<tr><th>candidate</th><th>χ fitted</th><th>χ held out</th><th>largest score left</th><th>limit</th><th></th></tr>\n", round);
     for (const auto& trial : one["trials"]) {
       const bool fitted = trial.contains("chi");
       out += fmt::format("<tr><td>{}</td><td>{}</td><td>{}</td><td>{} sd</td><td>{}</td><td class=\"left\">{}</td></tr>\n", escaped(trial["candidate"].get<std::string>()),
