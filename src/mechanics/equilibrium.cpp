@@ -482,7 +482,7 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
       if (outcome == Implementation::Outcome::converged) {
         if (directions > 0) s.d_prescribed = previous != nullptr ? Eigen::MatrixXd(previous->d_prescribed + target * (step.d_prescribed - previous->d_prescribed)) : Eigen::MatrixXd(target * step.d_prescribed);
         if (differentiated && !s.differentiate((step.time - begin) / count, parameters, status.derivative_corrections))
-          throw ConvergenceError(fmt::format("no derivative by the parameters at frame {} of the series (time {:.6g})", frame + 1, step.time));
+          throw ConvergenceError(fmt::format("no derivative by the parameters at frame {} of the series (time {:.6g}); with identify.sensitivities: perturbed none is needed", frame + 1, step.time));
         s.assembler.commit();
         IMIC3D_PETSC(VecCopy(s.u, converged));
         ++increment;

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """The studies of the paper's Secs 4.3 and 4.4 on virtual tests; started by tools/reproduce_paper.sh.
 
-Usage: studies.py [--full] [--output FOLDER] [--only alpha,plane_stress,3d,floors] [--jobs 2] [--program FILE]
+Usage: studies.py [--full] [--output FOLDER] [--only alpha,plane_stress,3d,floors] [--jobs 2] [--program FILE] [--setup JSON]
 
 Each run is one `imic3d identify` in a folder of its own, FOLDER/KINEMATICS/NAME, with every parameter true but the free ones.
 A run whose case is unchanged and whose result is there is not repeated. Writes runs.csv, iterations.csv and
@@ -61,7 +61,7 @@ IDENTIFY = """{dic}loads: {{file: {loads}, image: frame, time: time_s, force: fo
 identify:
   functional: force_driven
   boundary_smoothing: {smoothing}  # a quarter of the width at most
-  sensitivities: direct
+  sensitivities: {sensitivities}
   {options}
   stages: [{{free: {free}, frames: "{frames}"}}]
 output: results
@@ -70,7 +70,8 @@ output: results
 
 class Study:
     def __init__(self, arguments):
-        self.setup = FULL if arguments.full else QUICK
+        self.full = arguments.full
+        self.setup = {**(FULL if arguments.full else QUICK), **json.loads(arguments.setup)}
         self.folder, self.program, self.jobs = arguments.output.resolve(), arguments.program, arguments.jobs
         self.environment = dict(os.environ, OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1", HWLOC_HIDE_ERRORS="2")
 
@@ -88,7 +89,7 @@ class Study:
     def series(self, kinematics, free):
         """Images that parameters are identified from: name, size, pixel, frames at rest, displacements, last frame, dic section."""
         if free == ("E",):
-            rows = 1280 if self.setup is FULL else 1600  # as many as the mesh is long
+            rows = 1280 if self.full else 1600  # as many as the mesh is long
             return {**STAGE_0, "size": [1024, rows], "name": "stage_0", "value": ELASTIC, "last": STAGE_0["static"] + len(ELASTIC) - 1}
         stages = self.setup["stages"][kinematics]
         used = stages[:2] if free == ("S_y",) else stages
@@ -146,7 +147,7 @@ class Study:
                          f", images: 'images/*.png', frames: 0-{last}, reference: 0-{first - 1}",
                          **{name: job["start"] * TRUTH[name] for name in free})
         text += IDENTIFY.format(loads=source / "loads.csv", free=list(free), frames=f"{first}-{last}", dic=series["dic"],
-                                smoothing=job.get("smoothing", 5), options=job.get("options", "eta: 1e-3"))
+                                smoothing=job.get("smoothing", 5), sensitivities="perturbed" if job.get("alpha") else "direct", options=job.get("options", "eta: 1e-3"))
         case = folder / "case.yaml"
         if case.exists() and case.read_text() == text and (folder / "results/result.json").exists():
             return case, False
@@ -276,6 +277,7 @@ def main():
     parser.add_argument("--full", action="store_true", help="the paper's image size")
     parser.add_argument("--output", type=pathlib.Path, required=True)
     parser.add_argument("--only", default="plane_stress,floors,alpha,3d", help="studies to run")
+    parser.add_argument("--setup", default="{}", help="what is to differ from the usual meshes and images, e.g. '{\"layers\": [3, 2], \"length\": [40, 24]}'")
     parser.add_argument("--jobs", type=int, default=2, help="runs side by side, a core each")
     parser.add_argument("--program", default=str(ROOT / "build/release/imic3d"))
     arguments = parser.parse_args()
