@@ -7,4 +7,4 @@ tools/build.sh
 tools/make_meshes.sh
 export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 HWLOC_HIDE_ERRORS=2
 if [ $# -eq 0 ]; then set -- -LE nightly; fi
-ctest --preset release "$@"
+ctest --preset release -j "$(nproc)" "$@"
