@@ -12,11 +12,13 @@
 #include "imic3d/app/output.hpp"
 #include "imic3d/app/program.hpp"
 #include "imic3d/app/setup.hpp"
+#include "imic3d/core/interrupt.hpp"
 #include "imic3d/core/log.hpp"
 #include "imic3d/identification/equilibrium_gap.hpp"
 #include "imic3d/identification/gauss_newton.hpp"
 #include "imic3d/io/run_results.hpp"
 #include "calibration_error.hpp"
+#include "checkpoint.hpp"
 #include "curves.hpp"
 #include "test_effects.hpp"
 
@@ -52,19 +54,26 @@ void identify(const Communicator& world, const CommandOptions& options) {
   refuse_effects(test, "identify");
   if (!test.experiments.empty()) {
     if (!test.cameras.empty()) throw InputError("experiments", "given beside cameras", "images or experiments, each in a case of its own");
+    if (options.resume) spdlog::info("curves are identified from the beginning: they take no checkpoint");
     identify_curves(world, options, test);
     return;
   }
+  const SignalWatch watch;
+  const auto folder = output_folder(test, options, world);
+  RunCheckpoint checkpoint(world, folder, test, options.resume);
+  const RunState& found = checkpoint.found();
   Material material = make_material(test);
   const id::Specimen specimen = make_specimen(test);
   Observation seen = observe(test, specimen);
-  const auto folder = output_folder(test, options, world);
   RunOutput output(world, folder, test, specimen, material, seen);
 
   // The displacement that the images show, without any law.
   spdlog::info("{}: {} frames, {} surface nodes, {} unknowns", test.title, seen.places.size(),
                specimen.surface.mesh.nodes.rows(), mesh::dimension(specimen.volume.type) * specimen.volume.nodes.rows());
-  correlate(seen, test, world, [&](int place, const correlation::DicFrame& frame) { output.dic_frame(place, frame); });
+  correlate(seen, test, world, [&](int place, const correlation::DicFrame& frame) { output.dic_frame(place, frame); },
+            {.known = found.dic, .reached = [&, frames = seen.places.size()](std::size_t face, const correlation::DicSeries& series) {
+               checkpoint.dic(face, series, frames);
+             }});
   const id::Record record = make_record(seen, test, specimen);
   id::ImageData images = make_image_data(seen, test);
   output.noise(seen.noise);
@@ -88,7 +97,8 @@ void identify(const Communicator& world, const CommandOptions& options) {
                         .draws = test.identify.noise_draws};
   const bool gap = solver.functional == id::Functional::equilibrium_gap;
   if (solver.functional != id::Functional::force_driven && !gap) {
-    const double reaction = id::reaction_noise(world, specimen, material.law, driving_noise(seen), material.values);
+    const double reaction = found.reaction_noise ? *found.reaction_noise : id::reaction_noise(world, specimen, material.law, driving_noise(seen), material.values);
+    checkpoint.reaction_noise(reaction);
     spdlog::info("noise of the reaction through the displacement of the ends: {:.4g} {}", reaction, test.units.force);
     solver.force_noise = std::hypot(solver.force_noise, reaction);
   }
@@ -101,6 +111,7 @@ void identify(const Communicator& world, const CommandOptions& options) {
   const auto parameters = static_cast<Eigen::Index>(material.values.size());
   Eigen::MatrixXd covariance = Eigen::MatrixXd::Constant(parameters, parameters, std::nan(""));
   std::vector<StageSummary> stages;
+  if (found.solutions) model.start_from(*found.solutions);
   for (std::size_t k = 0; k < test.identify.stages.size(); ++k) {
     const auto& declared = test.identify.stages[k];
     id::Stage stage{.free = {}, .frames = places_in_record(record, declared.frames)};
@@ -112,17 +123,26 @@ void identify(const Communicator& world, const CommandOptions& options) {
     const auto report = [&](const id::Iterate& at) {
       say(material, stage.free, at, iteration);
       output.iteration(static_cast<int>(k), iteration++, at);
+      if (gap) stop_if_asked(world);  // its stages are short: each is done anew
     };
     id::StageResult result;
-    if (gap) {
-      auto found = id::equilibrium_gap(world, specimen, material.law, record, images, material.information, stage, solver, material.values, report);
+    if (k < found.stages.size()) {
+      result = found.stages[k].result;
+      material.values = found.stages[k].values;
+      std::for_each(result.iterates.begin(), result.iterates.end(), report);
+    } else if (gap) {
+      auto by_gap = id::equilibrium_gap(world, specimen, material.law, record, images, material.information, stage, solver, material.values, report);
       const int last = stage.frames.back();
       spdlog::info("  gap {:.2e} of the internal forces, {:.6g} {} on the loaded end in the last frame ({:.6g} measured, not used)",
-                   found.gap.mean(), found.reaction[found.reaction.size() - 1], test.units.force, record.force[last]);
-      result = std::move(found.stage);
+                   by_gap.gap.mean(), by_gap.reaction[by_gap.reaction.size() - 1], test.units.force, record.force[last]);
+      result = std::move(by_gap.stage);
     } else {
-      result = id::gauss_newton(world, model, images, material.information, stage, solver, material.values, report);
+      const id::StagePoint* from = k == found.stages.size() && found.point ? &*found.point : nullptr;
+      if (from != nullptr) std::for_each(from->iterates.begin(), from->iterates.end(), report);
+      result = id::gauss_newton(world, model, images, material.information, stage, solver, material.values, report,
+                                {.from = from, .reached = [&](const id::StagePoint& point) { checkpoint.stage_point(point, model.solutions()); }});
     }
+    if (k >= found.stages.size()) checkpoint.stage_done({material.values, result}, k + 1 < test.identify.stages.size() ? &model.solutions() : nullptr);
     if (!result.converged) spdlog::warn("  not converged: eta is still {:.2e}", result.iterates.back().eta);
     for (std::size_t i = 0; i < stage.free.size(); ++i)
       for (std::size_t j = 0; j < stage.free.size(); ++j)

@@ -109,10 +109,12 @@ Observation observe(const io::Case& test, const identification::Specimen& specim
 }
 
 void correlate(Observation& observation, const io::Case& test, const Communicator& world,
-               const std::function<void(int, const correlation::DicFrame&)>& done) {
+               const std::function<void(int, const correlation::DicFrame&)>& done, CorrelationProgress progress) {
   const auto frames = observation.places.size();
   std::vector<std::vector<correlation::DicFrame>> of_face;
-  for (const auto& face : observation.faces) {
+  progress.known.resize(observation.faces.size());
+  for (std::size_t k = 0; k < observation.faces.size(); ++k) {
+    const auto& face = observation.faces[k];
     std::vector<std::vector<std::filesystem::path>> files;
     for (const int c : face.rig->cameras) {
       files.emplace_back();
@@ -120,6 +122,8 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
     }
     of_face.push_back(face.dic->run(world, files, [&](int t, const correlation::DicFrame& frame) {
       if (done && observation.faces.size() == 1) done(observation.places[static_cast<std::size_t>(t)], frame);
+    }, std::move(progress.known[k]), [&](const correlation::DicSeries& series) {
+      if (progress.reached) progress.reached(k, series);
     }));
   }
   observation.frames.clear();
@@ -343,13 +347,15 @@ identification::ImageData make_image_data(const Observation& observation, const 
         const double weight = (*weights)[k][static_cast<std::size_t>(c)];
         imaging::BSpline fresh;
         const imaging::BSpline* spline = nullptr;
-        if (const auto found = kept->find({t, camera}); found != kept->end()) {
-          spline = &found->second;
-        } else {
+        collectively(group, [&] {
+          if (const auto found = kept->find({t, camera}); found != kept->end()) {
+            spline = &found->second;
+            return;
+          }
           fresh = face.dic->spline(imaging::read_image(test.cameras[static_cast<std::size_t>(camera)].images[place]));
           *size += 4UL * static_cast<std::size_t>(fresh.width()) * static_cast<std::size_t>(fresh.height());
           spline = *size < budget ? &kept->emplace(std::pair{t, camera}, std::move(fresh)).first->second : &fresh;
-        }
+        });
         const auto seen = cameras[c].evaluate(*spline, displacement.segment(first, cameras.unknowns()), group);
         all.b.segment(first, cameras.unknowns()) += weight * seen.b;
         all.squares += weight * seen.squares, all.pixels += seen.pixels;

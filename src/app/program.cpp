@@ -8,6 +8,7 @@
 #include <map>
 #include <vector>
 
+#include "imic3d/core/interrupt.hpp"
 #include "imic3d/core/log.hpp"
 
 namespace imic3d::app {
@@ -50,7 +51,7 @@ int run(int argc, char** argv) {
     CLI::App program("Identifies elasto-plastic parameters from the images and the load record of a mechanical test.",
                      "imic3d");
     program.footer("PETSc options are written with a single dash: -mechanics_ksp_type cg -log_view\n"
-                   "Exit status: 0 done, 2 bad input, 3 did not converge, 4 stopped and can be resumed.");
+                   "Exit status: 0 done, 2 bad input, 3 did not converge, 4 stopped (SIGTERM, SIGUSR1) and can be resumed: imic3d identify case.yaml --resume.");
     CommandOptions options;
     std::function<void()> command;
     const auto add = [&](const std::string& name, const std::string& what, auto function, const std::string& file) {
@@ -65,7 +66,8 @@ int run(int argc, char** argv) {
     add("simulate", "the equilibrium path under prescribed displacement or force", simulate, "case");
     add("virtual", "a virtual test: simulation, images, load record and the true parameters", virtual_test, "case");
     add("dic", "global finite-element digital image correlation", dic, "case");
-    add("identify", "the parameters of the law and their covariance", identify, "case");
+    add("identify", "the parameters of the law and their covariance", identify, "case")
+        ->add_flag("--resume", options.resume, "goes on from the checkpoint in the folder of the results; from the beginning if there is none");
     add("loop", "finds what the identified model leaves unexplained, names it, adds it, and reports the error before and after", loop, "case");
     CLI::App* reverse = add("explain", "which effect of the test, if it was left out, carries one set of identified parameters into another", explain, "case");
     reverse->add_option("--from", options.from, "result.json of the parameters that are taken for true")->required();
@@ -107,6 +109,8 @@ int run(int argc, char** argv) {
         status = said(world, ExitStatus::bad_input, error.what());
       } catch (const ConvergenceError& error) {
         status = said(world, ExitStatus::not_converged, fmt::format("did not converge: {}", error.what()));
+      } catch (const Interrupted& error) {
+        status = said(world, ExitStatus::can_be_resumed, fmt::format("stopped by {}; the same command with --resume goes on from here", error.what()));
       } catch (const std::exception& error) {
         status = said(world, ExitStatus::internal_error, fmt::format("internal error: {}", error.what()));
       }

@@ -5,6 +5,7 @@
 #include <algorithm>
 
 #include "imic3d/core/error.hpp"
+#include "imic3d/core/interrupt.hpp"
 
 namespace imic3d {
 
@@ -60,7 +61,7 @@ void Communicator::broadcast(std::string& text, int root) const {
 }
 
 namespace {
-enum Kind : int { fine = 0, other = 1, convergence = 2, input = 3 };
+enum Kind : int { fine = 0, other = 1, convergence = 2, input = 3, interruption = 4 };
 }
 
 void collectively(const Communicator& communicator, const std::function<void()>& work) {
@@ -73,6 +74,8 @@ void collectively(const Communicator& communicator, const std::function<void()>&
     kind = input, message = error.what(), mine = std::current_exception();
   } catch (const ConvergenceError& error) {
     kind = convergence, message = error.what(), mine = std::current_exception();
+  } catch (const Interrupted& error) {
+    kind = interruption, message = error.what(), mine = std::current_exception();
   } catch (const std::exception& error) {
     kind = other, message = error.what(), mine = std::current_exception();
   }
@@ -85,6 +88,7 @@ void collectively(const Communicator& communicator, const std::function<void()>&
   if (communicator.rank() == speaker) std::rethrow_exception(mine);
   if (kind == input) throw InputError({Mistake{message, "", ""}});
   if (kind == convergence) throw ConvergenceError(message);
+  if (kind == interruption) throw Interrupted(message);
   throw std::runtime_error(message);
 }
 

@@ -5,6 +5,7 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 
 #include "imic3d/core/error.hpp"
@@ -362,6 +363,46 @@ DicFrame GlobalDic::follow(const std::vector<imaging::Image>& coarse, const std:
   return frame;
 }
 
+namespace {
+constexpr Eigen::Index of_frame = 10, of_camera = 6;  // numbers beside displacement and residuals of the elements
+}  // namespace
+
+Eigen::VectorXd numbers_of(const DicFrame& frame) {
+  const Eigen::Index unknowns = frame.displacement.size(), elements = frame.element_rms.size();
+  const auto count = static_cast<Eigen::Index>(frame.cameras.size());
+  Eigen::VectorXd all(unknowns + elements + of_frame + count * (elements + of_camera));
+  all.head(unknowns) = frame.displacement;
+  all.segment(unknowns, elements) = frame.element_rms;
+  all.segment<of_frame>(unknowns + elements) << frame.converged, frame.lost, frame.iterations, frame.rms, frame.coefficient,
+      frame.pixels, frame.dropped, frame.gain, frame.offset, frame.hardly_seen;
+  for (Eigen::Index c = 0; c < count; ++c) {
+    const CameraFrame& own = frame.cameras[static_cast<std::size_t>(c)];
+    auto part = all.segment(unknowns + elements + of_frame + c * (elements + of_camera), elements + of_camera);
+    part.head(elements) = own.element_rms;
+    part.tail<of_camera>() << own.rms, own.coefficient, own.pixels, own.dropped, own.gain, own.offset;
+  }
+  return all;
+}
+
+DicFrame frame_of(const Eigen::VectorXd& numbers, Eigen::Index unknowns, Eigen::Index elements, int cameras) {
+  DicFrame frame;
+  frame.displacement = numbers.head(unknowns);
+  frame.element_rms = numbers.segment(unknowns, elements);
+  const double* values = numbers.data() + unknowns + elements;
+  frame.converged = values[0] > 0.5, frame.lost = values[1] > 0.5;
+  frame.iterations = static_cast<int>(values[2]);
+  frame.rms = values[3], frame.coefficient = values[4];
+  frame.pixels = values[5], frame.dropped = values[6];
+  frame.gain = values[7], frame.offset = values[8];
+  frame.hardly_seen = static_cast<int>(values[9]);
+  for (Eigen::Index c = 0; c < cameras; ++c) {
+    const auto part = numbers.segment(unknowns + elements + of_frame + c * (elements + of_camera), elements + of_camera);
+    const auto own = part.tail<of_camera>();
+    frame.cameras.push_back({.rms = own[0], .coefficient = own[1], .pixels = own[2], .dropped = own[3], .gain = own[4], .offset = own[5], .element_rms = part.head(elements)});
+  }
+  return frame;
+}
+
 std::vector<DicFrame> GlobalDic::run(const Communicator& world, const std::vector<std::filesystem::path>& images,
                                      const Done& done) const {
   return run(world, std::vector<std::vector<std::filesystem::path>>{images}, done);
@@ -373,18 +414,18 @@ std::vector<DicFrame> GlobalDic::run(const Communicator& world, int frames, cons
 }
 
 std::vector<DicFrame> GlobalDic::run(const Communicator& world,
-                                     const std::vector<std::vector<std::filesystem::path>>& images, const Done& done) const {
+                                     const std::vector<std::vector<std::filesystem::path>>& images, const Done& done,
+                                     DicSeries known, const Reached& reached) const {
   const auto read = [&](int frame, int camera) {
     return imaging::read_image(images[static_cast<std::size_t>(camera)][static_cast<std::size_t>(frame)]);
   };
-  return run(world, static_cast<int>(images.front().size()), SourceOfAll(read), done);
+  return run(world, static_cast<int>(images.front().size()), SourceOfAll(read), done, std::move(known), reached);
 }
 
-std::vector<DicFrame> GlobalDic::run(const Communicator& world, int frames, const SourceOfAll& source,
-                                     const Done& done) const {
+std::vector<DicFrame> GlobalDic::run(const Communicator& world, int frames, const SourceOfAll& source, const Done& done,
+                                     DicSeries known, const Reached& reached) const {
   const int split = std::min(parallel_levels, levels() - 1);  // the finest of the coarse levels
   const int count = cameras().size();
-  const Eigen::Index unknowns = cameras().unknowns(), elements = cameras().elements();
   const auto read = [&](int frame, int camera) {
     imaging::Image image = source(frame, camera);
     const imaging::BSpline& reference = levels_.front().references[static_cast<std::size_t>(camera)];
@@ -398,11 +439,13 @@ std::vector<DicFrame> GlobalDic::run(const Communicator& world, int frames, cons
 
   // Coarse levels in the order of time. Each rank reads and reduces one frame of a batch; all then follow the motion
   // alike, which is cheap and needs no message.
-  std::vector<Eigen::VectorXd> starts, trusted;
+  std::vector<Eigen::VectorXd> trusted;
+  for (std::size_t t = 0; t < known.starts.size(); ++t)
+    if (known.lost[t] == 0) trusted.push_back(known.starts[t]);
   std::vector<imaging::Image> empty;
   for (const imaging::BSpline& reference : levels_[static_cast<std::size_t>(split)].references)
     empty.emplace_back(reference.width(), reference.height());
-  for (int first = 0; first < frames; first += world.size()) {
+  for (auto first = static_cast<int>(known.starts.size()); first < frames; first += world.size()) {
     std::vector<imaging::Image> mine = empty;
     collectively(world, [&] {
       if (first + world.rank() >= frames) return;
@@ -413,64 +456,51 @@ std::vector<DicFrame> GlobalDic::run(const Communicator& world, int frames, cons
       for (imaging::Image& image : coarse)
         MPI_Bcast(image.grey.data(), static_cast<int>(image.grey.size()), MPI_FLOAT, frame - first, world.handle);
       const DicFrame followed = follow(coarse, trusted, split);
-      starts.push_back(followed.displacement);
+      known.starts.push_back(followed.displacement);
+      known.lost.push_back(followed.lost ? 1 : 0);
       if (!followed.lost) trusted.push_back(followed.displacement);
       progress.update(frame + 1, fmt::format("coarse levels, frame {} of {}", frame + 1, frames));
     }
+    if (reached) reached(known);
   }
 
-  // Finer levels: frames over groups of ranks.
-  std::vector<DicFrame> results(static_cast<std::size_t>(frames));
+  // Finer levels: frames over groups of ranks, gathered about every 10 s.
+  for (std::size_t frame = 0; frame < known.frames.size(); ++frame)
+    if (done) done(static_cast<int>(frame), known.frames[frame]);
   const GroupLayout layout(world, frames, options_.groups);
-  collectively(world, [&] {
-    for (const int frame : layout.tasks_of_group(frames)) {
-      std::vector<imaging::Image> images;
-      collectively(layout.group(), [&] {
-        for (int c = 0; c < count; ++c) images.push_back(read(frame, c));
-      });
-      DicFrame& result = results[static_cast<std::size_t>(frame)];
-      result = correlate(images, starts[static_cast<std::size_t>(frame)], std::max(0, split - 1), 0, layout.group());
-      progress.update(frames + frame + 1,
-                      fmt::format("frame {} of {}, residual {:.2f} grey levels", frame + 1, frames, result.rms));
-    }
-  });
-
-  constexpr Eigen::Index of_frame = 10, of_camera = 6;
-  for (int frame = 0; frame < frames; ++frame) {
-    DicFrame& result = results[static_cast<std::size_t>(frame)];
-    const Eigen::Index head = unknowns + elements + of_frame, part = elements + of_camera;
-    Eigen::VectorXd all = Eigen::VectorXd::Zero(head + count * part);
-    if (frame % layout.groups() == layout.index() && layout.group().is_root()) {
-      all.head(unknowns) = result.displacement;
-      all.segment(unknowns, elements) = result.element_rms;
-      all.segment<of_frame>(unknowns + elements) << result.converged, result.lost, result.iterations, result.rms,
-          result.coefficient, result.pixels, result.dropped, result.gain, result.offset, result.hardly_seen;
-      for (int c = 0; c < count; ++c) {
-        const CameraFrame& own = result.cameras[static_cast<std::size_t>(c)];
-        all.segment(head + c * part, elements) = own.element_rms;
-        all.segment<of_camera>(head + c * part + elements) << own.rms, own.coefficient, own.pixels, own.dropped, own.gain, own.offset;
+  const int groups = layout.groups();
+  constexpr double period = 10.0;  // [s]
+  int in_turn = 1;                 // frames of a group until then
+  while (static_cast<int>(known.frames.size()) < frames) {
+    const auto first = static_cast<int>(known.frames.size());
+    const int last = first + std::min(frames - first, in_turn * groups);
+    const auto begin = std::chrono::steady_clock::now();
+    std::vector<DicFrame> mine(static_cast<std::size_t>(last - first));
+    collectively(world, [&] {
+      for (int frame = first + layout.index(); frame < last; frame += groups) {
+        std::vector<imaging::Image> images;
+        collectively(layout.group(), [&] {
+          for (int c = 0; c < count; ++c) images.push_back(read(frame, c));
+        });
+        DicFrame& result = mine[static_cast<std::size_t>(frame - first)];
+        result = correlate(images, known.starts[static_cast<std::size_t>(frame)], std::max(0, split - 1), 0, layout.group());
+        progress.update(frames + frame + 1,
+                        fmt::format("frame {} of {}, residual {:.2f} grey levels", frame + 1, frames, result.rms));
       }
+    });
+    const Eigen::Index unknowns = cameras().unknowns(), elements = cameras().elements();
+    for (int frame = first; frame < last; ++frame) {
+      Eigen::VectorXd numbers = Eigen::VectorXd::Zero(unknowns + elements + of_frame + count * (elements + of_camera));
+      if ((frame - first) % groups == layout.index() && layout.group().is_root()) numbers = numbers_of(mine[static_cast<std::size_t>(frame - first)]);
+      world.sum(std::span(numbers.data(), static_cast<std::size_t>(numbers.size())));
+      known.frames.push_back(frame_of(numbers, unknowns, elements, count));
+      if (done) done(frame, known.frames.back());
     }
-    world.sum(std::span(all.data(), static_cast<std::size_t>(all.size())));
-    result.displacement = all.head(unknowns);
-    result.element_rms = all.segment(unknowns, elements);
-    const double* values = all.data() + unknowns + elements;
-    result.converged = values[0] > 0.5;
-    result.lost = values[1] > 0.5;
-    result.iterations = static_cast<int>(values[2]);
-    result.rms = values[3], result.coefficient = values[4];
-    result.pixels = values[5], result.dropped = values[6];
-    result.gain = values[7], result.offset = values[8];
-    result.hardly_seen = static_cast<int>(values[9]);
-    result.cameras.clear();
-    for (int c = 0; c < count; ++c) {
-      values = all.data() + head + c * part + elements;
-      result.cameras.push_back({.rms = values[0], .coefficient = values[1], .pixels = values[2], .dropped = values[3],
-                                .gain = values[4], .offset = values[5], .element_rms = all.segment(head + c * part, elements)});
-    }
-    if (done) done(frame, result);
+    const double seconds = world.max(std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count());
+    in_turn = static_cast<int>(std::clamp(period * in_turn / std::max(seconds, 1e-9), 1.0, static_cast<double>(frames)));
+    if (reached) reached(known);
   }
-  return results;
+  return std::move(known.frames);
 }
 
 Eigen::VectorXd GlobalDic::standard_deviation(double sigma, int references) const {

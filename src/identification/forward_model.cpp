@@ -1,31 +1,24 @@
 #include "imic3d/identification/forward_model.hpp"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <set>
+
+#include "imic3d/core/interrupt.hpp"
 
 namespace imic3d::identification {
 
 namespace {
 
-/// The last series of run 0 under one control, the same on every rank.
-struct Solution {
-  std::vector<double> parameters;
-  std::vector<int> free;
-  std::vector<Eigen::VectorXd> displacement;                 // [3 * nodes] of each frame
-  std::vector<std::vector<Eigen::VectorXd>> d_displacement;  // of each frame, by each free parameter
-
-  /// U + dU/dLambda (Lambda - Lambda of the solution) at frame t.
-  [[nodiscard]] Eigen::VectorXd at(std::size_t t, const std::vector<double>& wanted) const {
-    Eigen::VectorXd U = displacement[t];
-    for (std::size_t k = 0; k < free.size(); ++k) {
-      const auto j = static_cast<std::size_t>(free[k]);
-      U += (wanted[j] - parameters[j]) * d_displacement[t][k];
-    }
-    return U;
+/// U + dU/dLambda (Lambda - Lambda of the solution) at frame t.
+Eigen::VectorXd predicted(const Solution& solution, std::size_t t, const std::vector<double>& wanted) {
+  Eigen::VectorXd U = solution.displacement[t];
+  for (std::size_t k = 0; k < solution.free.size(); ++k) {
+    const auto j = static_cast<std::size_t>(solution.free[k]);
+    U += (wanted[j] - solution.parameters[j]) * solution.d_displacement[t][k];
   }
-};
+  return U;
+}
 
 }  // namespace
 
@@ -36,7 +29,7 @@ struct ForwardModel::Implementation {
   mechanics::EquilibriumOptions options;
   std::array<std::unique_ptr<mechanics::Equilibrium>, 3> solver;  // by Control
   mechanics::OpticalTerm optical;
-  std::array<Solution, 3> last;  // by Control
+  Solutions last;  // by Control
 
   Implementation(Communicator world, const Specimen& specimen, std::shared_ptr<const material::FiniteStrainLaw> law_,
                  mechanics::EquilibriumOptions options_, int tasks, int groups)
@@ -105,6 +98,8 @@ void ForwardModel::start_from(const ForwardModel& other) {
 }
 
 int ForwardModel::groups() const { return impl_->layout.groups(); }
+const Solutions& ForwardModel::solutions() const { return impl_->last; }
+void ForwardModel::start_from(Solutions solutions) { impl_->last = std::move(solutions); }
 
 std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>& runs, int frames, const FrameSink& sink) {
   const Eigen::Index unknowns = record_.surface_displacement.rows();
@@ -170,13 +165,14 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
                 path.d_reaction[k][t] = resultant_of(state.d_internal[k]);
               }
               if (sink) sink(task, t, state);
+              stop_if_asked(impl_->layout.group());
             },
             [&](int t) -> const Eigen::VectorXd* {
               // Not from its own where images pull weakly: what hardly costs anything, such as hourglass modes, would wander.
               for (const Control of : {control == Control::images ? Control::displacement : control, Control::displacement}) {
                 const Solution& last = impl_->last[static_cast<std::size_t>(of)];
                 if (static_cast<std::size_t>(t) >= last.displacement.size()) continue;
-                start = last.at(static_cast<std::size_t>(t), run.parameters);
+                start = predicted(last, static_cast<std::size_t>(t), run.parameters);
                 return &start;
               }
               return nullptr;

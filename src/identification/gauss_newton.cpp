@@ -17,23 +17,6 @@ namespace imic3d::identification {
 
 namespace {
 
-/// Simulations of one iteration: the nominal one and, per free parameter, the derivative of what is observed.
-struct Linearisation {
-  Path nominal;
-  std::vector<Eigen::MatrixXd> sensitivity;          // dU/dLambda per free parameter [2n x frames]
-  std::vector<Eigen::VectorXd> force_sensitivity;    // dR/dLambda [frames]
-  Eigen::VectorXd reaction;                          // R of the DIC-driven simulation [frames]
-  std::string message;
-};
-
-/// M_Lambda and b_Lambda of Eqs 10-12 in units of the noise, and the sums that are reported.
-struct NormalEquations {
-  Eigen::MatrixXd matrix;
-  Eigen::VectorXd right;
-  double cost = 0.0, squares = 0.0, pixels = 0.0, distance = 0.0, force = 0.0;
-  int frames = 0;
-};
-
 bool has_force(Functional functional) { return functional != Functional::force_driven; }
 
 /// What changes of a parameter are measured by: its value, or a usual one where it is about to leave 0.
@@ -107,8 +90,8 @@ Linearisation linearise(ForwardModel& model, const ImageData& images, const std:
   for (const auto& path : driven)
     if (!path.message.empty()) result.message = path.message;
 
-  result.nominal = paths.front();
-  result.nominal.frames = common;
+  result.frames = common;
+  result.surface = paths.front().surface;
   result.reaction = driven.front().reaction.head(common);
   for (std::size_t j = 0; j < stage.free.size(); ++j) {
     if (direct) {
@@ -136,10 +119,10 @@ NormalEquations assemble(Communicator world, ForwardModel& model, const ImageDat
   auto scalars = local.tail<6>();
   const double weight = 1.0 / (2.0 * images.noise * images.noise);
 
-  for (std::size_t i = 0; i < stage.frames.size(); ++i) {
+  const auto add = [&](std::size_t i) {
     const int t = stage.frames[i];
-    if (t >= at.nominal.frames || static_cast<int>(i) % world.size() != world.rank()) continue;
-    const Eigen::VectorXd u = at.nominal.surface.col(t);
+    if (t >= at.frames || static_cast<int>(i) % world.size() != world.rank()) return;
+    const Eigen::VectorXd u = at.surface.col(t);
     const Eigen::VectorXd gap = model.record().surface_displacement.col(t) - u;
     const Eigen::VectorXd Mgap = images.M * gap;
     const double distance = images.distance(gap, Mgap);
@@ -155,7 +138,7 @@ NormalEquations assemble(Communicator world, ForwardModel& model, const ImageDat
     scalars[2] += seen.pixels;
     scalars[3] += distance;
     scalars[5] += 1.0;
-    if (!has_force(options.functional)) continue;
+    if (!has_force(options.functional)) return;
     Eigen::VectorXd s(unknowns);
     for (Eigen::Index j = 0; j < unknowns; ++j) s[j] = at.force_sensitivity[static_cast<std::size_t>(j)][t];
     const double missing = model.record().force[t] - at.reaction[t];
@@ -164,7 +147,10 @@ NormalEquations assemble(Communicator world, ForwardModel& model, const ImageDat
     right += force_weight * s * missing;
     scalars[0] += force_weight * missing * missing;
     scalars[4] += missing * missing;
-  }
+  };
+  collectively(world, [&] {  // an image may have become unreadable
+    for (std::size_t i = 0; i < stage.frames.size(); ++i) add(i);
+  });
   world.sum(std::span(local.data(), static_cast<std::size_t>(local.size())));
   sums.matrix = matrix;
   sums.right = right;
@@ -237,9 +223,9 @@ Covariance covariance(ForwardModel& model, const ImageData& images, const Linear
   const double w = 1.0 / (2.0 * images.noise * images.noise), v = has_force(options.functional) ? 1.0 / (options.force_noise * options.force_noise) : 0.0;
   std::vector<int> frames;
   for (int t : stage.frames)
-    if (t < at.nominal.frames) frames.push_back(t);
+    if (t < at.frames) frames.push_back(t);
   const auto S = [&](int t) {
-    Eigen::MatrixXd columns(at.nominal.surface.rows(), unknowns);
+    Eigen::MatrixXd columns(at.surface.rows(), unknowns);
     for (Eigen::Index j = 0; j < unknowns; ++j) columns.col(j) = at.sensitivity[static_cast<std::size_t>(j)].col(t);
     return columns;
   };
@@ -252,7 +238,7 @@ Covariance covariance(ForwardModel& model, const ImageData& images, const Linear
   const Eigen::MatrixXd none = Eigen::MatrixXd::Zero(unknowns, unknowns);
   Covariance result{.image = none, .force = none, .boundary = none, .calibration = none, .total = none};
 
-  Eigen::MatrixXd of_frames = none, common = Eigen::MatrixXd::Zero(at.nominal.surface.rows(), unknowns);
+  Eigen::MatrixXd of_frames = none, common = Eigen::MatrixXd::Zero(at.surface.rows(), unknowns);
   for (int t : frames) {
     of_frames += S(t).transpose() * (images.M * S(t));
     common += S(t);
@@ -271,7 +257,7 @@ Covariance covariance(ForwardModel& model, const ImageData& images, const Linear
   // Draws: noise of b, of the DIC displacement on the ends that follows from it, and of the force.
   OpticalNoise draw(images, noise.seed);
   const auto draws = static_cast<std::size_t>(noise.draws);
-  const int last = at.nominal.frames;
+  const int last = at.frames;
   const auto& record = model.record();
   std::vector<Eigen::MatrixXd> b(draws), moved(draws);
   std::vector<Eigen::VectorXd> force(draws);
@@ -438,32 +424,40 @@ double reaction_noise(Communicator world, const Specimen& specimen, std::shared_
 StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageData& images,
                          const std::vector<ParameterInfo>& information, const Stage& stage,
                          const GaussNewtonOptions& options, std::vector<double>& parameters,
-                         const std::function<void(const Iterate&)>& report) {
+                         const std::function<void(const Iterate&)>& report, const Continuation& continuation) {
   if (options.sensitivities == Sensitivities::direct && !model.differentiable())
     throw std::invalid_argument("gauss_newton: direct sensitivities of hex8s elements");
-  StageResult result;
-  if (options.alpha > 0.0) model.follow_images(images, options.alpha, parameters);
+  StagePoint at;
+  if (continuation.from != nullptr) {
+    at = *continuation.from;
+    parameters = at.iterates.back().parameters;
+  }
+  if (options.alpha > 0.0) model.follow_images(images, options.alpha, at.iterates.empty() ? parameters : at.iterates.front().parameters);
   const auto move = [&](const std::vector<double>& from, const Eigen::VectorXd& step) {
     auto to = from;
     for (std::size_t j = 0; j < stage.free.size(); ++j)
       to[static_cast<std::size_t>(stage.free[j])] += step[static_cast<Eigen::Index>(j)];
     return to;
   };
-  Linearisation linear = linearise(model, images, parameters, stage, options);
-  const auto note = [&](const NormalEquations& normal, double eta) {
-    result.iterates.push_back(describe(normal, parameters, eta));
-    result.iterates.back().message = linear.message;
-    if (report) report(result.iterates.back());
+  const auto note = [&](double eta, bool converged) {
+    at.iterates.push_back(describe(at.normal, parameters, eta));
+    at.iterates.back().message = at.linear.message;
+    at.converged = converged;
+    if (report) report(at.iterates.back());
+    if (continuation.reached) continuation.reached(at);
   };
 
-  if (linear.nominal.frames == 0) throw ConvergenceError("the first frame cannot be simulated: " + linear.message);
-  NormalEquations normal = assemble(world, model, images, linear, stage, options);
-  note(normal, 0.0);
+  if (at.iterates.empty()) {
+    at.linear = linearise(model, images, parameters, stage, options);
+    if (at.linear.frames == 0) throw ConvergenceError("the first frame cannot be simulated: " + at.linear.message);
+    at.normal = assemble(world, model, images, at.linear, stage, options);
+    note(0.0, false);
+  }
 
-  for (int iteration = 1; iteration <= options.max_iterations && !result.converged; ++iteration) {
-    Eigen::VectorXd step = step_within_bounds(normal, parameters, information, stage, options);  // Eq. (10)
-    const double before = result.iterates.back().cost;
-    const int frames_before = result.iterates.back().frames;
+  while (static_cast<int>(at.iterates.size()) <= options.max_iterations && !at.converged) {
+    Eigen::VectorXd step = step_within_bounds(at.normal, parameters, information, stage, options);  // Eq. (10)
+    const double before = at.iterates.back().cost;
+    const int frames_before = at.iterates.back().frames;
     double eta = 0.0;
     for (int halving = 0;; ++halving) {
       const auto trial = move(parameters, step);
@@ -472,25 +466,24 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
         const double value = scale_of(trial, stage.free[j], options);
         eta = std::max(eta, std::abs(step[static_cast<Eigen::Index>(j)]) / std::max(value, 1e-300));
       }
-      linear = linearise(model, images, trial, stage, options);
-      normal = assemble(world, model, images, linear, stage, options);
-      const double after = normal.frames > 0 ? normal.cost / normal.frames : INFINITY;
+      at.linear = linearise(model, images, trial, stage, options);
+      at.normal = assemble(world, model, images, at.linear, stage, options);
+      const double after = at.normal.frames > 0 ? at.normal.cost / at.normal.frames : INFINITY;
       // Small steps are taken as they are: the cost no longer tells them apart from the noise.
-      const bool acceptable = after <= 1.02 * before || normal.frames > frames_before || eta < 10.0 * options.eta;
-      if ((acceptable && normal.frames >= frames_before) || halving >= 4) {
+      const bool acceptable = after <= 1.02 * before || at.normal.frames > frames_before || eta < 10.0 * options.eta;
+      if ((acceptable && at.normal.frames >= frames_before) || halving >= 4) {
         parameters = trial;
         break;
       }
       step *= 0.5;
     }
-    note(normal, eta);
-    result.converged = eta < options.eta;
+    note(eta, eta < options.eta);
   }
 
-  result.covariance = covariance(model, images, linear, normal, stage, options, parameters);
-  result.message = linear.message;
-  if (normal.frames < static_cast<int>(stage.frames.size()))
-    result.message = fmt::format("{} of {} frames took part: {}", normal.frames, stage.frames.size(), linear.message);
+  StageResult result{.iterates = std::move(at.iterates), .covariance = {}, .converged = at.converged, .message = at.linear.message};
+  result.covariance = covariance(model, images, at.linear, at.normal, stage, options, parameters);
+  if (at.normal.frames < static_cast<int>(stage.frames.size()))
+    result.message = fmt::format("{} of {} frames took part: {}", at.normal.frames, stage.frames.size(), at.linear.message);
   return result;
 }
 

@@ -12,6 +12,7 @@
 #include <set>
 
 #include "imic3d/core/error.hpp"
+#include "imic3d/io/run_results.hpp"
 
 namespace imic3d::io {
 
@@ -21,13 +22,9 @@ const cv::Scalar white(255, 255, 255), black(0, 0, 0), grey(110, 110, 110);
 constexpr int legend_width = 150, margin = 14;
 
 void save(const std::filesystem::path& picture, const cv::Mat& pixels) {
-  bool written = false;
-  try {
-    written = cv::imwrite(picture.string(), pixels);
-  } catch (const cv::Exception&) {
-    written = false;
-  }
-  if (!written) throw InputError(picture.string(), "cannot be written", "a place where pictures can be written");
+  std::vector<unsigned char> bytes;
+  cv::imencode(picture.extension().string(), pixels, bytes);
+  write_text_file(picture, {bytes.begin(), bytes.end()});  // whole or not at all
 }
 
 /// From numbers in a range to colours.

@@ -1,13 +1,18 @@
 #include "imic3d/io/results_file.hpp"
 
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <hdf5.h>
+#include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <cmath>
+#include <cstring>
 #include <limits>
 #include <numeric>
 #include <stdexcept>
+#include <string_view>
 #include <utility>
 
 #include "imic3d/core/error.hpp"
@@ -16,12 +21,33 @@ namespace imic3d::io {
 
 namespace {
 
+/// What the operating system had to say, e.g. `No space left on device`; empty if it was not asked.
+std::string system_error() {
+  std::string reason;
+  const auto look = [](unsigned, const H5E_error2_t* entry, void* data) -> herr_t {
+    const std::string_view text = entry->desc != nullptr ? entry->desc : "", begin = "error message = '";
+    if (const auto at = text.find(begin); at != std::string_view::npos) {
+      const auto rest = text.substr(at + begin.size());
+      *static_cast<std::string*>(data) = rest.substr(0, rest.find('\''));
+    }
+    return 0;
+  };
+  H5Ewalk2(H5E_DEFAULT, H5E_WALK_UPWARD, look, &reason);
+  return reason;
+}
+
+[[noreturn]] void failed(const std::string& what) {
+  if (const auto reason = system_error(); !reason.empty())
+    throw InputError("HDF5", fmt::format("cannot {} ({})", what, reason), "files that can be read and written, and free space for them");
+  throw std::runtime_error("HDF5: cannot " + what);
+}
+
 /// Owns an HDF5 identifier.
 class Handle {
  public:
   Handle() = default;
   Handle(hid_t id, herr_t (*close)(hid_t), const std::string& what) : id_(id), close_(close) {
-    if (id < 0) throw std::runtime_error("HDF5: cannot " + what);
+    if (id < 0) failed(what);
   }
   Handle(Handle&& other) noexcept : id_(std::exchange(other.id_, -1)), close_(other.close_) {}
   Handle& operator=(Handle&& other) noexcept {
@@ -42,7 +68,7 @@ class Handle {
 };
 
 void must(herr_t status, const std::string& what) {
-  if (status < 0) throw std::runtime_error("HDF5: cannot " + what);
+  if (status < 0) failed(what);
 }
 
 /// Errors become exceptions; HDF5 itself prints nothing.
@@ -86,6 +112,16 @@ std::string attribute(hid_t object, const std::string& name) {
   std::string text(H5Tget_size(type), '\0');
   must(H5Aread(attribute, type, text.data()), "read the attribute " + name);
   return without_padding(text.data(), text.size());
+}
+
+/// Nothing of the file (or of the names in the folder) is left in memory only. Folders cannot be asked everywhere.
+void to_disk(const std::filesystem::path& path) {
+  const int file = ::open(path.empty() ? "." : path.c_str(), O_RDONLY | O_CLOEXEC);
+  const bool done = file >= 0 && ::fsync(file) == 0;
+  const int error = errno;
+  if (file >= 0) ::close(file);
+  if (!done && !std::filesystem::is_directory(path))
+    throw InputError(path.string(), fmt::format("cannot be written ({})", std::strerror(error)), "a place with enough free space");
 }
 
 std::size_t product(const std::vector<std::size_t>& shape, std::size_t first = 0) {
@@ -217,7 +253,7 @@ void ResultsFile::store(const std::string& name, const std::vector<std::size_t>&
   if (values.size() != product(shape)) throw std::invalid_argument("ResultsFile: wrong size of " + name);
   const Handle data = impl_->create(name, H5T_STD_I32LE, shape, unit, description);
   if (!values.empty())
-    must(H5Dwrite(data, H5T_NATIVE_INT, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data()), "write " + name);
+    must(H5Dwrite(data, H5T_NATIVE_INT, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data()), fmt::format("write {} in {}", name, impl_->path.string()));
 }
 
 void ResultsFile::store_text(const std::string& name, const std::string& text, const std::string& description) {
@@ -225,7 +261,7 @@ void ResultsFile::store_text(const std::string& name, const std::string& text, c
   const Handle data = impl_->create(name, type, {}, "", description);
   std::string padded = text;
   padded.resize(std::max<std::size_t>(text.size(), 1));
-  must(H5Dwrite(data, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, padded.data()), "write " + name);
+  must(H5Dwrite(data, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, padded.data()), fmt::format("write {} in {}", name, impl_->path.string()));
 }
 
 void ResultsFile::store_texts(const std::string& name, const std::vector<std::string>& texts,
@@ -236,14 +272,16 @@ void ResultsFile::store_texts(const std::string& name, const std::vector<std::st
   for (const auto& text : texts) packed += text + std::string(length - text.size(), '\0');
   const Handle type = string_type(length);
   const Handle data = impl_->create(name, type, {texts.size()}, "", description);
-  if (!texts.empty()) must(H5Dwrite(data, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, packed.data()), "write " + name);
+  if (!texts.empty()) must(H5Dwrite(data, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, packed.data()), fmt::format("write {} in {}", name, impl_->path.string()));
 }
 
 void ResultsFile::start() {
   if (impl_->started) return;
   must(H5Fflush(impl_->file, H5F_SCOPE_GLOBAL), "write " + impl_->path.string());
   impl_->file = Handle();
+  to_disk(impl_->part());
   std::filesystem::rename(impl_->part(), impl_->path);
+  to_disk(impl_->path.parent_path());
   const Handle properties = access_properties();
   impl_->file = Handle(H5Fopen(impl_->path.c_str(), H5F_ACC_RDWR, properties), H5Fclose, "open a file");
   impl_->started = true;
@@ -253,7 +291,7 @@ void ResultsFile::write(const std::string& name, std::span<const double> values)
   const Handle data = impl_->dataset(name);
   if (values.size() != product(Impl::shape_of(data))) throw std::invalid_argument("ResultsFile: wrong size of " + name);
   if (values.empty()) return;
-  must(H5Dwrite(data, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data()), "write " + name);
+  must(H5Dwrite(data, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data()), fmt::format("write {} in {}", name, impl_->path.string()));
 }
 
 void ResultsFile::write(const std::string& name, std::size_t index, std::span<const double> values) {
@@ -264,7 +302,7 @@ void ResultsFile::write(const std::string& name, std::size_t index, std::span<co
     throw std::invalid_argument(
         fmt::format("ResultsFile: {} numbers for a row of {} with {}", values.size(), name, product(shape, 1)));
   if (values.empty()) return;
-  must(H5Dwrite(data, H5T_NATIVE_DOUBLE, memory, space, H5P_DEFAULT, values.data()), "write " + name);
+  must(H5Dwrite(data, H5T_NATIVE_DOUBLE, memory, space, H5P_DEFAULT, values.data()), fmt::format("write {} in {}", name, impl_->path.string()));
 }
 
 void ResultsFile::mark_done(const std::string& group, std::size_t frame, bool whole) {

@@ -1,9 +1,11 @@
+#include <fcntl.h>
 #include <fmt/format.h>
 #include <unistd.h>
 
 #include <algorithm>
+#include <cerrno>
 #include <cmath>
-#include <fstream>
+#include <cstring>
 #include <nlohmann/json.hpp>
 
 #include "imic3d/core/error.hpp"
@@ -104,17 +106,22 @@ json summary(const ResultsFile& file) {
 
 void write_text_file(const std::filesystem::path& path, const std::string& text) {
   const std::filesystem::path temporary = fmt::format("{}.{}.part", path.string(), ::getpid());
-  {
-    std::ofstream stream(temporary, std::ios::binary);
-    stream << text;
-    stream.flush();
-    if (!stream) {
-      std::error_code error;
-      std::filesystem::remove(temporary, error);
-      throw InputError(path.string(), "cannot be written", "a place where results can be written");
-    }
+  const int file = ::open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
+  bool whole = file >= 0;
+  for (std::size_t at = 0; whole && at < text.size();) {
+    const auto written = ::write(file, text.data() + at, text.size() - at);
+    whole = written > 0 || (written < 0 && errno == EINTR);
+    at += written > 0 ? static_cast<std::size_t>(written) : 0;
   }
-  std::filesystem::rename(temporary, path);
+  whole = whole && ::fsync(file) == 0;
+  const int reason = errno;
+  if (file >= 0) ::close(file);
+  std::error_code error;
+  if (whole) std::filesystem::rename(temporary, path, error);
+  if (whole && !error) return;
+  std::error_code ignored;
+  std::filesystem::remove(temporary, ignored);
+  throw InputError(path.string(), fmt::format("cannot be written ({})", error ? error.message() : std::strerror(reason)), "a place where results can be written");
 }
 
 void write_json(const std::filesystem::path& path, const json& value) { write_text_file(path, value.dump(2) + "\n"); }

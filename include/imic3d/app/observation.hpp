@@ -35,9 +35,15 @@ struct Observation {
 /// Places the cameras on the reference images and sets up the correlation of each face. Throws InputError.
 [[nodiscard]] Observation observe(const io::Case& test, const identification::Specimen& specimen);
 
+/// How far the correlation has come, to be kept and taken up again.
+struct CorrelationProgress {
+  std::vector<correlation::DicSeries> known = {};  ///< of each face; is not done again
+  std::function<void(std::size_t face, const correlation::DicSeries&)> reached = {};  ///< on every rank, as GlobalDic::Reached
+};
+
 /// Correlates every frame after the reference; `done` is called on every rank: with one face as the frames come. Collective.
 void correlate(Observation& observation, const io::Case& test, const Communicator& world,
-               const std::function<void(int place, const correlation::DicFrame&)>& done = {});
+               const std::function<void(int place, const correlation::DicFrame&)>& done = {}, CorrelationProgress progress = {});
 
 /// What the identification needs: the record of the frames after the reference, and the images.
 [[nodiscard]] identification::Record make_record(Observation& observation, const io::Case& test,

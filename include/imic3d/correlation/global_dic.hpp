@@ -75,6 +75,17 @@ struct DicFrame {
   int hardly_seen = 0;  ///< several cameras: nodes of which some direction continues the neighbours' motion unseen
 };
 
+/// A frame as numbers [unknowns + elements + 10 + cameras * (elements + 6)], to be sent or kept, and back.
+[[nodiscard]] Eigen::VectorXd numbers_of(const DicFrame& frame);
+[[nodiscard]] DicFrame frame_of(const Eigen::VectorXd& numbers, Eigen::Index unknowns, Eigen::Index elements, int cameras);
+
+/// What is known of a series in the course of its correlation, the same on every rank.
+struct DicSeries {
+  std::vector<Eigen::VectorXd> starts;  ///< displacement of the first frames on the coarse levels [unknowns, length]
+  std::vector<char> lost;               ///< which of them the coarse levels lost
+  std::vector<DicFrame> frames;         ///< the first frames that are done
+};
+
 /// Gauss-Newton on f - g(x + u) (Eqs 5-9 without the mechanical term) from coarse images to fine ones.
 ///
 /// Modified algorithm: the gradient of the reference stands for that of the deformed image, so that M is factorised
@@ -89,6 +100,7 @@ class GlobalDic {
   using Source = std::function<imaging::Image(int frame)>;
   using SourceOfAll = std::function<imaging::Image(int frame, int camera)>;
   using Done = std::function<void(int frame, const DicFrame&)>;
+  using Reached = std::function<void(const DicSeries&)>;
 
   /// The reference image, the mesh's surface and the camera define the operators of every pyramid level; `place` is
   /// what messages call the mesh. Throws InputError (the mesh does not lie on the image; elements without speckle).
@@ -121,7 +133,9 @@ class GlobalDic {
   /// Correlates a series of images with the reference. The coarse levels follow the series frame by frame, each frame
   /// starting from the ones before or, where they lead astray, from patches found anywhere in the image; the finer
   /// levels then run over groups of ranks side by side. The result is the same on every rank; `done` is called in order
-  /// on all. Collective over `world`. Throws InputError (an image that cannot be read or has another size).
+  /// on all, as the frames come. `known` is not done again (but handed to `done`); `reached` is called on every rank whenever more is known: on
+  /// the coarse levels after a frame of each rank, then after a frame of each group or, if that takes less, about every 10 s.
+  /// Collective over `world`. Throws InputError (an image that cannot be read or has another size).
   [[nodiscard]] std::vector<DicFrame> run(const Communicator& world, const std::vector<std::filesystem::path>& images,
                                           const Done& done = {}) const;
   /// The same for images from any source: `source(frame)` is called on one rank or another, more than once.
@@ -130,9 +144,9 @@ class GlobalDic {
   /// Several cameras: images [camera][frame], or from any source.
   [[nodiscard]] std::vector<DicFrame> run(const Communicator& world,
                                           const std::vector<std::vector<std::filesystem::path>>& images,
-                                          const Done& done = {}) const;
+                                          const Done& done = {}, DicSeries known = {}, const Reached& reached = {}) const;
   [[nodiscard]] std::vector<DicFrame> run(const Communicator& world, int frames, const SourceOfAll& source,
-                                          const Done& done = {}) const;
+                                          const Done& done = {}, DicSeries known = {}, const Reached& reached = {}) const;
 
   /// One image from the displacement `start`, on the levels from `coarsest` down to `finest` (0: the image itself),
   /// split over `group`, collective.

@@ -2,6 +2,7 @@
 // The forward chain of the mechanics: parameters -> equilibrium paths, several at once as concurrent groups of ranks.
 
 #include <Eigen/Core>
+#include <array>
 #include <functional>
 #include <memory>
 #include <string>
@@ -55,6 +56,15 @@ struct Run {
   std::vector<Eigen::MatrixXd> directions{};   ///< in which `driving` moves, for the path's derivatives; Control::displacement
 };
 
+/// A series as it was simulated last, the same on every rank: on it the next one starts.
+struct Solution {
+  std::vector<double> parameters;
+  std::vector<int> free;
+  std::vector<Eigen::VectorXd> displacement;                 ///< of each frame [3 * nodes, length]
+  std::vector<std::vector<Eigen::VectorXd>> d_displacement;  ///< of each frame, by each free parameter
+};
+using Solutions = std::array<Solution, 3>;  ///< of run 0 under each Control; without frames where there is none
+
 class ForwardModel {
  public:
   /// Run and frame, with the fields there; on all ranks of the group that runs it.
@@ -89,6 +99,11 @@ class ForwardModel {
 
   /// Whether Run::free and Run::directions may be given: hex8s elements are not differentiated (mechanics/one_point.hpp).
   [[nodiscard]] bool differentiable() const { return specimen_.volume.integration != mesh::Integration::one_point_stabilised; }
+
+  /// Where the next simulation under each Control starts, and how a model is put there again. What a simulation gives depends on it:
+  /// from elsewhere a frame may need other increments.
+  [[nodiscard]] const Solutions& solutions() const;
+  void start_from(Solutions solutions);
 
   [[nodiscard]] const Record& record() const { return record_; }
   [[nodiscard]] const Specimen& specimen() const { return specimen_; }

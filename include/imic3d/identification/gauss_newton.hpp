@@ -66,13 +66,45 @@ struct StageResult {
   std::string message;            ///< what the user should know: frames that could not be simulated, bounds reached
 };
 
+/// Simulations at some parameters: the nominal one and, per free parameter, the derivative of what is observed.
+struct Linearisation {
+  int frames = 0;                                  ///< of the record, that could be simulated
+  Eigen::MatrixXd surface;                         ///< displacement of the seen faces [unknowns x frames, length]
+  std::vector<Eigen::MatrixXd> sensitivity;        ///< its derivative by each free parameter [unknowns x frames]
+  std::vector<Eigen::VectorXd> force_sensitivity;  ///< dR/dLambda [frames]
+  Eigen::VectorXd reaction;                        ///< R of the DIC-driven simulation [frames, force]
+  std::string message;                             ///< why not all frames, if so
+};
+
+/// M_Lambda and b_Lambda of Eqs 10-12 in units of the noise, and the sums that are reported.
+struct NormalEquations {
+  Eigen::MatrixXd matrix;
+  Eigen::VectorXd right;
+  double cost = 0.0, squares = 0.0, pixels = 0.0, distance = 0.0, force = 0.0;
+  int frames = 0;
+};
+
+/// Where a stage stands after an iteration: all that the next one depends on, beside the forward model's solutions.
+struct StagePoint {
+  std::vector<Iterate> iterates;  ///< the first is the start, the last is where it stands
+  Linearisation linear;           ///< there
+  NormalEquations normal;         ///< there
+  bool converged = false;
+};
+
+/// How a stage is kept and taken up again.
+struct Continuation {
+  const StagePoint* from = nullptr;                      ///< goes on from here; from the parameters if not given
+  std::function<void(const StagePoint&)> reached = {};  ///< called on every rank after each iteration, the start included
+};
+
 /// Runs one stage from `parameters` and leaves the result there. `information` describes each parameter (bounds).
 /// `report` is called after each iteration. Collective over `world`. Throws std::invalid_argument for direct sensitivities of a model that
 /// is not differentiable().
 StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageData& images,
                          const std::vector<ParameterInfo>& information, const Stage& stage,
                          const GaussNewtonOptions& options, std::vector<double>& parameters,
-                         const std::function<void(const Iterate&)>& report = {});
+                         const std::function<void(const Iterate&)>& report = {}, const Continuation& continuation = {});
 
 /// Noise of the reaction R of a DIC-driven simulation [force] that comes from the noise of the displacement prescribed on
 /// the ends: the rms reaction to `driving`, random displacements of the surface [unknowns x draws, length], from

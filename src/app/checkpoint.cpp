@@ -1,0 +1,282 @@
+#include "checkpoint.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include "imic3d/app/program.hpp"
+#include "imic3d/core/interrupt.hpp"
+#include "imic3d/core/log.hpp"
+
+namespace imic3d::app {
+
+namespace {
+
+namespace id = identification;
+using Eigen::Index;
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+using io::Checkpoint;
+
+MatrixXd column(const std::vector<double>& values) { return Eigen::Map<const VectorXd>(values.data(), static_cast<Index>(values.size())); }
+std::vector<double> values_of(const MatrixXd& column) { return {column.data(), column.data() + column.size()}; }
+
+MatrixXd columns(const std::vector<VectorXd>& vectors) {
+  MatrixXd matrix(vectors.empty() ? 0 : vectors.front().size(), static_cast<Index>(vectors.size()));
+  for (std::size_t j = 0; j < vectors.size(); ++j) matrix.col(static_cast<Index>(j)) = vectors[j];
+  return matrix;
+}
+std::vector<VectorXd> vectors_of(const MatrixXd& matrix) {
+  std::vector<VectorXd> vectors;
+  for (Index j = 0; j < matrix.cols(); ++j) vectors.emplace_back(matrix.col(j));
+  return vectors;
+}
+
+// Frames of a series; those that are kept already do not change any more.
+std::string frame_name(const std::string& at, std::size_t t) { return fmt::format("{}frames/{:06d}", at, t); }
+
+void put(Checkpoint& into, const std::string& at, const correlation::DicSeries& series, std::size_t first) {
+  into.put(at + "starts", columns(series.starts));
+  into.put(at + "lost", column({series.lost.begin(), series.lost.end()}));
+  into.put(at + "done", static_cast<double>(series.frames.size()));
+  if (!series.frames.empty()) {
+    const auto& frame = series.frames.front();
+    into.put(at + "unknowns", static_cast<double>(frame.displacement.size()));
+    into.put(at + "elements", static_cast<double>(frame.element_rms.size()));
+    into.put(at + "cameras", static_cast<double>(frame.cameras.size()));
+  }
+  for (std::size_t t = first; t < series.frames.size(); ++t) into.put(frame_name(at, t), correlation::numbers_of(series.frames[t]));
+}
+correlation::DicSeries series_of(const Checkpoint& from, const std::string& at) {
+  correlation::DicSeries series;
+  series.starts = vectors_of(from.matrix(at + "starts"));
+  for (const double lost : values_of(from.matrix(at + "lost"))) series.lost.push_back(lost > 0.5 ? 1 : 0);
+  for (int t = 0; t < from.count(at + "done"); ++t)
+    series.frames.push_back(correlation::frame_of(from.matrix(frame_name(at, static_cast<std::size_t>(t))), from.count(at + "unknowns"), from.count(at + "elements"), from.count(at + "cameras")));
+  return series;
+}
+
+void put(Checkpoint& into, const std::string& at, const std::vector<id::Iterate>& iterates) {
+  into.put(at + "count", static_cast<double>(iterates.size()));
+  for (std::size_t i = 0; i < iterates.size(); ++i) {
+    const auto& one = iterates[i];
+    into.put(fmt::format("{}{}/parameters", at, i), column(one.parameters));
+    into.put(fmt::format("{}{}/numbers", at, i), column({one.eta, one.displacement_rms, one.image_rms, one.force_rms, one.cost, static_cast<double>(one.frames)}));
+    into.put(fmt::format("{}{}/message", at, i), one.message);
+  }
+}
+std::vector<id::Iterate> iterates_of(const Checkpoint& from, const std::string& at) {
+  std::vector<id::Iterate> iterates;
+  for (int i = 0; i < from.count(at + "count"); ++i) {
+    const auto numbers = values_of(from.matrix(fmt::format("{}{}/numbers", at, i)));
+    iterates.push_back({.parameters = values_of(from.matrix(fmt::format("{}{}/parameters", at, i))),
+                        .eta = numbers.at(0),
+                        .displacement_rms = numbers.at(1),
+                        .image_rms = numbers.at(2),
+                        .force_rms = numbers.at(3),
+                        .cost = numbers.at(4),
+                        .frames = static_cast<int>(numbers.at(5)),
+                        .message = from.text(fmt::format("{}{}/message", at, i))});
+  }
+  return iterates;
+}
+
+void put(Checkpoint& into, const std::string& at, const id::StagePoint& point) {
+  put(into, at + "iterates/", point.iterates);
+  into.put(at + "converged", point.converged ? 1.0 : 0.0);
+  into.put(at + "frames", static_cast<double>(point.linear.frames));
+  into.put(at + "surface", point.linear.surface);
+  into.put(at + "reaction", point.linear.reaction);
+  into.put(at + "message", point.linear.message);
+  into.put(at + "free", static_cast<double>(point.linear.sensitivity.size()));
+  for (std::size_t j = 0; j < point.linear.sensitivity.size(); ++j) into.put(fmt::format("{}sensitivity/{}", at, j), point.linear.sensitivity[j]);
+  into.put(at + "force_sensitivity", columns(point.linear.force_sensitivity));
+  const auto& normal = point.normal;
+  into.put(at + "matrix", normal.matrix);
+  into.put(at + "right", normal.right);
+  into.put(at + "sums", column({normal.cost, normal.squares, normal.pixels, normal.distance, normal.force, static_cast<double>(normal.frames)}));
+}
+id::StagePoint point_of(const Checkpoint& from, const std::string& at) {
+  id::StagePoint point;
+  point.iterates = iterates_of(from, at + "iterates/");
+  point.converged = from.number(at + "converged") > 0.5;
+  point.linear.frames = from.count(at + "frames");
+  point.linear.surface = from.matrix(at + "surface");
+  point.linear.reaction = from.matrix(at + "reaction");
+  point.linear.message = from.text(at + "message");
+  for (int j = 0; j < from.count(at + "free"); ++j) point.linear.sensitivity.push_back(from.matrix(fmt::format("{}sensitivity/{}", at, j)));
+  point.linear.force_sensitivity = vectors_of(from.matrix(at + "force_sensitivity"));
+  point.normal.matrix = from.matrix(at + "matrix");
+  point.normal.right = from.matrix(at + "right");
+  const auto sums = values_of(from.matrix(at + "sums"));
+  point.normal.cost = sums.at(0), point.normal.squares = sums.at(1), point.normal.pixels = sums.at(2);
+  point.normal.distance = sums.at(3), point.normal.force = sums.at(4), point.normal.frames = static_cast<int>(sums.at(5));
+  return point;
+}
+
+void put(Checkpoint& into, const std::string& at, const StageDone& stage) {
+  into.put(at + "values", column(stage.values));
+  put(into, at + "iterates/", stage.result.iterates);
+  into.put(at + "converged", stage.result.converged ? 1.0 : 0.0);
+  into.put(at + "message", stage.result.message);
+  const auto& covariance = stage.result.covariance;
+  for (const auto& [name, part] : {std::pair{"image", &covariance.image}, {"force", &covariance.force}, {"boundary", &covariance.boundary}, {"calibration", &covariance.calibration}, {"total", &covariance.total}})
+    into.put(at + "covariance/" + name, *part);
+}
+StageDone stage_of(const Checkpoint& from, const std::string& at) {
+  StageDone stage{.values = values_of(from.matrix(at + "values")), .result = {}};
+  stage.result.iterates = iterates_of(from, at + "iterates/");
+  stage.result.converged = from.number(at + "converged") > 0.5;
+  stage.result.message = from.text(at + "message");
+  auto& covariance = stage.result.covariance;
+  for (const auto& [name, part] : {std::pair{"image", &covariance.image}, {"force", &covariance.force}, {"boundary", &covariance.boundary}, {"calibration", &covariance.calibration}, {"total", &covariance.total}})
+    *part = from.matrix(at + "covariance/" + name);
+  return stage;
+}
+
+id::Solutions solutions_of(const Checkpoint& from, const std::string& at) {
+  id::Solutions solutions;
+  for (std::size_t k = 0; k < solutions.size(); ++k) {
+    const std::string of = fmt::format("{}{}/", at, k);
+    auto& solution = solutions[k];
+    solution.parameters = values_of(from.matrix(of + "parameters"));
+    for (const double j : values_of(from.matrix(of + "free"))) solution.free.push_back(static_cast<int>(j));
+    solution.displacement = vectors_of(from.matrix(of + "displacement"));
+    solution.d_displacement.resize(solution.displacement.size());
+    for (std::size_t j = 0; j < solution.free.size(); ++j) {
+      const auto& derivative = from.matrix(fmt::format("{}derivative/{}", of, j));
+      for (Index t = 0; t < derivative.cols(); ++t) solution.d_displacement[static_cast<std::size_t>(t)].emplace_back(derivative.col(t));
+    }
+  }
+  return solutions;
+}
+
+RunState state_of(const Checkpoint& from) {
+  RunState state;
+  for (int k = 0; from.has(fmt::format("dic/{}/done", k)); ++k) state.dic.push_back(series_of(from, fmt::format("dic/{}/", k)));
+  if (from.has("reaction_noise")) state.reaction_noise = from.number("reaction_noise");
+  for (int k = 0; from.has(fmt::format("stages/{}/values", k)); ++k) state.stages.push_back(stage_of(from, fmt::format("stages/{}/", k)));
+  if (from.has("point/converged")) state.point = point_of(from, "point/");
+  if (from.has("solutions/0/parameters")) state.solutions = solutions_of(from, "solutions/");
+  return state;
+}
+
+std::string reached_by(const RunState& state) {
+  std::size_t frames = 0, coarse = 0;
+  for (const auto& series : state.dic) frames += series.frames.size(), coarse += series.starts.size();
+  if (state.stages.empty() && !state.point)
+    return frames > 0 ? fmt::format("{} of {} frames correlated", frames, coarse) : fmt::format("{} frames on the coarse levels", coarse);
+  return state.point ? fmt::format("iteration {} of stage {}", state.point->iterates.size() - 1, state.stages.size() + 1) : fmt::format("stage {} done", state.stages.size());
+}
+
+}  // namespace
+
+RunCheckpoint::RunCheckpoint(const Communicator& world, const std::filesystem::path& folder, const io::Case& test, bool resume)
+    : world_(world), path_(folder / "checkpoint.h5") {
+  bool there = false;
+  collectively(world, [&] {
+    if (!world.is_root()) return;
+    const auto sections = io::fingerprint(test);
+    std::error_code error;
+    there = resume && std::filesystem::exists(path_, error);
+    if (there) {
+      constexpr const char* or_anew = "without --resume the run starts anew";
+      content_ = Checkpoint::read(path_);
+      if (content_.text("program") != revision())
+        throw InputError(path_.string(), "a checkpoint of imic3d " + content_.text("program"), fmt::format("one of this program, {}; {}", revision(), or_anew));
+      std::vector<std::string> others;
+      for (const auto& [section, hash] : sections)
+        if (!content_.has("case/" + section) || content_.text("case/" + section) != hash) others.push_back(section);
+      if (!others.empty())
+        throw InputError(path_.string(), fmt::format("a checkpoint of another case: {} changed, or what {} names", fmt::join(others, ", "), others.size() == 1 ? "it" : "they"),
+                         fmt::format("the same case; {}", or_anew));
+    } else {
+      std::filesystem::remove(path_, error);
+      content_.put("program", revision());
+      for (const auto& [section, hash] : sections) content_.put("case/" + section, hash);
+    }
+  });
+  there = world.max(there ? 1.0 : 0.0) > 0.5;
+  if (resume && !there) spdlog::info("{}: no checkpoint, the run starts from the beginning", path_.string());
+  if (!there) return;
+  Checkpoint all = content_;
+  all.broadcast(world);
+  found_ = state_of(all);
+  stages_ = found_.stages.size();
+  for (const auto& series : found_.dic) kept_.push_back(series.frames.size());
+  spdlog::info("goes on from {}: {}", path_.string(), reached_by(found_));
+}
+
+void RunCheckpoint::write() {
+  if (!world_.is_root()) return;
+  const auto start = std::chrono::steady_clock::now();
+  try {
+    content_.write(path_);
+  } catch (const std::exception& error) {
+    std::error_code ignored;
+    spdlog::warn("no checkpoint: {}. The run goes on; {}", error.what(), std::filesystem::exists(path_, ignored) ? "the checkpoint before stays" : "there is none yet");
+  }
+  // Of the time no more than a twentieth goes into checkpoints of the correlation.
+  const auto end = std::chrono::steady_clock::now();
+  next_ = end + std::max<std::chrono::steady_clock::duration>(std::chrono::seconds(10), 20 * (end - start));
+}
+
+void RunCheckpoint::reaction_noise(double noise) {
+  if (world_.is_root()) content_.put("reaction_noise", noise);
+}
+
+void RunCheckpoint::dic(std::size_t face, const correlation::DicSeries& series, std::size_t frames) {
+  if (kept_.size() <= face) kept_.resize(face + 1, 0);
+  const bool first_frames = kept_[face] == 0 && !series.frames.empty();
+  const auto keep = [&] {
+    if (!world_.is_root()) return;
+    app::put(content_, fmt::format("dic/{}/", face), series, kept_[face]);
+    kept_[face] = series.frames.size();
+  };
+  try {
+    stop_if_asked(world_);
+  } catch (const Interrupted&) {
+    keep(), write();
+    throw;
+  }
+  if (first_frames || series.frames.size() == frames || std::chrono::steady_clock::now() >= next_) keep(), write();
+}
+
+void RunCheckpoint::put(const identification::Solutions& solutions) {
+  content_.erase("solutions/");
+  for (std::size_t k = 0; k < solutions.size(); ++k) {
+    const std::string of = fmt::format("solutions/{}/", k);
+    const auto& solution = solutions[k];
+    content_.put(of + "parameters", column(solution.parameters));
+    content_.put(of + "free", column({solution.free.begin(), solution.free.end()}));
+    content_.put(of + "displacement", columns(solution.displacement));
+    for (std::size_t j = 0; j < solution.free.size(); ++j) {
+      std::vector<VectorXd> derivative;
+      for (const auto& of_frame : solution.d_displacement) derivative.push_back(of_frame.at(j));
+      content_.put(fmt::format("{}derivative/{}", of, j), columns(derivative));
+    }
+  }
+}
+
+void RunCheckpoint::stage_point(const identification::StagePoint& point, const identification::Solutions& solutions) {
+  if (world_.is_root()) {
+    content_.erase("point/");
+    app::put(content_, "point/", point);
+    put(solutions);
+  }
+  write();
+  stop_if_asked(world_);
+}
+
+void RunCheckpoint::stage_done(const StageDone& stage, const identification::Solutions* solutions) {
+  if (world_.is_root()) {
+    content_.erase("point/");
+    content_.erase("solutions/");
+    app::put(content_, fmt::format("stages/{}/", stages_), stage);
+    if (solutions != nullptr) put(*solutions);
+  }
+  ++stages_;
+  write();
+  stop_if_asked(world_);
+}
+
+}  // namespace imic3d::app

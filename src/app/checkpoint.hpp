@@ -1,0 +1,62 @@
+#pragma once
+// checkpoint.h5 of `imic3d identify`: what a run has reached, so that --resume goes on from there.
+
+#include <chrono>
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "imic3d/correlation/global_dic.hpp"
+#include "imic3d/identification/gauss_newton.hpp"
+#include "imic3d/io/checkpoint.hpp"
+
+namespace imic3d::app {
+
+/// A stage that is done.
+struct StageDone {
+  std::vector<double> values;  ///< of all parameters at its end
+  identification::StageResult result;
+};
+
+/// What a run has reached, the same on every rank.
+struct RunState {
+  std::vector<correlation::DicSeries> dic;                  ///< of each face
+  std::optional<double> reaction_noise;                     ///< identification::reaction_noise [force]
+  std::vector<StageDone> stages;
+  std::optional<identification::StagePoint> point;          ///< within the next stage
+  std::optional<identification::Solutions> solutions;       ///< where its next simulation starts
+};
+
+/// The file. Rank 0 reads and writes it; every function is called on every rank. A file that cannot be written is warned of, and the run
+/// goes on: what was written before stays.
+class RunCheckpoint {
+ public:
+  /// With `resume` takes up what the folder's checkpoint holds; where there is none, a line says so and the run starts anew. Without
+  /// `resume` an old one is removed. Throws InputError if the checkpoint is broken, or of another case or program. Collective.
+  RunCheckpoint(const Communicator& world, const std::filesystem::path& folder, const io::Case& test, bool resume);
+
+  [[nodiscard]] const RunState& found() const { return found_; }
+
+  // Each keeps what it is given, writes the file (the first leaves that to the others) and stops the run if it was asked to (Interrupted).
+  void reaction_noise(double noise);
+  /// Written at first, about every 10 s, when all `frames` are done, and before a stop.
+  void dic(std::size_t face, const correlation::DicSeries& series, std::size_t frames);
+  void stage_point(const identification::StagePoint& point, const identification::Solutions& solutions);
+  /// `solutions`: where the next stage starts; none after the last stage.
+  void stage_done(const StageDone& stage, const identification::Solutions* solutions);
+
+ private:
+  void write();
+  void put(const identification::Solutions& solutions);
+
+  Communicator world_;
+  std::filesystem::path path_;
+  RunState found_;
+  io::Checkpoint content_;  // on rank 0
+  std::size_t stages_ = 0;
+  std::vector<std::size_t> kept_;  // frames of each face in `content_`
+  std::chrono::steady_clock::time_point next_{};
+};
+
+}  // namespace imic3d::app
