@@ -91,12 +91,6 @@ void ForwardModel::follow_images(const ImageData& images, double alpha, const st
   };
 }
 
-void ForwardModel::start_from(const ForwardModel& other) {
-  if (other.specimen_.volume.nodes.rows() != specimen_.volume.nodes.rows()) return;
-  impl_->last = other.impl_->last;
-  for (Solution& solution : impl_->last) solution.free.clear();  // another law's parameters
-}
-
 int ForwardModel::groups() const { return impl_->layout.groups(); }
 const Solutions& ForwardModel::solutions() const { return impl_->last; }
 void ForwardModel::start_from(Solutions solutions) { impl_->last = std::move(solutions); }

@@ -237,8 +237,12 @@ FieldExperiment::Variant& FieldExperiment::variant(const Key& wanted) {
   record.surface_displacement = record.driving = Eigen::MatrixXd::Zero(2 * own.nodes.rows(), frames);
   made.model = std::make_unique<id::ForwardModel>(groups_->layout.group(), made.specimen, wanted.law_effects.empty() ? model_.law : model_.extended(wanted.law_effects), std::move(record),
                                                   mechanics::EquilibriumOptions{.increments = model_.increments * numerics.increments_factor, .derivative_tolerance = 1e-5, .with_fields = false}, 1, 1);
-  // Nearly the same series as the last one of this group.
-  if (variants.size() > 1 && !before_test && !std::next(variants.begin())->second.before_test) made.model->start_from(*std::next(variants.begin())->second.model);
+  if (variants.size() > 1) {  // nearly the same series as the last one of this group, of another law or specimen
+    const Variant& last = std::next(variants.begin())->second;
+    auto solutions = last.model->solutions();
+    for (auto& solution : solutions) solution.free.clear();
+    if (!before_test && !last.before_test && last.specimen.volume.nodes.rows() == made.specimen.volume.nodes.rows()) made.model->start_from(std::move(solutions));
+  }
   return made;
 }
 

@@ -90,9 +90,6 @@ class ForwardModel {
   /// DIC-driven one. Collective over the world.
   std::vector<Path> simulate(Control control, const std::vector<Run>& runs, int frames, const FrameSink& sink = {});
 
-  /// The next series start from the last ones of `other`, where its mesh has as many nodes; of the same ranks.
-  void start_from(const ForwardModel& other);
-
   /// Sec. 3.4: the reactions of the DIC-driven simulations `runs`, scaled to a resultant of one. Where the load is so small
   /// that noise makes the ratio meaningless, the pattern of the next loaded frame serves (after the last one, its). `driven` gets the paths.
   std::vector<ForceDistribution> distribute_forces(const std::vector<Run>& runs, int frames, std::vector<Path>& driven);
