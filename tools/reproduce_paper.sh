@@ -12,8 +12,6 @@ for ((i = 0; i < $#; ++i)); do
     --output) output=${arguments[i + 1]} ;;
   esac
 done
-tools/reproduce_paper/studies.py --output "$output" "$@"
-
 # once NAME COMMAND…: its output to NAME.txt, its processor time to NAME.seconds; again next time if it fails.
 TIMEFORMAT="%U %S"
 once() {
@@ -22,11 +20,16 @@ once() {
   [ -e "$output/$name.txt" ] && return
   if { time "$@" > "$output/$name.txt.part" 2>&1; } 2> "$output/$name.seconds"; then mv "$output/$name.txt.part" "$output/$name.txt"; else echo "$name failed: $output/$name.txt.part"; fi
 }
-once table1 env RANKS=2 tools/table1.sh
-tests=build/release/tests/test_identification
-[ ! -x $tests ] || OMP_NUM_THREADS=1 once covariance $tests --gtest_filter='CovarianceNightly*'
-data=${IMIC3D_DATA:-../shared/data}
-for name in stereo_chessboard gt4_stereo; do
-  [ ! -d "$data/$name" ] || once "$name" tools/run_measured.sh "$name"
-done
+mkdir -p "$output"
+others() { # beside the studies, one after the other
+  once table1 tools/table1.sh
+  local tests=build/release/tests/test_identification name data=${IMIC3D_DATA:-../shared/data}
+  [ ! -x $tests ] || OMP_NUM_THREADS=1 once covariance $tests --gtest_filter='CovarianceNightly*'
+  for name in stereo_chessboard gt4_stereo; do
+    [ ! -d "$data/$name" ] || once "$name" tools/run_measured.sh "$name"
+  done
+}
+others &
+tools/reproduce_paper/studies.py --output "$output" "$@"
+wait
 tools/reproduce_paper/page.py "$output"
