@@ -29,6 +29,7 @@ others() { # beside the studies, one after the other
     [ ! -d "$data/$name" ] || once "$name" tools/run_measured.sh "$name"
   done
 }
+trap 'kill $(jobs -p) 2> /dev/null || true' EXIT
 others &
 tools/reproduce_paper/studies.py --output "$output" "$@"
 wait
