@@ -214,6 +214,39 @@ TEST(GlobalDic, RanksAndGroupsDoNotChangeTheResult) {
   }
 }
 
+TEST(GlobalDic, ASeriesIsTakenUpWhereItWasLeft) {
+  const Communicator world;
+  constexpr int count = 5;
+  const mesh::Mesh quads = rectangle(20, 20, 150, 140, 6, 5);
+  std::vector<int> read(count, 0);
+  const auto image = [&](int frame) {
+    ++read[static_cast<std::size_t>(frame)];
+    return photograph(scene().speckle, 180, 160, [frame](const Eigen::Vector2d& x) {
+      return Eigen::Vector2d(0.6 * frame + 0.002 * frame * x.x(), 0.3 * frame);
+    });
+  };
+  const auto of = [&](const GlobalDic::Source& source) { return [&source](int frame, int) { return source(frame); }; };
+  const GlobalDic::Source source = image;
+  const GlobalDic dic(quads, *camera(), scene().reference, {.brightness = true}, "mesh");
+  std::vector<DicSeries> kept;
+  const auto whole = dic.run(world, count, GlobalDic::SourceOfAll(of(source)), {}, {}, [&](const DicSeries& known) { kept.push_back(known); });
+  ASSERT_GE(kept.size(), 2U);
+  EXPECT_LT(kept.front().starts.size(), static_cast<std::size_t>(count + 1));
+  EXPECT_TRUE(kept.front().frames.empty());
+  EXPECT_EQ(kept.back().frames.size(), static_cast<std::size_t>(count));
+  for (const DicSeries& known : kept) {
+    std::fill(read.begin(), read.end(), 0);
+    std::vector<int> done;
+    const auto again = dic.run(world, count, GlobalDic::SourceOfAll(of(source)), [&](int frame, const DicFrame&) { done.push_back(frame); }, known);
+    EXPECT_THAT(done, ::testing::ElementsAre(0, 1, 2, 3, 4));
+    for (std::size_t frame = 0; frame < known.frames.size(); ++frame) EXPECT_EQ(read[frame], 0) << "is known";
+    for (std::size_t frame = 0; frame < count; ++frame) {
+      EXPECT_EQ(numbers_of(again[frame]).size(), numbers_of(whole[frame]).size());
+      EXPECT_LT((numbers_of(again[frame]) - numbers_of(whole[frame])).norm(), 1e-9 * numbers_of(whole[frame]).norm());
+    }
+  }
+}
+
 TEST(GlobalDic, BrightnessThatChangesIsNotTakenForMotion) {
   const mesh::Mesh quads = rectangle(20, 20, 150, 140, 6, 5);
   const Motion motion = [](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.4 + 0.003 * x.x(), 0.2); };

@@ -1,0 +1,319 @@
+#!/usr/bin/python3
+"""Runs that are killed, stopped, starved or broken: afterwards `--resume` ends with the same parameters, and no file is unreadable.
+
+Usage: restart.py EXECUTABLE [--kills 3] [--keep]
+The truth is an uninterrupted run on 2 ranks. Moments are drawn with a fixed seed; on which line a run is at that moment is not fixed.
+"""
+import argparse
+import json
+import os
+import pathlib
+import random
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import xml.etree.ElementTree
+
+import h5py
+import numpy
+from PIL import Image
+
+import restart_case
+from runs import end, require
+
+CLOSE = 1e-8  # relative, of every parameter
+
+
+def descendants(pid):
+    """Processes that came from `pid`, itself first."""
+    parent = {}
+    for entry in pathlib.Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                parent[int(entry.name)] = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
+            except (OSError, IndexError):
+                pass
+    found = [pid]
+    for at in found:
+        found += [child for child, of in parent.items() if of == at]
+    return found
+
+
+class Run:
+    """imic3d identify under mpirun; `stop` and `finish` end it."""
+
+    def __init__(self, program, case, ranks, resume=False, options=(), before=None):
+        line = [program, "identify", str(case), *(["--resume"] if resume else []), *options]
+        if ranks:
+            line = ["mpirun", "--oversubscribe", "-n", str(ranks), *line]
+        self.line, self.program, self.errors = " ".join(line), program, tempfile.TemporaryFile("w+")
+        self.process = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=self.errors, preexec_fn=before)
+
+    def ranks(self):
+        """The program's own processes."""
+        found = []
+        for pid in descendants(self.process.pid):
+            try:
+                if os.path.realpath(f"/proc/{pid}/exe") == os.path.realpath(self.program):
+                    found.append(pid)
+            except OSError:
+                pass
+        return found
+
+    def kill(self):
+        """kill -9 of everything."""
+        for pid in descendants(self.process.pid):
+            try:
+                os.kill(pid, signal.SIGKILL)
+            except ProcessLookupError:
+                pass
+        self.process.wait()
+
+    def wait_for(self, condition, limit=60.0):
+        """Whether `condition` came true while the run went on."""
+        until = time.monotonic() + limit
+        while time.monotonic() < until and self.process.poll() is None:
+            if condition():
+                return True
+            time.sleep(0.003)
+        return False
+
+    def finish(self):
+        """Exit status and what was said."""
+        status = self.process.wait()
+        self.errors.seek(0)
+        self.said = self.errors.read()
+        return status
+
+
+def names_in(path):
+    """Names of the datasets of an HDF5 file that may be replaced at any moment."""
+    names = []
+    try:
+        with h5py.File(path, "r", locking=False) as file:
+            file.visit(names.append)
+    except OSError:
+        pass
+    return names
+
+
+def unreadable(folder):
+    """Files of a folder of results that cannot be read."""
+    bad = []
+    for path in sorted(folder.iterdir()):
+        try:
+            if path.suffix == ".h5":
+                with h5py.File(path, "r") as file:
+                    file.visititems(lambda name, item: item[()] if isinstance(item, h5py.Dataset) else None)
+            elif path.suffix == ".json":
+                json.loads(path.read_text())
+            elif path.suffix == ".xdmf":
+                xml.etree.ElementTree.parse(path)
+            elif path.suffix == ".png":
+                Image.open(path).load()
+            elif path.suffix == ".html" and not path.read_text().rstrip().endswith("</html>"):
+                bad.append(path.name)
+        except Exception as error:  # whatever a reader says
+            bad.append(f"{path.name}: {error}")
+    return bad
+
+
+class Trials:
+    def __init__(self, program, folder):
+        self.program, self.folder, self.random = program, folder, random.Random(5)
+        self.case = restart_case.case(folder, "stopped")
+        self.out = folder / "stopped"
+        whole = restart_case.case(folder, "whole")
+        begin = time.monotonic()
+        status = Run(program, whole, 2).finish()
+        self.seconds = time.monotonic() - begin
+        require(status == 0, f"the uninterrupted run ends with 0 ({status}), {self.seconds:.1f} s")
+        self.truth = restart_case.parameters(folder / "whole")
+        shutil.copy(folder / "whole/checkpoint.h5", folder / "whole.h5")
+
+    def start(self, ranks, resume=False, **more):
+        if not resume:
+            shutil.rmtree(self.out, ignore_errors=True)
+        return Run(self.program, self.case, ranks, resume, **more)
+
+    def resumes(self, ranks, what):
+        """Goes on and compares."""
+        bad = unreadable(self.out) if self.out.is_dir() else []
+        run = self.start(ranks, resume=True)
+        status = run.finish()
+        if status != 0:
+            require(False, f"{what}; resumed on {ranks}: status {status}\n{run.said}")
+            return run
+        apart, deviations = restart_case.difference(self.out, self.truth)
+        from_where = next((line.split("checkpoint.h5: ")[1] for line in run.said.splitlines() if "checkpoint.h5: " in line), "?")
+        bad += unreadable(self.out)
+        require(apart < CLOSE and deviations < 1e-5 and not bad,
+                f"{what}; resumed on {ranks} ({from_where}): {apart:.1e}" + (f", deviations {deviations:.1e}" if deviations >= 1e-5 else "") + "".join(f"\n  {one}" for one in bad))
+        return run
+
+    def kills(self, count):
+        for trial in range(count):
+            ranks = 1 + trial % 3
+            run = self.start(ranks)
+            times = []
+            for again in range(1 + (trial % 3 == 2)):  # each third one is killed twice
+                moment = self.random.uniform(0.15, 1.0) * self.seconds * (1.3 if ranks == 3 else 1.0)
+                run.wait_for(lambda: False, moment)
+                run.kill()
+                times.append(f"{moment:.2f} s")
+                bad = unreadable(self.out) if self.out.is_dir() else []
+                require(not bad, f"no unreadable file after kill -9 at {times[-1]}{''.join(bad)}") if bad else None
+                if again < (trial % 3 == 2):
+                    run = self.start(1 + (ranks + 1) % 3, resume=True)
+            self.resumes(1 + (trial + 1) % 3, f"kill -9 of {ranks} ranks at {' and '.join(times)}")
+
+    def signals(self):
+        """SIGUSR1 to mpirun in the first stage, SIGTERM to one rank in the second: status 4, each on other ranks than before."""
+        checkpoint = self.out / "checkpoint.h5"
+        run = self.start(2)
+        run.wait_for(lambda: "numbers/point" in names_in(checkpoint))
+        os.kill(run.process.pid, signal.SIGUSR1)
+        status = run.finish()
+        require(status == 4 and run.said.count("--resume") == 1, f"SIGUSR1 to mpirun: status {status}, one line: " + next((line for line in run.said.splitlines() if "--resume" in line), "none"))
+        require(not (self.out / "result.json").exists(), "a stopped run has no result")
+        run = self.start(3, resume=True)
+        run.wait_for(lambda: "numbers/stages/0/values" in names_in(checkpoint) and "numbers/point" in names_in(checkpoint))
+        os.kill(run.ranks()[-1], signal.SIGTERM)
+        status = run.finish()
+        require(status == 4 and run.said.count("stopped by SIGTERM") == 1, f"SIGTERM to one of 3 ranks: status {status}")
+        self.resumes(1, "stopped twice")
+        run = self.start(2)
+        run.wait_for(checkpoint.exists)
+        os.kill(run.process.pid, signal.SIGTERM)
+        status = run.finish()
+        require("stopped by SIGTERM" in run.said, f"SIGTERM to mpirun reaches the ranks (mpirun itself ends with {status})")
+        self.resumes(2, "SIGTERM to mpirun")
+
+    def image(self):
+        """The last image disappears while the first stage runs: the second one, on one of the ranks, has to say so."""
+        last = sorted((self.folder / "made/images").glob("*.png"))[-1]
+        run = self.start(2)
+        run.wait_for(lambda: "numbers/point" in names_in(self.out / "checkpoint.h5"))
+        last.rename(last.with_suffix(".away"))
+        status = run.finish()
+        said = [line for line in run.said.splitlines() if line.startswith(str(last))]
+        require(status == 2 and len(said) == 1, f"an image disappears: status {status}, {said}")
+        run = self.start(2, resume=True)
+        status = run.finish()
+        require(status == 2 and last.name in run.said, "--resume without it says so")
+        last.with_suffix(".away").rename(last)
+        self.resumes(2, "the image is back")
+
+    def dead_rank(self):
+        run = self.start(2)
+        run.wait_for(lambda: "numbers/point" in names_in(self.out / "checkpoint.h5"))
+        time.sleep(self.random.uniform(0.0, 0.3) * self.seconds)
+        os.kill(run.ranks()[-1], signal.SIGKILL)
+        status = run.finish()
+        require(status not in (0, 4), f"a rank dies: mpirun ends with {status}")
+        self.resumes(3, "a rank died")
+
+    def disk(self):
+        """No file may grow beyond a limit (as on a full disk): first none can be made, then only the checkpoint cannot, then the disk
+        fills in mid-run."""
+        def limit(size):
+            def before():
+                signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+                resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+            return before
+        results = (self.folder / "whole/results.h5").stat().st_size
+        run = self.start(0, before=limit(results // 2))
+        status = run.finish()
+        said = [line for line in run.said.splitlines() if "File too large" in line and "no checkpoint" not in line]
+        require(status == 2 and len(said) == 1, f"no room for the results: status {status}, {said}")
+        self.resumes(2, "there is room")
+        run = self.start(0)
+        if not run.wait_for(lambda: "numbers/point" in names_in(self.out / "checkpoint.h5")):
+            require(False, "a checkpoint within a stage")
+        kept = (self.out / "checkpoint.h5").stat().st_size
+        for pid in run.ranks():
+            resource.prlimit(pid, resource.RLIMIT_FSIZE, (kept // 2, kept // 2))
+            # SIGXFSZ would end the program: a full disk gives an error, the limit a signal; both leave the last checkpoint.
+        status = run.finish()
+        require(status != 0, f"the limit is reached in mid-run: status {status}")
+        self.resumes(1, "there is room again")
+
+    def full_disk(self):
+        """A file system of its own that is filled while the run goes on. Needs the right to mount."""
+        place = self.folder / "small"
+        place.mkdir()
+        needed = (self.folder / "whole/results.h5").stat().st_size + 6 * (self.folder / "whole.h5").stat().st_size
+        if subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={needed + (64 << 20)}", "tmpfs", str(place)], stderr=subprocess.DEVNULL).returncode != 0:
+            print("skipped a full disk: a tmpfs cannot be mounted here")
+            return
+        try:
+            run = self.start(2, options=["--output", str(place / "out")])
+            run.wait_for(lambda: "numbers/point" in names_in(place / "out/checkpoint.h5"))
+            with open(place / "filler", "wb") as filler:
+                try:
+                    while True:
+                        filler.write(b"0" * (1 << 16)), filler.flush()
+                except OSError:
+                    pass
+            status = run.finish()
+            warned, said = run.said.count("no checkpoint: "), [line for line in run.said.splitlines() if "No space left" in line and "no checkpoint: " not in line]
+            require(status == 2 and warned > 0 and len(said) == 1, f"the disk is full in mid-run: status {status}, {warned} warnings, {said}\n{run.said if status != 2 else ''}")
+            bad = unreadable(place / "out")
+            require(not bad, f"all that is there can be read {bad}")
+            (place / "filler").unlink()
+            run = self.start(1, resume=True, options=["--output", str(place / "out")])
+            status = run.finish()
+            apart = restart_case.difference(place / "out", self.truth)[0] if status == 0 else numpy.nan
+            require(status == 0 and apart < CLOSE, f"resumed when there is room: {apart:.1e}")
+        finally:
+            subprocess.run(["umount", str(place)], check=False)
+
+    def broken(self):
+        """Checkpoints that are not this run's, cut, or not there."""
+        shutil.rmtree(self.out, ignore_errors=True)
+        self.out.mkdir()
+        whole = (self.folder / "whole.h5").read_bytes()
+
+        def refused(contents, *words, case=None):
+            (self.out / "checkpoint.h5").write_bytes(contents)
+            run = Run(self.program, case or self.case, 2, True)
+            status, said = run.finish(), run.said.strip().splitlines()
+            require(status == 2 and len(said) == 1 and all(word in said[0] for word in words), f"status {status}: {said}")
+
+        refused(whole[:len(whole) // 2], "not a whole checkpoint", "anew")
+        refused(b"text", "not a whole checkpoint", "anew")
+        refused((self.folder / "whole/results.h5").read_bytes(), "not a checkpoint", "anew")
+        other = restart_case.case(self.folder, "other", S_y=270)
+        other.write_text(other.read_text().replace("output: other", "output: stopped"))
+        refused(whole, "another case: material", "anew", case=other)
+        (self.out / "checkpoint.h5").unlink()
+        run = self.resumes(1, "no checkpoint")
+        require("starts from the beginning" in run.said, "a run without checkpoint says that it starts from the beginning")
+        run = self.start(2, resume=True)
+        require(run.finish() == 0 and "stage 2 done" in run.said and restart_case.difference(self.out, self.truth)[0] < CLOSE, "--resume of a finished run ends with the same")
+
+
+def main():
+    options = argparse.ArgumentParser()
+    options.add_argument("executable")
+    options.add_argument("--kills", type=int, default=3)
+    options.add_argument("--keep", action="store_true")
+    options.add_argument("--only", help="one of kills, signals, image, dead_rank, disk, full_disk, broken")
+    given = options.parse_args()
+    folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_restart_"))
+    restart_case.make(given.executable, folder)
+    trials = Trials(given.executable, folder)
+    for name in [given.only] if given.only else ["broken", "kills", "signals", "image", "dead_rank", "disk", "full_disk"]:
+        trials.kills(given.kills) if name == "kills" else getattr(trials, name)()
+    if not given.keep and not require.failed:
+        shutil.rmtree(folder)
+    else:
+        print(folder)
+    end()
+
+
+main()
