@@ -172,7 +172,7 @@ def trials(slurm, program, folder):
         time.sleep(1.0)
     restarts, said = int(slurm.job(number)[0]["Restarts"]), slurm.log(number)
     same(slurm, number, folder / "long", truth, f"requeue.sh, of {seconds:.0f} s, requeued {restarts} times")
-    stops, resumed = said.count("stopped by SIGUSR1"), said.count("goes on from ")
+    stops, resumed = said.count("stopped by SIGUSR1"), said.count("goes on from /")
     require(restarts >= 1 and stops == restarts and resumed == restarts, f"{stops} times stopped by the signal, {resumed} times taken up")
     for line in said.splitlines():
         if "stopped by" in line or "goes on from" in line or "requeue" in line or "queue" in line:
