@@ -29,7 +29,8 @@ TEST(Continuation, EndsWhereTheStageWouldHave) {
     std::normal_distribution<double> noise(0.0, 2e-4);
     for (double& u : plate.record.surface_displacement.reshaped()) u += noise(random);
     const Stage stage{.free = {0, 2}, .frames = {0, 1, 2, 3, 4, 5}};
-    const GaussNewtonOptions options{.functional = functional, .alpha = alpha, .eta = 1e-6, .force_noise = 5.0, .sensitivities = sensitivities};
+    GaussNewtonOptions options{.functional = functional, .alpha = alpha, .eta = 1e-6, .force_noise = 5.0, .sensitivities = sensitivities};
+    options.noise_model.image = 2.0;
     auto start = plate.truth;
     start[0] *= 1.1, start[2] *= 0.85;
     std::vector<Kept> kept;
@@ -38,6 +39,7 @@ TEST(Continuation, EndsWhereTheStageWouldHave) {
     const auto expected = gauss_newton(world, model, plate.images, testing::information(plate), stage, options, whole, {},
                                        {.from = nullptr, .reached = [&](const StagePoint& point) { kept.push_back({point, model.solutions()}); }});
     ASSERT_TRUE(expected.converged);
+    ASSERT_GT(expected.covariance.total.norm(), 0.0);
     ASSERT_GE(kept.size(), 4U);
     for (const Kept& at : kept) {
       ForwardModel fresh(world, plate.specimen, plate.law, plate.record, {.with_fields = false}, 3, 0);
