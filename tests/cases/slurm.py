@@ -164,7 +164,9 @@ def trials(slurm, program, folder):
                    stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     seconds = time.monotonic() - begin
     truth = restart_case.parameters(folder / "long_direct")
-    number = slurm.submit(*two, "--time=1", "--signal=B:USR1@50", str(scripts / "requeue.sh"), str(long))
+    number = slurm.submit(*two, "--time=20", str(scripts / "requeue.sh"), str(long))
+    wait(lambda: (folder / "long/checkpoint.h5").exists(), 120, "a checkpoint")
+    slurm.ask("scancel", "--batch", "--signal=USR1", str(number))  # what --signal would send five minutes before the end
     wait(lambda: slurm.done(number) or slurm.job(number)[0]["Restarts"] != "0", 300, "the requeue")
     while not slurm.done(number):  # a requeued job waits for two minutes, unless it is told to begin
         if slurm.job(number)[0]["JobState"] == "PENDING":
