@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # The paper's Sec. 4 again: studies, tables (CSV), plots and one page, runs/reproduce_paper/index.html.
-# Small images and coarse meshes, under 20 minutes on 2 cores; --full: the images' size and meshes of tools/virtual_study.sh.
+# Small images and coarse meshes, some 20 minutes on 2 cores; --full: the images' size and meshes of tools/virtual_study.sh.
 # Runs that are done are kept: the same command goes on where it was stopped. Other arguments go to studies.py.
 set -euo pipefail
 cd "$(dirname "$0")/.."

@@ -1,25 +1,9 @@
 """A small virtual test for the tests that stop a run and let it go on."""
 import json
 
-from runs import gmsh, run
+from runs import SMALL_PLATE, SMALL_TEST, gmsh, run
 
-SPECIMEN = """
-title: Small plate with a hole
-specimen: {{mesh: {mesh}.msh, thickness: 4, layers: 1, mid_plane_symmetry: true, held: bottom, loaded: top}}
-cameras:
-  - {{name: front, pixel_size: 0.08, place: {{origin: [149.5, 164.5]}}{images}}}
-material:
-  hardening: power_linear
-  tie_initial_modulus: true
-  parameters: {{E: {E}, nu: 0.25, S_y: {S_y}, H: 1480, delta: 0.042}}
-"""
-GENERATE = """
-simulate:
-  centred: true
-  value: [0, 0.008, 0.016, 0.024, 0.05, 0.1, 0.2]
-virtual: {size: [300, 330], load_noise: 5, static_frames: 2, directory: made}
-output: made
-"""
+PLACE = "{origin: [149.5, 164.5]}"
 IDENTIFY = """
 loads: {{file: made/loads.csv, noise: 5}}
 dic: {{brightness: true}}
@@ -38,14 +22,14 @@ def make(program, folder):
     gmsh("plate_with_hole", folder / "fine.msh", length=28, size_hole=0.8, size_far=2.0)
     gmsh("plate_with_hole", folder / "coarse.msh", length=20, size_hole=0.8, size_far=2.0)
     gmsh("plate_with_hole", folder / "long.msh", length=20, size_hole=0.4, size_far=1.2)  # takes longer
-    (folder / "virtual.yaml").write_text(SPECIMEN.format(mesh="fine", images="", E=198e3, S_y=284) + GENERATE)
+    (folder / "virtual.yaml").write_text(SMALL_PLATE.format(mesh="fine", layers=1, place=PLACE, images="", E=198e3, S_y=284) + SMALL_TEST)
     run(program, "virtual", folder / "virtual.yaml", 1)
 
 
 def case(folder, name, mesh="coarse", eta=1e-3, S_y=265):
     """A case file that identifies E, then S_y and H, into a folder of the same name."""
     path = folder / f"{name}.yaml"
-    path.write_text(SPECIMEN.format(mesh=mesh, images=", images: 'made/images/*.png', reference: 0-1", E=185e3, S_y=S_y) +
+    path.write_text(SMALL_PLATE.format(mesh=mesh, layers=1, place=PLACE, images=", images: 'made/images/*.png', reference: 0-1", E=185e3, S_y=S_y) +
                     IDENTIFY.format(output=name, eta=eta))
     return path
 

@@ -6,6 +6,25 @@ import sys
 
 SOURCE = pathlib.Path(__file__).resolve().parents[2]
 
+# A small virtual test; its meshes are plate_with_hole's.
+SMALL_PLATE = """
+title: Small plate with a hole
+specimen: {{mesh: {mesh}.msh, thickness: 4, layers: {layers}, mid_plane_symmetry: true, held: bottom, loaded: top}}
+cameras:
+  - {{name: front, pixel_size: 0.08, place: {place}{images}}}
+material:
+  hardening: power_linear
+  tie_initial_modulus: true
+  parameters: {{E: {E}, nu: 0.25, S_y: {S_y}, H: 1480, delta: 0.042}}
+"""
+SMALL_TEST = """
+simulate:
+  centred: true
+  value: [0, 0.008, 0.016, 0.024, 0.05, 0.1, 0.2]
+virtual: {size: [300, 330], load_noise: 5, static_frames: 2, directory: made}
+output: made
+"""
+
 
 def gmsh(script, output, **sizes):
     """Makes a mesh with a script of tools/meshes."""

@@ -12,25 +12,8 @@ import xml.etree.ElementTree
 import h5py
 import numpy
 
-from runs import end, gmsh, require, run
+from runs import SMALL_PLATE as CASE, SMALL_TEST as GENERATE, end, gmsh, require, run
 
-CASE = """
-title: Small plate with a hole
-specimen: {{mesh: {mesh}.msh, thickness: 4, layers: {layers}, mid_plane_symmetry: true, held: bottom, loaded: top}}
-cameras:
-  - {{name: front, pixel_size: 0.08, place: {place}{images}}}
-material:
-  hardening: power_linear
-  tie_initial_modulus: true
-  parameters: {{E: {E}, nu: 0.25, S_y: {S_y}, H: 1480, delta: 0.042}}
-"""
-GENERATE = """
-simulate:
-  centred: true
-  value: [0, 0.008, 0.016, 0.024, 0.05, 0.1, 0.2]
-virtual: {size: [300, 330], load_noise: 5, static_frames: 2, directory: made}
-output: made
-"""
 IDENTIFY = """
 loads: {{file: made/loads.csv, noise: 5}}
 dic: {{brightness: true}}
