@@ -209,9 +209,7 @@ Eigen::MatrixXd displacement_of_file(const io::Case& test, const std::vector<int
   }
   return displacement;
 }
-}  // namespace
 
-namespace {
 /// Where there is no load record the frames' numbers are the clock.
 double time_of(const io::Case& test, int place) { return test.loads.records.empty() ? test.frames[static_cast<std::size_t>(place)] : test.load(place).time; }
 }  // namespace

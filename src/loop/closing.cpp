@@ -239,7 +239,7 @@ class Loop {
     std::vector<Eigen::Index> images, force;
     for (Eigen::Index i : rows_) (experiment_.data()[static_cast<std::size_t>(i)].channel == force_channel ? force : images).push_back(i);
     misfit.images = chi(Eigen::VectorXd(model.fit.residual(images))), misfit.force = chi(Eigen::VectorXd(model.fit.residual(force)));
-    cross_validate(model);
+    cross_validate(model, prior);
     misfit.frames.resize(frames_), misfit.null_frames.resize(frames_);
     for (int t = 0; t < frames_; ++t) {
       std::vector<char> one(static_cast<std::size_t>(frames_), 0);
@@ -248,15 +248,14 @@ class Loop {
       misfit.frames[t] = chi(Eigen::VectorXd(model.fit.residual(rows)));
       misfit.null_frames[t] = null_of(rows);
     }
-    score_others(model);
+    score_others(model, prior);
   }
 
   /// The white squares under the parameters of the black ones.
-  void cross_validate(Model& model) const {
+  void cross_validate(Model& model, const Known& prior) const {
     std::vector<Eigen::Index> black, white;
     for (Eigen::Index i : rows_) (experiment_.data()[static_cast<std::size_t>(i)].side == 1 ? white : black).push_back(i);
     if (white.empty()) return;
-    const Known prior = known(model);
     const Eigen::MatrixXd &J = model.fit.sensitivity, pull = inverse_of(stacked(J(black, Eigen::all), prior.sensitivity));
     const auto left = [&](const Eigen::MatrixXd& r, const Eigen::MatrixXd& of_prior) { return Eigen::MatrixXd(r(white, Eigen::all) - J(white, Eigen::all) * (pull * stacked(r(black, Eigen::all), of_prior))); };
     const auto scale = 1.0 / std::sqrt(static_cast<double>(white.size()));
@@ -264,7 +263,7 @@ class Loop {
     model.misfit.null_checkerboard = quantile(scale * left(model.ground->null, prior.null).colwise().norm().transpose(), 0.95);
   }
 
-  void score_others(Model& model) {
+  void score_others(Model& model, const Known& prior) {
     for (int k = 0; k < static_cast<int>(experiment_.candidates().size()); ++k) {
       if (std::find(model.added.begin(), model.added.end(), k) != model.added.end() || !has_its_turn(k, model)) continue;
       const auto& its = candidate(k).parameters;
@@ -272,7 +271,6 @@ class Loop {
       model.others.push_back(k);
     }
     const auto signatures = marks(experiment_, model.ground->weight, model.fit.values, model.others);
-    const Known prior = known(model);
     ScoreProblem problem;
     problem.residual = stacked(model.fit.residual(rows_), prior.residual);
     problem.sensitivity = stacked(model.fit.sensitivity(rows_, Eigen::all), prior.sensitivity);
