@@ -52,6 +52,19 @@ double largest_change(const std::vector<Eigen::Matrix2d>& a, const std::vector<E
   return largest;
 }
 
+/// Nodes that white noise moves by more than ten times what it moves the median node. `variance`: of the unknowns [nodes * dofs].
+std::vector<int> noisy_nodes(const Eigen::VectorXd& variance, int dofs) {
+  constexpr double much = 10.0;
+  const Eigen::VectorXd of_node = variance.reshaped(dofs, variance.size() / dofs).colwise().sum();
+  std::vector<double> sorted(of_node.begin(), of_node.end());
+  const auto median = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
+  std::nth_element(sorted.begin(), median, sorted.end());
+  std::vector<int> nodes;
+  for (Eigen::Index node = 0; node < of_node.size(); ++node)
+    if (of_node[node] > much * much * *median) nodes.push_back(static_cast<int>(node));
+  return nodes;
+}
+
 imaging::Image every_second(const imaging::Image& mask) {
   imaging::Image half((mask.width + 1) / 2, (mask.height + 1) / 2, mask.depth);
   for (int y = 0; y < half.height; ++y)
@@ -135,16 +148,17 @@ void GlobalDic::build(const mesh::Mesh& surface, const std::vector<View>& views,
     if (level > 0) cut_off = std::max({cut_off, 2.0 * mean_edge(surface), 24.0 / scale});
     if (level == 0 && several) require_sight(next, views);
     const Eigen::SparseMatrix<double> M = cameras.M();
-    next.smoothing = cameras.smoothing_weight(cut_off) * energy;
-    next.chosen = next.smoothing;
-    if (const auto nodes = level == 0 && several ? cameras.hardly_seen(M) : std::vector<int>{}; !nodes.empty()) {
-      next.smoothing += continuation(cameras, nodes);
-      continued_ = true;
-      spdlog::warn(
-          "{} of {} nodes are not, or hardly, seen by two cameras: what cannot be seen of their motion continues that of "
-          "their neighbours",
-          nodes.size(), cameras.nodes());
+    next.smoothing = next.chosen = cameras.smoothing_weight(cut_off) * energy;
+    if (level == 0 && several) {
+      require_sight(next, views);
+      const std::vector<int> unseen = cameras.hardly_seen(M);
+      next.smoothing += continuation(cameras, unseen);
+      continued_ = !unseen.empty();
+      if (continued_)
+        spdlog::warn("{} of {} nodes are not, or hardly, seen by two cameras: what cannot be seen of their motion continues that of their neighbours",
+                     unseen.size(), cameras.nodes());
     }
+    if (level == 0) calm(next, M, energy);
     next.factor = std::make_shared<Factor>(M + next.smoothing);
     require_speckle(next, views.front().place);
     levels_.push_back(std::move(next));
@@ -195,6 +209,20 @@ void GlobalDic::require_sight(const Level& level, const std::vector<View>& views
   for (std::size_t c = 0; c < views.size(); ++c)
     if ((*level.cameras)[static_cast<int>(c)].quadrature().pixels() == 0)
       throw InputError(views[c].place, "no part of the mesh lies in this camera's image", "cameras that see the mesh");
+}
+
+// Where the border leaves nodes of a contour hardly a pixel of their own, a single one may rattle by pixels and the frame never converges.
+// A thousandth of the smoothing lets nodes without any pixel be told like the others.
+void GlobalDic::calm(Level& level, const Eigen::SparseMatrix<double>& M, const Eigen::SparseMatrix<double>& energy) {
+  const Cameras& cameras = *level.cameras;
+  const Factor judged(M + level.smoothing + 1e-3 * cameras.smoothing_weight(2.0 * mean_edge(cameras.surface())) * energy);
+  if (judged.info() != Eigen::Success) return;
+  const std::vector<int> nodes = noisy_nodes(diagonal_of_inverse(judged), cameras.dofs_per_node());
+  if (nodes.empty() || 4 * static_cast<int>(nodes.size()) > cameras.nodes()) return;  // more than a contour: no continuation makes up for speckle
+  level.of_noisy = continuation(cameras, nodes);
+  level.smoothing += level.of_noisy;
+  continued_ = true;
+  spdlog::info("{} of {} nodes have hardly a pixel of their own: their motion continues that of their neighbours", nodes.size(), cameras.nodes());
 }
 
 // Nodes that one camera does not see have no depth of their own: there, and only there, waves shorter than two elements are
@@ -265,6 +293,7 @@ void GlobalDic::solve_level(int level, std::span<const imaging::BSpline> g, cons
       const Eigen::SparseMatrix<double> M = cameras.M(frame.displacement, shares);
       if (finest && left > 0.1) {
         smoothing = at.chosen;
+        if (at.of_noisy.size() > 0) smoothing += at.of_noisy;
         const std::vector<int> nodes = cameras.hardly_seen(M);
         frame.hardly_seen = static_cast<int>(nodes.size());
         if (!nodes.empty()) smoothing += continuation(cameras, nodes);

@@ -94,6 +94,26 @@ INSTANTIATE_TEST_SUITE_P(Dic, KnownMotion,
                                                                         -4e-5 * r.y() * r.y());
                                                }}));
 
+/// A row of elements of 3.5 px along one edge, of which a border of 3 px leaves hardly a pixel: its outer nodes continue their neighbours.
+TEST(GlobalDic, NodesWithoutPixelsOfTheirOwnContinueTheirNeighbours) {
+  const Motion motion = [](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.4 + 0.004 * x.x(), 0.003 * x.y() - 0.2); };
+  mesh::Mesh quads = rectangle(20, 20, 140, 140, 10, 10);
+  for (int i = 0; i < 11; ++i) quads.nodes(i, 1) = 32.0 - 3.5;  // the first row of nodes
+  ASSERT_EQ(quads.nodes.col(1).minCoeff(), 28.5);
+  std::mt19937 generator(7);
+  Image f = scene().reference;
+  add_noise(f, 0.01 * 65535, generator);
+  const GlobalDic dic(quads, *camera(), f, {.low_pass = 1.0, .border = 3.0}, "mesh");
+  for (int draw = 0; draw < 5; ++draw) {
+    Image g = photograph(scene().speckle, 180, 160, motion);
+    add_noise(g, 0.01 * 65535, generator);
+    const DicFrame frame = dic.run(alone, 1, [&](int) { return g; })[0];
+    EXPECT_TRUE(frame.converged);
+    EXPECT_LE(frame.iterations, 6);
+    EXPECT_LT(miss(frame.displacement, quads, *camera(), motion).largest, 0.5);  // well inside a speckle
+  }
+}
+
 /// Measured over predicted standard deviation of the displacement over 100 draws.
 void noise_is_the_one_predicted(double low_pass) {
   const Speckle speckle(110, 110, 1.7, 5);

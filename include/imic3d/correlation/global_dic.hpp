@@ -93,6 +93,9 @@ struct DicSeries {
 /// and that gradient is used in b, always, and in M, which is built anew (without visiting the pixels) whenever the
 /// deformation has changed by `strain_change`. For small strain this is Eqs 8-9.
 ///
+/// Nodes that the white noise of the images moves ten times as much as the median node, as those of a contour of which the
+/// border leaves hardly a pixel, continue the motion of their neighbours (curvature energy of their elements alone).
+///
 /// Coarse levels hold few pixels per element: there the change of the displacement is smoothed over about two elements
 /// (curvature energy, free of bias for affine motion); at the finest level only if the user asks for it.
 class GlobalDic {
@@ -173,6 +176,7 @@ class GlobalDic {
     std::shared_ptr<Cameras> cameras;
     Eigen::SparseMatrix<double> smoothing;  // weight * curvature energy, and the continuation where the reference is hardly seen
     Eigen::SparseMatrix<double> chosen;     // the former alone
+    Eigen::SparseMatrix<double> of_noisy;   // the continuation of nodes that have hardly a pixel of their own; empty if there are none
     std::shared_ptr<Factor> factor;         // of M + smoothing, undeformed
   };
   void build(const mesh::Mesh& surface, const std::vector<View>& views, int dofs_per_node);
@@ -181,6 +185,7 @@ class GlobalDic {
                                 int finest) const;
   [[nodiscard]] std::vector<imaging::BSpline> splines(const std::vector<imaging::Image>& images, int level) const;
   [[nodiscard]] static Eigen::SparseMatrix<double> continuation(const Cameras& cameras, const std::vector<int>& nodes);
+  void calm(Level& level, const Eigen::SparseMatrix<double>& M, const Eigen::SparseMatrix<double>& energy);
   void require_sight(const Level& level, const std::vector<View>& views) const;
   void require_speckle(const Level& level, const std::string& place) const;
 
