@@ -155,6 +155,7 @@ void identify(const Communicator& world, const CommandOptions& options) {
   spdlog::info("the identified model on all {} frames", record.frames.size());
   const auto frames = static_cast<int>(record.frames.size());
   id::ForwardModel final_model(world, specimen, material.law, record, {.increments = test.identify.steps_per_frame}, 1, 1);
+  final_model.start_from(model.solutions());
   const bool force_driven = solver.functional != id::Functional::displacement_driven && !gap;
   std::vector<id::Path> driven, shown;
   id::Run run{.parameters = material.values};

@@ -21,6 +21,9 @@ constexpr PetscInt direct_limit = 150'000;
 constexpr double renewed_modulus = 1e-3;
 constexpr int renewals = 4;
 
+/// An increment goes on like the last one up to so many times its length.
+constexpr double farthest_continued = 6.0;
+
 std::vector<char> flags(std::size_t dofs, const std::vector<int>& constrained) {
   std::vector<char> flag(dofs, 0);
   for (int dof : constrained) flag[static_cast<std::size_t>(dof)] = 1;
@@ -94,7 +97,7 @@ struct Equilibrium::Implementation {
     PetscBool is_factor = PETSC_FALSE;
     IMIC3D_PETSC(PetscObjectTypeCompare(reinterpret_cast<PetscObject>(preconditioner), PCCHOLESKY, &is_factor));
     direct = is_factor == PETSC_TRUE;
-    if (mesh.integration == mesh::Integration::one_point) detect_null_pivots(preconditioner);
+    tell_mumps(preconditioner);
 
     // The same preconditioner, as the last Newton iteration left it.
     IMIC3D_PETSC(KSPCreate(partition.communicator.handle, &refiner));
@@ -107,9 +110,10 @@ struct Equilibrium::Implementation {
     IMIC3D_PETSC(KSPSetFromOptions(refiner));
   }
 
+  /// No scaling: all unknowns are displacements, and it takes a quarter of the factorisation of some thousand of them.
   /// Hourglass modes that neither the law nor the images resist make the tangent singular, but the right-hand side has no part in
   /// them: MUMPS leaves out the pivots that are zero and solves for the rest.
-  void detect_null_pivots(PC preconditioner) const {
+  void tell_mumps(PC preconditioner) const {
     MatSolverType type = nullptr;
     PetscBool by_mumps = PETSC_FALSE;
     IMIC3D_PETSC(PCFactorGetMatSolverType(preconditioner, &type));
@@ -118,7 +122,8 @@ struct Equilibrium::Implementation {
     Mat factor = nullptr;
     IMIC3D_PETSC(PCFactorSetUpMatSolverType(preconditioner));
     IMIC3D_PETSC(PCFactorGetMatrix(preconditioner, &factor));
-    IMIC3D_PETSC(MatMumpsSetIcntl(factor, 24, 1));
+    if (direct) IMIC3D_PETSC(MatMumpsSetIcntl(factor, 8, 0));
+    if (mesh.integration == mesh::Integration::one_point) IMIC3D_PETSC(MatMumpsSetIcntl(factor, 24, 1));
   }
 
   void attach_near_null_space() {
@@ -172,6 +177,15 @@ struct Equilibrium::Implementation {
     IMIC3D_PETSC(VecRestoreArray(displacement, &values));
   }
 
+  /// Where u misses the prescribed displacement by round-off only, none is left.
+  void settle_prescribed(Vec prescribed_global) const {
+    double missing = 0.0, largest = 0.0;
+    missing_displacement(prescribed_global);
+    IMIC3D_PETSC(VecNorm(increment, NORM_INFINITY, &missing));
+    IMIC3D_PETSC(VecNorm(u, NORM_INFINITY, &largest));
+    if (missing <= 1e-12 * largest) impose(prescribed_global, u);
+  }
+
   /// increment <- prescribed - u at constrained degrees, 0 elsewhere.
   void missing_displacement(Vec prescribed_global) const {
     IMIC3D_PETSC(VecWAXPY(increment, -1.0, u, prescribed_global));
@@ -204,6 +218,13 @@ struct Equilibrium::Implementation {
     double norm = 0.0;
     IMIC3D_PETSC(VecNorm(residual, NORM_2, &norm));
     return norm;
+  }
+
+  /// Work of the unbalanced forces, where `unbalanced` was asked last, along a displacement.
+  [[nodiscard]] double work_along(Vec displacement) const {
+    double work = 0.0;
+    IMIC3D_PETSC(VecDot(displacement, residual, &work));
+    return work;
   }
 
   /// Adds the optical stiffness to the tangent, each rank its own rows; what is held keeps its identity.
@@ -253,17 +274,18 @@ struct Equilibrium::Implementation {
     return 3e-16 * stiffness * edge / static_cast<double>(mesh.cells.rows());
   }
 
-  /// One increment: from u to equilibrium with the prescribed displacement and `external`. Full Newton steps: with a
-  /// consistent tangent the unbalanced forces of a plastic step may well grow before they vanish, and a search that
-  /// forbids it crawls. A step is shortened where an element would be inverted or the forces grow a thousandfold.
-  /// `begins`: u is still where the last increment ended.
+  /// One increment: from u to equilibrium with the prescribed displacement and `external`. With a consistent tangent the unbalanced
+  /// forces of a plastic step may well grow before they vanish, and a search that forbids it crawls. A step is shortened where an
+  /// element would be inverted, where the forces grow a thousandfold, or where the work that they do along it has turned against it:
+  /// they are the slope of the incremental energy (Crisfield 1982). `begins`: u is still where the last increment ended.
   Outcome newton(Vec prescribed, double time_increment, std::span<const double> parameters, int& iterations, bool begins) {
     last_residuals.clear();
-    double previous = 0.0, step = 1.0;
+    double previous = 0.0, step = 1.0, slope = 0.0;  // slope: work of the unbalanced forces along the correction at its beginning
     bool indefinite = false;
     Outcome failed = Outcome::diverged;
     IMIC3D_PETSC(VecZeroEntries(correction));
     const int most = optical != nullptr ? 3 * options.max_iterations : options.max_iterations;
+    if (!begins) settle_prescribed(prescribed);
     for (int iteration = 0; iteration <= most; ++iteration) {
       missing_displacement(prescribed);
       double missing = 0.0, size = 0.0, load = 0.0, norm = 0.0;
@@ -271,10 +293,17 @@ struct Equilibrium::Implementation {
         assembler.predict(begins && iteration < 2);
         const bool valid = assembler.assemble(u, time_increment, parameters, force, increment, lifting);
         norm = valid ? unbalanced() : INFINITY;
-        if (std::isfinite(norm) && (iteration < 2 || norm < 1e3 * previous)) break;
-        if (iteration == 0 || halvings == 4) return failed;
-        step *= 0.5;
-        IMIC3D_PETSC(VecAXPY(u, -step, correction));  // back by half of what was taken
+        double shorter = 0.5 * step;
+        if (std::isfinite(norm) && (iteration < 2 || norm < 1e3 * previous)) {
+          if (norm <= 0.05 * previous || slope <= 0.0 || halvings == 4) break;
+          const double work = work_along(correction);
+          if (work >= -0.8 * slope) break;
+          shorter = std::max(0.1, slope / (slope - work)) * step;
+        } else if (iteration == 0 || halvings == 4) {
+          return failed;
+        }
+        IMIC3D_PETSC(VecAXPY(u, shorter - step, correction));
+        step = shorter;
         missing_displacement(prescribed);
       }
       if (least_norm == 0.0) least_norm = round_off_of_forces();
@@ -315,6 +344,7 @@ struct Equilibrium::Implementation {
       IMIC3D_PETSC(KSPGetConvergedReason(solver, &reason));
       if (reason < 0 && reason != KSP_DIVERGED_ITS) return failed;
       indefinite = negative_pivots() > 0;
+      slope = missing == 0.0 && optical == nullptr ? work_along(correction) : 0.0;
       // Under prescribed forces a tangent that is not positive definite means a limit point.
       if (indefinite && load > 0.0) failed = Outcome::limit_point;
       ++iterations;
@@ -432,9 +462,13 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
   s.assembler.start(static_cast<int>(s.du.size()));
   IMIC3D_PETSC(VecSet(s.u, 0.0));
 
-  Vec converged = nullptr, before = nullptr, prescribed = nullptr, found = nullptr;
-  for (Vec* vector : {&converged, &before, &prescribed, &found}) IMIC3D_PETSC(VecDuplicate(s.u, vector));
+  enum class Start { offered, continued, standing };  // of an increment: at the guess, going on like the last one, where that ended
+  Vec converged = nullptr, before = nullptr, change = nullptr, change_before = nullptr, prescribed = nullptr, found = nullptr, offered = nullptr;
+  const auto vectors = {&converged, &before, &change, &change_before, &prescribed, &found, &offered};
+  for (Vec* vector : vectors) IMIC3D_PETSC(VecDuplicate(s.u, vector));
   IMIC3D_PETSC(VecSet(converged, 0.0));
+  IMIC3D_PETSC(VecSet(change, 0.0));
+  Eigen::VectorXd last_load;  // of the increment that made `change`: what moved the prescribed displacement and the forces
 
   const auto full = [&](const LoadStep* step) {
     Eigen::VectorXd values = Eigen::VectorXd::Zero(dofs);
@@ -455,20 +489,28 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
     const Eigen::VectorXd* near = guess ? guess(frame) : nullptr;
     const int first = increments.empty() ? s.options.increments : increments[static_cast<std::size_t>(frame)];
     int count = first, cuts = 0, iterations = 0;
-    bool use_guess = near != nullptr && near->size() == dofs && count == 1;
+    bool offers = near != nullptr && near->size() == dofs;
+    if (offers) s.to_global(*near, offered);
     s.assembler.save();
     IMIC3D_PETSC(VecCopy(converged, before));
+    IMIC3D_PETSC(VecCopy(change, change_before));
+    const Eigen::VectorXd last_load_before = last_load;
+    Start start = Start::offered;
     for (int increment = 0; increment < count;) {
       const double target = increment + 1 == count ? 1.0 : static_cast<double>(increment + 1) / count;
       s.to_global(from + target * (to - from), prescribed);
       s.to_global(force_from + target * (force_to - force_from), s.external);
-      if (use_guess)
-        s.to_global(*near, s.u);
-      else
-        IMIC3D_PETSC(VecCopy(converged, s.u));
+      Eigen::VectorXd load(2 * dofs);  // a change of sign or size matters, not the units: where there are forces, they count
+      load << (to - from) / count, (force_to - force_from) / count;
+      const double times = last_load.size() > 0 && optical == nullptr ? load.dot(last_load) / last_load.squaredNorm() : 0.0;
+      if (start == Start::offered && !offers) start = Start::continued;
+      if (start == Start::continued && !(times > 0.0 && times < farthest_continued)) start = Start::standing;
+      IMIC3D_PETSC(VecCopy(start == Start::offered ? before : converged, s.u));
+      if (start == Start::offered) IMIC3D_PETSC(VecAXPBY(s.u, target, 1.0 - target, offered));
+      if (start == Start::continued) IMIC3D_PETSC(VecAXPY(s.u, times, change));
       s.frame = frame;
       s.fraction = target;
-      auto outcome = s.newton(prescribed, (step.time - begin) / count, parameters, iterations, !use_guess);
+      auto outcome = s.newton(prescribed, (step.time - begin) / count, parameters, iterations, start == Start::standing);
       // Where the hourglass moduli have changed the step is solved again, from where it is, with those that it led to. If they carry no
       // equilibrium, those before stand.
       for (int again = 0; again < renewals && outcome == Implementation::Outcome::converged && s.assembler.renew_hourglass_moduli() > renewed_modulus; ++again) {
@@ -484,12 +526,16 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
         if (differentiated && !s.differentiate((step.time - begin) / count, parameters, status.derivative_corrections))
           throw ConvergenceError(fmt::format("no derivative by the parameters at frame {} of the series (time {:.6g}); with identify.sensitivities: perturbed none is needed", frame + 1, step.time));
         s.assembler.commit();
+        IMIC3D_PETSC(VecWAXPY(change, -1.0, converged, s.u));
         IMIC3D_PETSC(VecCopy(s.u, converged));
+        last_load = load;
+        start = Start::offered;
         ++increment;
         continue;
       }
-      if (use_guess) {  // a poor guess is no reason to cut the step
-        use_guess = false;
+      if (start != Start::standing) {  // a poor beginning is no reason to cut the step
+        offers = false;
+        start = start == Start::offered ? Start::continued : Start::standing;
         continue;
       }
       if (++cuts > s.options.max_cuts) {
@@ -503,8 +549,11 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
       }
       count *= 2;
       increment = 0;
+      start = Start::offered;
       s.assembler.restore();
       IMIC3D_PETSC(VecCopy(before, converged));
+      IMIC3D_PETSC(VecCopy(change_before, change));
+      last_load = last_load_before;
     }
     status.increments.push_back(count);
     status.total_iterations += iterations;
@@ -517,7 +566,7 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
     previous = &step;
   }
   status.residuals = s.last_residuals;
-  for (Vec* vector : {&converged, &before, &prescribed, &found}) IMIC3D_PETSC(VecDestroy(vector));
+  for (Vec* vector : vectors) IMIC3D_PETSC(VecDestroy(vector));
   return status;
 }
 

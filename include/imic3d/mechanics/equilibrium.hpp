@@ -83,7 +83,8 @@ class Equilibrium {
   [[nodiscard]] const std::vector<int>& constrained_dofs() const;
 
   /// Runs the whole series from the virgin state (U = 0 at time `start_time`) and calls `frame_done(i, state)` after
-  /// each frame. `guess(i)` may offer a displacement [3 * nodes] near frame i's solution (empty: none).
+  /// each frame. `guess(i)` may offer a displacement [3 * nodes] near frame i's solution (empty: none), from which, or on the way
+  /// to which, its increments begin. Else, and where that fails, they go on like the last increment while the load does.
   /// A frame that fails is begun anew with twice as many, equal increments; if that fails too often the frames so far
   /// stand and the status says why. `increments`: the number to begin each frame with (empty: options.increments).
   /// With an `optical` term Newton's method is a modified one (grad F for grad G): it converges linearly, and
