@@ -1,6 +1,7 @@
 // One Gauss-Newton iteration of the correlation on images of a given size, part by part, and the memory that it takes; and series
 // of frames of which no more than two are held. The images are made (waves.hpp), so that the error of the result is known.
 //   [mpirun -n R] benchmark_frame iteration UNKNOWNS MEGAPIXELS...
+//   benchmark_frame threads MEGAPIXELS REPEATS                       (one thread against two, in turn)
 //   [mpirun -n R] benchmark_frame series MEGAPIXELS FRAMES FOLDER    (writes four image files there and reads them in turn)
 #include <fmt/format.h>
 #include <omp.h>
@@ -8,7 +9,9 @@
 
 #include <Eigen/SparseCholesky>
 #include <chrono>
+#include <ctime>
 #include <fstream>
+#include <functional>
 #include <string>
 
 #include "imic3d/correlation/global_dic.hpp"
@@ -28,17 +31,20 @@ double peak() {
   return NAN;
 }
 
-/// Wall time of `work` [s], the least of `times`.
+/// Wall time of `work` and the processor's time of a rank's threads together [s], of the rank that takes longest.
+struct Time {
+  double wall = INFINITY, cpu = INFINITY;
+  void least(const Time& other) { wall = std::min(wall, other.wall), cpu = std::min(cpu, other.cpu); }
+  Time operator+(const Time& other) const { return {wall + other.wall, cpu + other.cpu}; }
+};
 template <class Work>
-double seconds(int times, const Work& work) {
-  double least = INFINITY;
-  for (int k = 0; k < times; ++k) {
-    world.barrier();
-    const auto start = std::chrono::steady_clock::now();
-    work();
-    least = std::min(least, world.max(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count()));
-  }
-  return least;
+Time seconds(const Work& work) {
+  world.barrier();
+  const auto start = std::chrono::steady_clock::now();
+  const std::clock_t clock = std::clock();
+  work();
+  const double cpu = static_cast<double>(std::clock() - clock) / CLOCKS_PER_SEC;
+  return {world.max(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count()), world.max(cpu)};
 }
 
 void say(const std::string& line) {
@@ -62,46 +68,83 @@ Motion motion_of(const Size& size, double amount) {
 }
 
 void iteration(int unknowns, const std::vector<double>& megapixels) {
-  say(fmt::format("{} rank(s), {} thread(s); times in s, the least of three", world.size(), omp_get_max_threads()));
-  say(fmt::format("{:>6} {:>9} {:>9} {:>9} | {:>9} {:>9} {:>9} {:>9} {:>9} | {:>9} {:>9} {:>9} {:>10}", "Mpx", "unknowns", "spline", "operators", "M",
-                  "factor", "b", "solve", "iteration", "Mpx/s of b", "error/px", "peak/GB", "bytes/px"));
+  say(fmt::format("{} rank(s), {} thread(s); the least of three times in s: wall, and of the processor for all threads of a rank",
+                  world.size(), omp_get_max_threads()));
+  const auto row = [](const auto&... values) {
+    std::string line;
+    ((line += fmt::format(" {:>10}", values)), ...);
+    say(line);
+  };
+  row("Mpx", "unknowns", "", "spline", "operators", "M", "factor", "b", "solve", "iteration", "error/px", "peak/GB", "bytes/px");
   const double before = peak();
   for (const double mpx : megapixels) {
     const Size size = size_of(mpx, unknowns);
     const Motion motion = motion_of(size, 1.0);
     imaging::BSpline f, g;
-    std::unique_ptr<correlation::Correlation> correlation;
+    std::unique_ptr<correlation::Correlation> operators_of_f;
     const mesh::Mesh quads = sheet(size.width, size.height, size.nx, size.ny, margin);
-    double spline = 0.0, operators = 0.0;
+    Time spline, operators;
     {
       const imaging::Image reference = waves(size.width, size.height);
-      spline = seconds(1, [&] { f = imaging::BSpline(reference); });
-      operators = seconds(1, [&] { correlation = std::make_unique<correlation::Correlation>(quads, one_to_one(), f); });
+      spline.least(seconds([&] { f = imaging::BSpline(reference); }));
+      operators.least(seconds([&] { operators_of_f = std::make_unique<correlation::Correlation>(quads, one_to_one(), f); }));
     }
     {
       const imaging::Image image = waves(size.width, size.height, motion);
-      spline = std::min(spline, seconds(1, [&] { g = imaging::BSpline(image); }));
+      spline.least(seconds([&] { g = imaging::BSpline(image); }));
     }
     // From 0.2 px beside the truth.
     const Eigen::VectorXd truth = nodal(quads, motion);
     Eigen::VectorXd U = truth + 0.2 * Eigen::VectorXd::Ones(truth.size());
     correlation::Evaluation seen;
-    double M_time = INFINITY, factor_time = INFINITY, b_time = INFINITY, solve_time = INFINITY;
+    Time of_M, of_factor, of_b, of_solve;
     for (int k = 0; k < 3; ++k) {
       Eigen::SparseMatrix<double> M;
       std::unique_ptr<Factor> factor;
       Eigen::VectorXd update;
-      M_time = std::min(M_time, seconds(1, [&] { M = correlation->M(U); }));
-      factor_time = std::min(factor_time, seconds(1, [&] { factor = std::make_unique<Factor>(M); }));
-      b_time = std::min(b_time, seconds(1, [&] { seen = correlation->evaluate(g, U, world, correlation::Gradient::transported); }));
-      solve_time = std::min(solve_time, seconds(1, [&] { update = factor->solve(seen.b); }));
+      of_M.least(seconds([&] { M = operators_of_f->M(U); }));
+      of_factor.least(seconds([&] { factor = std::make_unique<Factor>(M); }));
+      of_b.least(seconds([&] { seen = operators_of_f->evaluate(g, U, world, correlation::Gradient::transported); }));
+      of_solve.least(seconds([&] { update = factor->solve(seen.b); }));
       U += update;
     }
     const double error = (U - truth).norm() / std::sqrt(static_cast<double>(truth.size()));
-    const auto pixels = static_cast<double>(correlation->quadrature().pixels());
-    say(fmt::format("{:6.1f} {:9d} {:9.3f} {:9.3f} | {:9.3f} {:9.3f} {:9.3f} {:9.3f} {:9.3f} | {:9.1f} {:9.5f} {:9.2f} {:10.1f}", mpx,
-                    correlation->unknowns(), spline, operators, M_time, factor_time, b_time, solve_time, M_time + factor_time + b_time + solve_time,
-                    1e-6 * pixels / b_time, error, 1e-9 * peak(), (peak() - before) / (mpx * 1e6)));
+    const Time all = of_M + of_factor + of_b + of_solve;
+    const auto shown = [](double value) { return fmt::format("{:.3f}", value); };
+    row(shown(mpx), operators_of_f->unknowns(), "wall", shown(spline.wall), shown(operators.wall), shown(of_M.wall), shown(of_factor.wall),
+        shown(of_b.wall), shown(of_solve.wall), shown(all.wall), fmt::format("{:.5f}", error), shown(1e-9 * peak()), shown((peak() - before) / (mpx * 1e6)));
+    row("", "", "processor", shown(spline.cpu), shown(operators.cpu), shown(of_M.cpu), shown(of_factor.cpu), shown(of_b.cpu), shown(of_solve.cpu),
+        shown(all.cpu), "", "", "");
+  }
+}
+
+/// Least wall times with one thread and with two, measured in turn: what else runs on the machine disturbs both alike.
+void threads(double megapixels, int repeats) {
+  const Size size = size_of(megapixels, static_cast<int>(5000 * megapixels));
+  const Motion motion = motion_of(size, 1.0);
+  const imaging::Image image = waves(size.width, size.height, motion);
+  const imaging::BSpline f(waves(size.width, size.height)), g(image);
+  const mesh::Mesh quads = sheet(size.width, size.height, size.nx, size.ny, margin);
+  const correlation::Correlation dic(quads, one_to_one(), f);
+  const Eigen::VectorXd U = nodal(quads, motion), b = dic.evaluate(g, U, world).b;
+  const Eigen::SparseMatrix<double> M = dic.M(U);
+  const Factor factor(M);
+  Eigen::VectorXd x;
+  const std::vector<std::pair<const char*, std::function<void()>>> parts{
+      {"b", [&] { (void)dic.evaluate(g, U, world, correlation::Gradient::transported); }},
+      {"spline", [&] { (void)imaging::BSpline(image).width(); }},
+      {"operators", [&] { (void)correlation::Correlation(quads, one_to_one(), f).unknowns(); }},
+      {"M", [&] { (void)dic.M(U).nonZeros(); }},
+      {"factor", [&] { (void)Factor(M).info(); }},
+      {"solve", [&] { x = factor.solve(b); }}};
+  say(fmt::format("{:.1f} megapixels, {} unknowns, least of {} times [ms]: 1 thread, 2 threads, ratio", megapixels, M.rows(), repeats));
+  for (const auto& [name, work] : parts) {
+    double one = INFINITY, two = INFINITY;
+    for (int k = 0; k < repeats; ++k) {
+      omp_set_num_threads(1), one = std::min(one, seconds(work).wall);
+      omp_set_num_threads(2), two = std::min(two, seconds(work).wall);
+    }
+    say(fmt::format("{:>10} {:9.2f} {:9.2f} {:6.2f}", name, 1e3 * one, 1e3 * two, one / two));
   }
 }
 
@@ -142,10 +185,12 @@ int run(const std::vector<std::string>& words) {
     std::vector<double> megapixels;
     for (std::size_t k = 2; k < words.size(); ++k) megapixels.push_back(std::stod(words[k]));
     iteration(std::stoi(words[1]), megapixels);
+  } else if (words.size() == 3 && words[0] == "threads") {
+    threads(std::stod(words[1]), std::stoi(words[2]));
   } else if (words.size() == 4 && words[0] == "series") {
     series(std::stod(words[1]), std::stoi(words[2]), words[3]);
   } else {
-    say("benchmark_frame iteration UNKNOWNS MEGAPIXELS... | series MEGAPIXELS FRAMES FOLDER");
+    say("benchmark_frame iteration UNKNOWNS MEGAPIXELS... | threads MEGAPIXELS REPEATS | series MEGAPIXELS FRAMES FOLDER");
     return 2;
   }
   return 0;
