@@ -105,7 +105,9 @@ GlobalDic::GlobalDic(const mesh::Mesh& surface, const imaging::TelecentricCamera
 GlobalDic::GlobalDic(const mesh::Mesh& surface, std::shared_ptr<const imaging::Camera> camera,
                      const imaging::Image& reference, DicOptions options, const std::string& place)
     : options_(std::move(options)), noise_(imaging::noise_response(options_.low_pass)) {
-  build(surface, {{.camera = std::move(camera), .reference = reference, .place = place}}, in_plane);
+  std::vector<View> views(1);
+  views[0].camera = std::move(camera), views[0].reference = reference, views[0].place = place;
+  build(surface, std::move(views), in_plane);
 }
 
 GlobalDic::GlobalDic(const mesh::Mesh& surface, std::vector<View> views, int dofs_per_node, DicOptions options)
@@ -115,10 +117,10 @@ GlobalDic::GlobalDic(const mesh::Mesh& surface, std::vector<View> views, int dof
   if (views.size() == 1 && dofs_per_node == 3)
     throw InputError("cameras", "one camera for three components of the displacement",
                      "two cameras at least: one does not see motion along its line of sight");
-  build(surface, views, dofs_per_node);
+  build(surface, std::move(views), dofs_per_node);
 }
 
-void GlobalDic::build(const mesh::Mesh& surface, const std::vector<View>& views, int dofs_per_node) {
+void GlobalDic::build(const mesh::Mesh& surface, std::vector<View> views, int dofs_per_node) {
   const bool several = views.size() > 1;
   std::vector<imaging::Image> images(views.size());  // of the level, from the second on
   std::vector<double> noise;
@@ -137,6 +139,7 @@ void GlobalDic::build(const mesh::Mesh& surface, const std::vector<View>& views,
     double shortest = INFINITY;  // side of the mesh in any image [px]
     for (std::size_t c = 0; c < views.size(); ++c) {
       if (level > 0) images[c] = imaging::half_size(level == 1 ? views[c].reference : images[c]);
+      if (level == 1) views[c].reference = {};
       next.references.push_back(level == 0 ? spline(views[c].reference) : imaging::BSpline(images[c]));
       const imaging::ImageHeader size{next.references.back().width(), next.references.back().height(), 0};
       next.sizes.push_back(size);
@@ -177,7 +180,11 @@ void GlobalDic::build(const mesh::Mesh& surface, const std::vector<View>& views,
     require_speckle(next, views.front().place);
     if (level > 0) levels_.back().references.clear();
     levels_.push_back(std::move(next));
+    if (level == 0) find_motion_noise(views);
   }
+}
+
+void GlobalDic::find_motion_noise(const std::vector<View>& views) {
   motion_noise_.assign(views.size(), 1.0);
   for (std::size_t c = 0; c < views.size() && options_.low_pass > 0.0; ++c) {
     const PixelQuadrature& pixels = correlation(static_cast<int>(c)).quadrature();

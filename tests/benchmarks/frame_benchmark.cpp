@@ -2,7 +2,7 @@
 // of frames of which no more than two are held. The images are made (waves.hpp), so that the error of the result is known.
 //   [mpirun -n R] benchmark_frame iteration UNKNOWNS MEGAPIXELS...
 //   benchmark_frame threads MEGAPIXELS REPEATS                       (one thread against two, in turn)
-//   [mpirun -n R] benchmark_frame series MEGAPIXELS FRAMES FOLDER    (writes four image files there and reads them in turn)
+//   [mpirun -n R] benchmark_frame series UNKNOWNS MEGAPIXELS FRAMES FOLDER    (writes four image files there and reads them in turn)
 #include <fmt/format.h>
 #include <omp.h>
 #include <spdlog/spdlog.h>
@@ -148,8 +148,8 @@ void threads(double megapixels, int repeats) {
   }
 }
 
-void series(double megapixels, int frames, const std::filesystem::path& folder) {
-  const Size size = size_of(megapixels, 20000);
+void series(int unknowns, double megapixels, int frames, const std::filesystem::path& folder) {
+  const Size size = size_of(megapixels, unknowns);
   constexpr int files = 4;
   const auto name = [&](int k) { return folder / fmt::format("wave_{}.bmp", k); };
   if (world.is_root())
@@ -187,10 +187,10 @@ int run(const std::vector<std::string>& words) {
     iteration(std::stoi(words[1]), megapixels);
   } else if (words.size() == 3 && words[0] == "threads") {
     threads(std::stod(words[1]), std::stoi(words[2]));
-  } else if (words.size() == 4 && words[0] == "series") {
-    series(std::stod(words[1]), std::stoi(words[2]), words[3]);
+  } else if (words.size() == 5 && words[0] == "series") {
+    series(std::stoi(words[1]), std::stod(words[2]), std::stoi(words[3]), words[4]);
   } else {
-    say("benchmark_frame iteration UNKNOWNS MEGAPIXELS... | threads MEGAPIXELS REPEATS | series MEGAPIXELS FRAMES FOLDER");
+    say("benchmark_frame iteration UNKNOWNS MEGAPIXELS... | threads MEGAPIXELS REPEATS | series UNKNOWNS MEGAPIXELS FRAMES FOLDER");
     return 2;
   }
   return 0;

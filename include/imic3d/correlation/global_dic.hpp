@@ -177,7 +177,8 @@ class GlobalDic {
     Eigen::SparseMatrix<double> chosen;     // the former alone
     std::shared_ptr<Factor> factor;         // of M + smoothing, undeformed
   };
-  void build(const mesh::Mesh& surface, const std::vector<View>& views, int dofs_per_node);
+  void build(const mesh::Mesh& surface, std::vector<View> views, int dofs_per_node);
+  void find_motion_noise(const std::vector<View>& views);
   void solve_level(int level, std::span<const imaging::BSpline> g, const Communicator& group, DicFrame& frame) const;
   [[nodiscard]] DicFrame follow(const std::vector<imaging::Image>& coarse, const std::vector<Eigen::VectorXd>& before,
                                 int finest) const;
