@@ -7,6 +7,8 @@
 #include <numeric>
 
 #include "bilinear.hpp"
+#include "imic3d/core/lanes.hpp"
+#include "pixel_sums.hpp"
 
 namespace imic3d::correlation {
 namespace {
@@ -43,7 +45,9 @@ Correlation::Correlation(const mesh::Mesh& surface, std::shared_ptr<const imagin
   const auto& f = quadrature_.f;
   if (!f.empty())
     mean_grey_ = static_cast<float>(std::accumulate(f.begin(), f.end(), 0.0) / static_cast<double>(f.size()));
-  sum_gram();
+  gram_.resize(static_cast<std::size_t>(elements()));
+#pragma omp parallel for schedule(static)
+  for (int e = 0; e < elements(); ++e) gram_[static_cast<std::size_t>(e)] = sum_gram(pixels_of(e));
   make_pattern();
 }
 
@@ -65,6 +69,13 @@ Eigen::Matrix<double, 4, 2> Correlation::of_element(const InImage& values, int e
   Corners corners;
   for (int i = 0; i < 4; ++i) corners.row(i) = values.row(surface_.cells(element, i));
   return corners;
+}
+
+ElementPixels Correlation::pixels_of(int element) const {
+  const PixelQuadrature& q = quadrature_;
+  const std::size_t at = q.first[static_cast<std::size_t>(element)];
+  return {.count = static_cast<int>(q.pixels_of(element)), .xi = q.xi.data() + at, .eta = q.eta.data() + at,
+          .f = q.f.data() + at, .gx = q.fx.data() + at, .gy = q.fy.data() + at};
 }
 
 // Contiguous blocks of elements with about equal numbers of pixels.
@@ -125,29 +136,6 @@ void Correlation::correct_local_coordinates() {
         eta = eta0 - (a * beyond.y() - c * beyond.x()) / det;
       }
       q.xi[p] = xi, q.eta[p] = eta;
-    }
-  }
-}
-
-void Correlation::sum_gram() {
-  const PixelQuadrature& q = quadrature_;
-  gram_.resize(static_cast<std::size_t>(elements()));
-#pragma omp parallel for schedule(static)
-  for (int k = 0; k < elements(); ++k) {
-    Gram& gram = gram_[static_cast<std::size_t>(k)];
-    for (auto& sums : gram) sums.fill(0.0);
-    const auto e = static_cast<std::size_t>(k);
-    for (std::size_t p = q.first[e]; p < q.first[e + 1]; ++p) {
-      const double xi = q.xi[p], eta = q.eta[p], fx = q.fx[p], fy = q.fy[p];
-      const std::array<double, 4> N{0.25 * (1 - xi) * (1 - eta), 0.25 * (1 + xi) * (1 - eta),
-                                    0.25 * (1 + xi) * (1 + eta), 0.25 * (1 - xi) * (1 + eta)};
-      const double xx = fx * fx, xy = fx * fy, yy = fy * fy;
-      std::size_t pair = 0;
-      for (std::size_t i = 0; i < 4; ++i)
-        for (std::size_t j = i; j < 4; ++j, ++pair) {
-          const double NN = N[i] * N[j];
-          gram[pair][0] += NN * xx, gram[pair][1] += NN * xy, gram[pair][2] += NN * yy, gram[pair][3] += NN;
-        }
     }
   }
 }
@@ -272,48 +260,41 @@ std::vector<Eigen::Matrix2d> Correlation::deformation_gradient(const Eigen::Vect
   return F;
 }
 
-// g(x + u) at the pixels of an element; NaN where they have left the image.
-void Correlation::interpolate(const imaging::BSpline& g, int element, const InImage& shift, const Eigen::VectorXd& U,
-                              float* values, float* slope_x, float* slope_y) const {
+void Correlation::interpolate(const imaging::BSpline& g, int element, const InImage& shift, const Eigen::VectorXd& U, bool slopes,
+                              Seen& seen) const {
+  const ElementPixels pixels = pixels_of(element);
   const Corners u = of_element(shift, element);
   const Corners deformed = u + of_element(positions_, element);
-  const bool curved = !inner_.empty() && quadrature_.pixels_of(element) > 0;
+  const bool curved = !inner_.empty() && pixels.count > 0;
   Bulge bulge;
   if (curved) bulge = Bulge(inner_points(element, &U) - inner_[static_cast<std::size_t>(element)] - bilinear_inside(u));
   // The whole pixels of the displacement are taken out, so that single precision is enough for the rest.
-  const int whole_x = static_cast<int>(std::floor(u.col(0).mean())),
-            whole_y = static_cast<int>(std::floor(u.col(1).mean()));
-  const Eigen::Vector4f ux = bilinear(u.col(0).array() - whole_x).cast<float>(),
-                        uy = bilinear(u.col(1).array() - whole_y).cast<float>();
+  const int whole_x = static_cast<int>(std::floor(u.col(0).mean())), whole_y = static_cast<int>(std::floor(u.col(1).mean()));
+  const auto padded = static_cast<std::size_t>(pixels.count + lanes - 1);
+  seen.dx.resize(padded), seen.dy.resize(padded), seen.value.resize(padded);
+  const Eigen::Vector<float, 5> beyond_x = bulge.coefficients.col(0), beyond_y = bulge.coefficients.col(1);
+  map_at(pixels, bilinear(u.col(0).array() - whole_x).cast<float>(), curved ? &beyond_x : nullptr, seen.dx.data());
+  map_at(pixels, bilinear(u.col(1).array() - whole_y).cast<float>(), curved ? &beyond_y : nullptr, seen.dy.data());
   // A pixel beyond an element's outline by rounding must not touch what lies outside: one pixel of margin.
   const double margin = 1.0 + (curved ? bulge.coefficients.cwiseAbs().sum() : 0.0F);
   const bool inside = deformed.minCoeff() >= margin && deformed.col(0).maxCoeff() <= g.width() - 1 - margin &&
                       deformed.col(1).maxCoeff() <= g.height() - 1 - margin;
-  std::size_t p = quadrature_.first[static_cast<std::size_t>(element)];
-  for (const PixelRow& run : quadrature_.rows_of(element)) {
-    const int column0 = run.column + whole_x, row0 = run.row + whole_y;
-    for (int i = 0; i < run.count; ++i, ++p) {
-      const float xi = quadrature_.xi[p], eta = quadrature_.eta[p];
-      float dx = ux[0] + ux[1] * xi + eta * (ux[2] + ux[3] * xi);
-      float dy = uy[0] + uy[1] * xi + eta * (uy[2] + uy[3] * xi);
-      if (curved) {
-        const Eigen::Vector2f beyond = bulge.at(xi, eta);
-        dx += beyond.x(), dy += beyond.y();
-      }
-      const float floor_x = std::floor(dx), floor_y = std::floor(dy);
-      const int column = column0 + i + static_cast<int>(floor_x), row = row0 + static_cast<int>(floor_y);
-      const float tx = dx - floor_x, ty = dy - floor_y;
-      if (slope_x == nullptr && inside) {
-        *values++ = g.value(column, row, tx, ty);
-        continue;
-      }
-      const double x = column + static_cast<double>(tx), y = row + static_cast<double>(ty);
-      const bool seen = g.contains(x, y);
-      const auto sample = seen ? g.sample(x, y) : imaging::BSpline::Sample{NAN, {NAN, NAN}};
-      *values++ = sample.value;
-      if (slope_x != nullptr) *slope_x++ = sample.slope.x(), *slope_y++ = sample.slope.y();
+  std::size_t p = 0;
+  if (inside && !slopes) {
+    for (const PixelRow& run : quadrature_.rows_of(element)) {
+      g.shifted_row(run.column + whole_x, run.row + whole_y, &seen.dx[p], &seen.dy[p], run.count, &seen.value[p]);
+      p += static_cast<std::size_t>(run.count);
     }
+    return;
   }
+  if (slopes) seen.slope_x.resize(padded), seen.slope_y.resize(padded);
+  for (const PixelRow& run : quadrature_.rows_of(element))
+    for (int i = 0; i < run.count; ++i, ++p) {
+      const double x = run.column + i + whole_x + static_cast<double>(seen.dx[p]), y = run.row + whole_y + static_cast<double>(seen.dy[p]);
+      const auto sample = g.contains(x, y) ? g.sample(x, y) : imaging::BSpline::Sample{NAN, {NAN, NAN}};
+      seen.value[p] = sample.value;
+      if (slopes) seen.slope_x[p] = sample.slope.x(), seen.slope_y[p] = sample.slope.y();
+    }
 }
 
 Evaluation Correlation::evaluate(const imaging::BSpline& g, const Eigen::VectorXd& U, const Communicator& group,
@@ -325,61 +306,27 @@ Evaluation Correlation::evaluate(const imaging::BSpline& g, const Eigen::VectorX
   const auto mine = static_cast<std::size_t>(end - begin);
 
   // Element sums. Grey levels are counted from the reference's mean, so that the moments keep their digits.
-  enum : std::size_t { of_b = 0, of_gb = 8, of_1b = 16, squares_f = 24, f_, g_, fg, gg, seen_, dropped_, entries };
-  std::vector<std::array<double, entries>> sums(mine);
+  std::vector<ElementSums> sums(mine);
   const float grey0 = mean_grey_;
 #pragma omp parallel
   {
-    std::vector<float> values, dx, dy;
+    Seen seen;
 #pragma omp for schedule(static)
     for (int e = begin; e < end; ++e) {
-      const std::size_t at = q.first[static_cast<std::size_t>(e)], count = q.pixels_of(e);
-      values.resize(count);
-      const float *gx = q.fx.data() + at, *gy = q.fy.data() + at;
-      if (own_slopes) dx.resize(count), dy.resize(count), gx = dx.data(), gy = dy.data();
-      interpolate(g, e, shift, U, values.data(), own_slopes ? dx.data() : nullptr, own_slopes ? dy.data() : nullptr);
-      auto& sum = sums[static_cast<std::size_t>(e - begin)];
-      sum.fill(0.0);
-      std::size_t i = 0;
-      for (const PixelRow& row : q.rows_of(e)) {
-        using Four = Eigen::Array4f;
-        Four bx = Four::Zero(), by = bx, gbx = bx, gby = bx, obx = bx, oby = bx;
-        Eigen::Array4d moments = Eigen::Array4d::Zero();
-        double squares = 0.0;
-        int seen = 0;
-        for (int j = 0; j < row.count; ++j, ++i) {
-          const float a = q.f[at + i] - grey0, b = values[i] - grey0;
-          if (std::isnan(b)) continue;
-          const float xi = q.xi[at + i], eta = q.eta[at + i];
-          const float low = 0.25F - 0.25F * eta, high = 0.25F + 0.25F * eta;
-          const Four N(low - low * xi, low + low * xi, high + high * xi, high - high * xi);
-          const Four Nx = N * gx[i], Ny = N * gy[i];
-          const float r = a - b;
-          bx += r * Nx, by += r * Ny;
-          if (brightness_) gbx += b * Nx, gby += b * Ny, obx += Nx, oby += Ny;
-          moments += Eigen::Array4d(a, b, static_cast<double>(a) * b, static_cast<double>(b) * b);
-          squares += static_cast<double>(r) * r;
-          ++seen;
-        }
-        for (int n = 0; n < 4; ++n) {
-          const auto k = static_cast<std::size_t>(2 * n);
-          sum[of_b + k] += bx[n], sum[of_b + k + 1] += by[n];
-          sum[of_gb + k] += gbx[n], sum[of_gb + k + 1] += gby[n];
-          sum[of_1b + k] += obx[n], sum[of_1b + k + 1] += oby[n];
-          sum[f_ + static_cast<std::size_t>(n)] += moments[n];
-        }
-        sum[squares_f] += squares;
-        sum[seen_] += seen;
-        sum[dropped_] += row.count - seen;
-      }
+      interpolate(g, e, shift, U, own_slopes, seen);
+      ElementPixels pixels = pixels_of(e);
+      if (own_slopes) pixels.gx = seen.slope_x.data(), pixels.gy = seen.slope_y.data();
+      sums[static_cast<std::size_t>(e - begin)] = sum_pixels(pixels, seen.value.data(), grey0, brightness_);
     }
   }
 
   // Light and correlation coefficient from the moments of all pixels.
   Evaluation result;
   std::array<double, 7> all{};
-  for (const auto& sum : sums) {
-    const std::array<double, 7> part{sum[f_], sum[g_], sum[fg], sum[gg], sum[seen_], sum[dropped_], sum[squares_f]};
+  for (int e = begin; e < end; ++e) {
+    const ElementSums& sum = sums[static_cast<std::size_t>(e - begin)];
+    const double dropped = static_cast<double>(q.pixels_of(e)) - sum.seen;
+    const std::array<double, 7> part{sum.f, sum.g, sum.fg, sum.gg, sum.seen, dropped, sum.squares};
     for (std::size_t i = 0; i < all.size(); ++i) all[i] += part[i];
   }
   if (group.size() > 1) group.sum(all);
@@ -403,14 +350,14 @@ Evaluation Correlation::evaluate(const imaging::BSpline& g, const Eigen::VectorX
   struct Light {
     double gain, offset, variance_f;
   };
-  const auto light_of = [&](const std::array<double, entries>& sum) {
-    const double pixels = std::max(1.0, sum[seen_]);
-    const double of_g = sum[gg] - sum[g_] * sum[g_] / pixels;
-    const double of_f = sum[squares_f] + 2.0 * sum[fg] - sum[gg] - sum[f_] * sum[f_] / pixels;
+  const auto light_of = [&](const ElementSums& sum) {
+    const double pixels = std::max(1.0, sum.seen);
+    const double of_g = sum.gg - sum.g * sum.g / pixels;
+    const double of_f = sum.squares + 2.0 * sum.fg - sum.gg - sum.f * sum.f / pixels;
     Light light{gain, offset, of_f};
     if (!local_brightness_ || pixels < 4.0) return light;
-    if (pixels >= 64.0 && of_g > 1e-9 * sum[gg] && of_f > 0.0) light.gain = std::sqrt(of_f / of_g);
-    light.offset = (sum[f_] - light.gain * sum[g_]) / pixels;
+    if (pixels >= 64.0 && of_g > 1e-9 * sum.gg && of_f > 0.0) light.gain = std::sqrt(of_f / of_g);
+    light.offset = (sum.f - light.gain * sum.g) / pixels;
     return light;
   };
 
@@ -423,20 +370,17 @@ Evaluation Correlation::evaluate(const imaging::BSpline& g, const Eigen::VectorX
     const Light light = light_of(sum);
     const double d = 1.0 - light.gain;  // f - gain g - offset = (f - g) + (1 - gain) g - offset
     for (int i = 0; i < 4; ++i) {
-      const auto k = static_cast<std::size_t>(2 * i);
-      Eigen::Vector2d part(sum[of_b + k] + d * sum[of_gb + k] - light.offset * sum[of_1b + k],
-                           sum[of_b + k + 1] + d * sum[of_gb + k + 1] - light.offset * sum[of_1b + k + 1]);
+      Eigen::Vector2d part = (sum.r.row(i) + d * sum.b.row(i) - light.offset * sum.one.row(i)).transpose();
       if (own_slopes) part *= light.gain;
       if (!transport.empty()) part = (transport[static_cast<std::size_t>(e)] * part).eval();
       const int node = surface_.cells(e, i);
       const Eigen::Vector3d force = camera_->jacobian(displaced(node, U)).transpose() * part;
       for (int a = 0; a < dofs_; ++a) message[static_cast<std::size_t>(node * dofs_ + a)] += force[a];
     }
-    const double squares = sum[squares_f] + d * d * sum[gg] + light.offset * light.offset * sum[seen_] +
-                           2.0 * d * (sum[fg] - sum[gg]) - 2.0 * light.offset * (sum[f_] - sum[g_]) -
-                           2.0 * d * light.offset * sum[g_];
+    const double squares = sum.squares + d * d * sum.gg + light.offset * light.offset * sum.seen + 2.0 * d * (sum.fg - sum.gg) -
+                           2.0 * light.offset * (sum.f - sum.g) - 2.0 * d * light.offset * sum.g;
     message[static_cast<std::size_t>(unknowns() + e)] = std::max(0.0, squares);
-    message[static_cast<std::size_t>(unknowns() + elements() + e)] = sum[seen_];
+    message[static_cast<std::size_t>(unknowns() + elements() + e)] = sum.seen;
     message[static_cast<std::size_t>(unknowns() + 2 * elements() + e)] = light.gain;
     message[static_cast<std::size_t>(unknowns() + 3 * elements() + e)] = light.offset + static_cast<double>(grey0) * d;
     message.back() += light.variance_f;
@@ -459,14 +403,18 @@ std::vector<float> Correlation::residual(const imaging::BSpline& g, const Eigen:
   if (brightness_) seen = evaluate(g, U, Communicator{MPI_COMM_SELF});
   const InImage shift = pixel_displacement(U);
   std::vector<float> residual(quadrature_.pixels());
-#pragma omp parallel for schedule(static)
-  for (int e = 0; e < elements(); ++e) {
-    const auto at = static_cast<std::size_t>(e);
-    const float gain = brightness_ ? static_cast<float>(seen.element_gain[e]) : 1.0F;
-    const float offset = brightness_ ? static_cast<float>(seen.element_offset[e]) : 0.0F;
-    interpolate(g, e, shift, U, residual.data() + quadrature_.first[at], nullptr, nullptr);
-    for (std::size_t p = quadrature_.first[at]; p < quadrature_.first[at + 1]; ++p)
-      residual[p] = quadrature_.f[p] - (gain * residual[p] + offset);
+#pragma omp parallel
+  {
+    Seen here;
+#pragma omp for schedule(static)
+    for (int e = 0; e < elements(); ++e) {
+      const float gain = brightness_ ? static_cast<float>(seen.element_gain[e]) : 1.0F;
+      const float offset = brightness_ ? static_cast<float>(seen.element_offset[e]) : 0.0F;
+      interpolate(g, e, shift, U, false, here);
+      const std::size_t first = quadrature_.first[static_cast<std::size_t>(e)];
+      for (std::size_t p = 0; p < quadrature_.pixels_of(e); ++p)
+        residual[first + p] = quadrature_.f[first + p] - (gain * here.value[p] + offset);
+    }
   }
   return residual;
 }

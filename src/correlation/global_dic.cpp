@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <future>
 
 #include "imic3d/core/error.hpp"
 #include "imic3d/core/log.hpp"
@@ -78,6 +79,31 @@ std::vector<imaging::Image> half_sizes(const std::vector<imaging::Image>& images
   return half;
 }
 
+/// The images of a frame, read by a thread of their own while the frame before is correlated.
+class ReadAhead {
+ public:
+  using Images = std::vector<imaging::Image>;
+  /// `read(frame)` for the frames first, first + step, ... below `frames`.
+  ReadAhead(std::function<Images(int)> read, int first, int step, int frames)
+      : read_(std::move(read)), step_(step), frames_(frames) {
+    start(first);
+  }
+  /// The images of `frame`, which is next in turn. Throws what `read` threw.
+  [[nodiscard]] Images take(int frame) {
+    Images images = next_.get();
+    start(frame + step_);
+    return images;
+  }
+
+ private:
+  void start(int frame) {
+    if (frame < frames_) next_ = std::async(std::launch::async, read_, frame);
+  }
+  std::function<Images(int)> read_;
+  int step_, frames_;
+  std::future<Images> next_;
+};
+
 imaging::Image reduced(imaging::Image image, int times) {
   for (int k = 0; k < times; ++k) image = imaging::half_size(image);
   return image;
@@ -92,7 +118,9 @@ GlobalDic::GlobalDic(const mesh::Mesh& surface, const imaging::TelecentricCamera
 GlobalDic::GlobalDic(const mesh::Mesh& surface, std::shared_ptr<const imaging::Camera> camera,
                      const imaging::Image& reference, DicOptions options, const std::string& place)
     : options_(std::move(options)), noise_(imaging::noise_response(options_.low_pass)) {
-  build(surface, {{.camera = std::move(camera), .reference = reference, .place = place}}, in_plane);
+  std::vector<View> views(1);
+  views[0].camera = std::move(camera), views[0].reference = reference, views[0].place = place;
+  build(surface, std::move(views), in_plane);
 }
 
 GlobalDic::GlobalDic(const mesh::Mesh& surface, std::vector<View> views, int dofs_per_node, DicOptions options)
@@ -102,14 +130,14 @@ GlobalDic::GlobalDic(const mesh::Mesh& surface, std::vector<View> views, int dof
   if (views.size() == 1 && dofs_per_node == 3)
     throw InputError("cameras", "one camera for three components of the displacement",
                      "two cameras at least: one does not see motion along its line of sight");
-  build(surface, views, dofs_per_node);
+  build(surface, std::move(views), dofs_per_node);
 }
 
-void GlobalDic::build(const mesh::Mesh& surface, const std::vector<View>& views, int dofs_per_node) {
+void GlobalDic::build(const mesh::Mesh& surface, std::vector<View> views, int dofs_per_node) {
   const bool several = views.size() > 1;
-  std::vector<imaging::Image> images;
+  std::vector<imaging::Image> images(views.size());  // of the level, from the second on
   std::vector<double> noise;
-  for (const View& view : views) images.push_back(view.reference), noise.push_back(view.noise);
+  for (const View& view : views) noise.push_back(view.noise);
   if (std::any_of(noise.begin(), noise.end(), [](double sigma) { return !(sigma > 0.0); })) noise.clear();
   imaging::Image mask = options_.mask != nullptr ? *options_.mask : imaging::Image{};
   const bool masked = options_.mask != nullptr;
@@ -123,8 +151,11 @@ void GlobalDic::build(const mesh::Mesh& surface, const std::vector<View>& views,
     if (level > 0 && masked) mask = every_second(mask);
     double shortest = INFINITY;  // side of the mesh in any image [px]
     for (std::size_t c = 0; c < views.size(); ++c) {
-      if (level > 0) images[c] = imaging::half_size(images[c]);
-      next.references.push_back(level == 0 ? spline(images[c]) : imaging::BSpline(images[c]));
+      if (level > 0) images[c] = imaging::half_size(level == 1 ? views[c].reference : images[c]);
+      if (level == 1) views[c].reference = {};
+      next.references.push_back(level == 0 ? spline(views[c].reference) : imaging::BSpline(images[c]));
+      const imaging::ImageHeader size{next.references.back().width(), next.references.back().height(), 0};
+      next.sizes.push_back(size);
       CorrelationOptions operators{.dofs_per_node = dofs_per_node,
                                    .brightness = options_.brightness,
                                    .local_brightness = options_.local_brightness,
@@ -137,7 +168,7 @@ void GlobalDic::build(const mesh::Mesh& surface, const std::vector<View>& views,
                                                        next.references.back(), operators);
       const InImage& positions = correlation->positions();
       const Eigen::Vector2d extent = (positions.colwise().maxCoeff() - positions.colwise().minCoeff()).transpose();
-      shortest = std::min({shortest, extent.minCoeff(), several ? static_cast<double>(std::min(images[c].width, images[c].height)) : INFINITY});
+      shortest = std::min({shortest, extent.minCoeff(), several ? static_cast<double>(std::min(size.width, size.height)) : INFINITY});
       correlations.push_back(std::move(correlation));
     }
     next.cameras = std::make_shared<Cameras>(std::move(correlations), noise);
@@ -161,8 +192,13 @@ void GlobalDic::build(const mesh::Mesh& surface, const std::vector<View>& views,
     if (level == 0) calm(next, M, energy);
     next.factor = std::make_shared<Factor>(M + next.smoothing);
     require_speckle(next, views.front().place);
+    if (level > 0) levels_.back().references.clear();
     levels_.push_back(std::move(next));
+    if (level == 0) find_motion_noise(views);
   }
+}
+
+void GlobalDic::find_motion_noise(const std::vector<View>& views) {
   motion_noise_.assign(views.size(), 1.0);
   for (std::size_t c = 0; c < views.size() && options_.low_pass > 0.0; ++c) {
     const PixelQuadrature& pixels = correlation(static_cast<int>(c)).quadrature();
@@ -185,7 +221,7 @@ Eigen::SparseMatrix<double> GlobalDic::held() const {
 }
 
 imaging::BSpline GlobalDic::spline(const imaging::Image& image) const {
-  return imaging::BSpline(imaging::low_pass(image, options_.low_pass));
+  return options_.low_pass > 0.0 ? imaging::BSpline(imaging::low_pass(image, options_.low_pass)) : imaging::BSpline(image);
 }
 
 std::vector<imaging::BSpline> GlobalDic::splines(const std::vector<imaging::Image>& images, int level) const {
@@ -326,14 +362,18 @@ DicFrame GlobalDic::correlate(const imaging::Image& image, const Eigen::VectorXd
   return correlate(std::vector<imaging::Image>{image}, start, coarsest, finest, group);
 }
 
-DicFrame GlobalDic::correlate(const std::vector<imaging::Image>& images, const Eigen::VectorXd& start, int coarsest,
-                              int finest, const Communicator& group) const {
+DicFrame GlobalDic::correlate(std::vector<imaging::Image> images, const Eigen::VectorXd& start, int coarsest, int finest,
+                              const Communicator& group) const {
   DicFrame frame;
   frame.displacement = start;
-  std::vector<std::vector<imaging::Image>> pyramid = {images};
+  std::vector<std::vector<imaging::Image>> pyramid;
+  pyramid.push_back(std::move(images));
   for (int level = 1; level <= coarsest; ++level) pyramid.push_back(half_sizes(pyramid.back()));
-  for (int level = coarsest; level >= finest; --level)
-    solve_level(level, splines(pyramid[static_cast<std::size_t>(level)], level), group, frame);
+  for (int level = coarsest; level >= finest; --level) {
+    const auto g = splines(pyramid.back(), level);
+    pyramid.pop_back();
+    solve_level(level, g, group, frame);
+  }
   return frame;
 }
 
@@ -457,11 +497,11 @@ std::vector<DicFrame> GlobalDic::run(const Communicator& world, int frames, cons
   const int count = cameras().size();
   const auto read = [&](int frame, int camera) {
     imaging::Image image = source(frame, camera);
-    const imaging::BSpline& reference = levels_.front().references[static_cast<std::size_t>(camera)];
-    if (image.width != reference.width() || image.height != reference.height())
+    const imaging::ImageHeader& reference = levels_.front().sizes[static_cast<std::size_t>(camera)];
+    if (image.width != reference.width || image.height != reference.height)
       throw InputError(image.path.empty() ? fmt::format("frame {}", frame) : image.path.string(),
                        fmt::format("{} x {} pixels", image.width, image.height),
-                       fmt::format("{} x {} pixels like the reference image", reference.width(), reference.height()));
+                       fmt::format("{} x {} pixels like the reference image", reference.width, reference.height));
     return image;
   };
   Progress progress(world, "DIC", 2 * frames);
@@ -472,13 +512,18 @@ std::vector<DicFrame> GlobalDic::run(const Communicator& world, int frames, cons
   for (std::size_t t = 0; t < known.starts.size(); ++t)
     if (known.lost[t] == 0) trusted.push_back(known.starts[t]);
   std::vector<imaging::Image> empty;
-  for (const imaging::BSpline& reference : levels_[static_cast<std::size_t>(split)].references)
-    empty.emplace_back(reference.width(), reference.height());
-  for (auto first = static_cast<int>(known.starts.size()); first < frames; first += world.size()) {
+  for (const imaging::ImageHeader& size : levels_[static_cast<std::size_t>(split)].sizes) empty.emplace_back(size.width, size.height);
+  const auto images_of = [&](int frame, int times) {
+    std::vector<imaging::Image> images;
+    for (int c = 0; c < count; ++c) images.push_back(reduced(read(frame, c), times));
+    return images;
+  };
+  const auto begun = static_cast<int>(known.starts.size());
+  ReadAhead coarse_images([&](int frame) { return images_of(frame, split); }, begun + world.rank(), world.size(), frames);
+  for (int first = begun; first < frames; first += world.size()) {
     std::vector<imaging::Image> mine = empty;
     collectively(world, [&] {
-      if (first + world.rank() >= frames) return;
-      for (int c = 0; c < count; ++c) mine[static_cast<std::size_t>(c)] = reduced(read(first + world.rank(), c), split);
+      if (first + world.rank() < frames) mine = coarse_images.take(first + world.rank());
     });
     for (int frame = first; frame < std::min(frames, first + world.size()); ++frame) {
       std::vector<imaging::Image> coarse = frame - first == world.rank() ? mine : empty;
@@ -500,6 +545,7 @@ std::vector<DicFrame> GlobalDic::run(const Communicator& world, int frames, cons
   const int groups = layout.groups();
   constexpr double period = 10.0;  // [s]
   int in_turn = 1;                 // frames of a group until then
+  ReadAhead fine_images([&](int frame) { return images_of(frame, 0); }, static_cast<int>(known.frames.size()) + layout.index(), groups, frames);
   while (static_cast<int>(known.frames.size()) < frames) {
     const auto first = static_cast<int>(known.frames.size());
     const int last = first + std::min(frames - first, in_turn * groups);
@@ -508,11 +554,9 @@ std::vector<DicFrame> GlobalDic::run(const Communicator& world, int frames, cons
     collectively(world, [&] {
       for (int frame = first + layout.index(); frame < last; frame += groups) {
         std::vector<imaging::Image> images;
-        collectively(layout.group(), [&] {
-          for (int c = 0; c < count; ++c) images.push_back(read(frame, c));
-        });
+        collectively(layout.group(), [&] { images = fine_images.take(frame); });
         DicFrame& result = mine[static_cast<std::size_t>(frame - first)];
-        result = correlate(images, known.starts[static_cast<std::size_t>(frame)], std::max(0, split - 1), 0, layout.group());
+        result = correlate(std::move(images), known.starts[static_cast<std::size_t>(frame)], std::max(0, split - 1), 0, layout.group());
         progress.update(frames + frame + 1,
                         fmt::format("frame {} of {}, residual {:.2f} grey levels", frame + 1, frames, result.rms));
       }

@@ -25,7 +25,8 @@ Eigen::Vector2d local_coordinates(const Eigen::Vector4d& x, const Eigen::Vector4
     jacobian << x[1] + x[3] * eta, x[2] + x[3] * xi, y[1] + y[3] * eta, y[2] + y[3] * xi;
     const Eigen::Vector2d step = jacobian.inverse() * miss;
     start += step;
-    if (step.cwiseAbs().maxCoeff() < 1e-10) break;
+    // What is still missed [px]: the map has no other second derivative than this.
+    if (std::abs(step.x() * step.y()) * std::max(std::abs(x[3]), std::abs(y[3])) < 1e-9) break;
   }
   return start.cwiseMax(-1.001).cwiseMin(1.001);
 }
@@ -159,9 +160,13 @@ void for_each_pixel(const Corners& corners, const imaging::BSpline& reference, c
   const int last_column = std::min(reference.width() - 1, static_cast<int>(std::ceil(corners.col(0).maxCoeff())));
   const int first_row = std::max(0, static_cast<int>(std::floor(corners.col(1).minCoeff())));
   const int last_row = std::min(reference.height() - 1, static_cast<int>(std::ceil(corners.col(1).maxCoeff())));
-  for (int row = first_row; row <= last_row; ++row)
-    for (int column = first_column; column <= last_column; ++column)
-      if (outline.owns(column, row) && (mask == nullptr || (*mask)(column, row) != 0.0F)) visit(row, column);
+  for (int row = first_row; row <= last_row; ++row) {  // a row of a convex element is one run
+    int begin = first_column, end = last_column + 1;
+    while (begin < end && !outline.owns(begin, row)) ++begin;
+    while (begin < end && !outline.owns(end - 1, row)) --end;
+    for (int column = begin; column < end; ++column)
+      if (mask == nullptr || (*mask)(column, row) != 0.0F) visit(row, column);
+  }
 }
 
 }  // namespace

@@ -5,14 +5,13 @@
 #include <array>
 #include <cmath>
 
+#pragma GCC diagnostic ignored "-Wpsabi"  // functions of vectors are inlined
+
 namespace imic3d::imaging {
 namespace {
 
 const double pole = std::sqrt(3.0) - 2.0;
 constexpr double gain = 6.0;
-constexpr int lanes = 16;  // signals filtered side by side
-
-using Lanes = Eigen::Array<double, lanes, 1>;
 
 int mirrored(int i, int n) {
   if (n == 1) return 0;
@@ -21,21 +20,80 @@ int mirrored(int i, int n) {
   return i < n ? i : period - i;
 }
 
-// Samples to B-spline coefficients, in place, for `lanes` signals of the same length (Unser et al. 1993, Eqs 2.5-2.7).
-void prefilter(std::vector<Lanes>& signal) {
-  const int n = static_cast<int>(signal.size());
-  if (n == 1) return;
+constexpr int most_together = 256;  // signals filtered side by side
+
+// Samples to B-spline coefficients (Unser et al. 1993, Eqs 2.5-2.7) of `count` signals of n samples; sample k of all signals
+// stands in a row, samples + k samples_stride. May be done in place.
+IMIC3D_CLONES void prefilter(const float* samples, std::ptrdiff_t samples_stride, float* c, std::ptrdiff_t stride, int n, int count) {
+  if (n == 1) {
+    std::copy_n(samples, count, c);
+    return;
+  }
+  const double z = pole, last = z / (z * z - 1.0);
+  double state[most_together] = {};
   constexpr int horizon = 30;  // 0.268^30 is below the rounding of a double
-  Lanes start = Lanes::Zero();
-  for (int k = horizon; k >= 0; --k) start = signal[static_cast<std::size_t>(mirrored(k, n))] + pole * start;
-  for (Lanes& s : signal) s *= gain;
-  signal.front() = gain * start;
-  for (std::size_t k = 1; k < signal.size(); ++k) signal[k] += pole * signal[k - 1];
-  signal.back() = (pole / (pole * pole - 1.0)) * (signal.back() + pole * signal[signal.size() - 2]);
-  for (std::size_t k = signal.size() - 1; k-- > 0;) signal[k] = pole * (signal[k + 1] - signal[k]);
+  for (int k = horizon; k >= 0; --k) {
+    const float* const row = samples + mirrored(k, n) * samples_stride;
+    for (int i = 0; i < count; ++i) state[i] = static_cast<double>(row[i]) + z * state[i];
+  }
+  for (int i = 0; i < count; ++i) state[i] *= gain, c[i] = static_cast<float>(state[i]);
+  for (int k = 1; k < n; ++k) {
+    const float* const row = samples + k * samples_stride;
+    float* const to = c + k * stride;
+    for (int i = 0; i < count; ++i) state[i] = gain * static_cast<double>(row[i]) + z * state[i], to[i] = static_cast<float>(state[i]);
+  }
+  float* const end = c + (n - 1) * stride;
+  for (int i = 0; i < count; ++i) {
+    state[i] = last * (state[i] + z * static_cast<double>(end[i - stride]));
+    end[i] = static_cast<float>(state[i]);
+  }
+  for (int k = n - 2; k >= 0; --k) {
+    float* const to = c + k * stride;
+    for (int i = 0; i < count; ++i) state[i] = z * (state[i] - static_cast<double>(to[i])), to[i] = static_cast<float>(state[i]);
+  }
+}
+
+/// The four cubic B-splines that reach a cell, times 6, at t in [0, 1].
+struct Weights {
+  Floats w[4];
+  IMIC3D_INLINE explicit Weights(const Floats& t) {
+    const Floats s = 1.0F - t;
+    w[0] = s * s * s, w[3] = t * t * t;
+    w[1] = 4.0F + t * t * (3.0F * t - 6.0F);
+    w[2] = 6.0F - w[0] - w[1] - w[3];
+  }
+};
+
+// `corner`: coefficient (column - 1, row - 1).
+IMIC3D_CLONES void interpolate_row(const float* corner, std::ptrdiff_t stride, const float* dx, const float* dy, int count, float* values) {
+  for (int i = 0; i < count;) {
+    const float whole_x = std::floor(dx[i]), whole_y = std::floor(dy[i]);
+    const float* const c = corner + i + static_cast<std::ptrdiff_t>(whole_x) + static_cast<std::ptrdiff_t>(whole_y) * stride;
+    const Floats tx = load(dx + i) - whole_x, ty = load(dy + i) - whole_y;
+    const Weights x(tx), y(ty);
+    Floats sum{};
+    for (int j = 0; j < 4; ++j) {
+      const float* const line = c + j * stride;
+      sum += y.w[j] * (x.w[0] * load(line) + x.w[1] * load(line + 1) + x.w[2] * load(line + 2) + x.w[3] * load(line + 3));
+    }
+    store(sum * (1.0F / 36.0F), values + i);
+    // Those that lie in another cell are done in the next turn.
+    const auto own = (tx >= 0.0F) & (tx <= 1.0F) & (ty >= 0.0F) & (ty <= 1.0F);
+    int done = 0, all = -1;
+    for (int l = 0; l < lanes; ++l) all &= own[l];
+    if (all != 0)
+      done = lanes;
+    else
+      while (done < lanes && own[done] != 0) ++done;
+    i += std::max(1, done);
+  }
 }
 
 }  // namespace
+
+void BSpline::shifted_row(int column, int row, const float* dx, const float* dy, int count, float* values) const {
+  interpolate_row(corner(column, row), stride_, dx, dy, count, values);
+}
 
 BSpline::BSpline(const Image& image) : width_(image.width), height_(image.height), stride_(image.width + 2 * border) {
   if (width_ < 1 || height_ < 1)
@@ -48,34 +106,28 @@ BSpline::BSpline(const Image& image) : width_(image.width), height_(image.height
   };
 #pragma omp parallel
   {
-    std::vector<Lanes> signal(static_cast<std::size_t>(height_));
 #pragma omp for schedule(static)
-    for (int first = 0; first < width_; first += lanes) {
-      const int count = std::min(lanes, width_ - first);
-      for (int y = 0; y < height_; ++y)
-        for (int lane = 0; lane < lanes; ++lane)
-          signal[static_cast<std::size_t>(y)][lane] = image(first + std::min(lane, count - 1), y);
-      prefilter(signal);
-      for (int y = 0; y < height_; ++y)
-        for (int lane = 0; lane < count; ++lane)
-          at(first + lane, y) = static_cast<float>(signal[static_cast<std::size_t>(y)][lane]);
-    }
-    signal.resize(static_cast<std::size_t>(width_));
+    for (int first = 0; first < width_; first += most_together)
+      prefilter(image.grey.data() + first, width_, &at(first, 0), stride_, height_, std::min(most_together, width_ - first));
+    // Rows of the image, turned so that they lie side by side.
+    constexpr int rows_together = 16;
+    std::vector<float> turned(static_cast<std::size_t>(width_) * rows_together);
 #pragma omp for schedule(static)
-    for (int first = 0; first < height_; first += lanes) {
-      const int count = std::min(lanes, height_ - first);
-      for (int lane = 0; lane < lanes; ++lane)
-        for (int x = 0; x < width_; ++x)
-          signal[static_cast<std::size_t>(x)][lane] = at(x, first + std::min(lane, count - 1));
-      prefilter(signal);
-      for (int lane = 0; lane < count; ++lane) {
-        for (int x = 0; x < width_; ++x)
-          at(x, first + lane) = static_cast<float>(signal[static_cast<std::size_t>(x)][lane]);
+    for (int first = 0; first < height_; first += rows_together) {
+      const int count = std::min(rows_together, height_ - first);
+      const auto turn = [&](const auto& copy) {  // by squares that stay in the cache
+        for (int x0 = 0; x0 < width_; x0 += rows_together)
+          for (int k = 0; k < count; ++k)
+            for (int x = x0; x < std::min(width_, x0 + rows_together); ++x) copy(turned[static_cast<std::size_t>(x) * rows_together + static_cast<std::size_t>(k)], at(x, first + k));
+      };
+      turn([](float& here, const float& there) { here = there; });
+      prefilter(turned.data(), rows_together, turned.data(), rows_together, width_, count);
+      turn([](const float& here, float& there) { there = here; });
+      for (int y = first; y < first + count; ++y)
         for (int k = 1; k <= border; ++k) {
-          at(-k, first + lane) = at(mirrored(-k, width_), first + lane);
-          at(width_ - 1 + k, first + lane) = at(mirrored(width_ - 1 + k, width_), first + lane);
+          at(-k, y) = at(mirrored(-k, width_), y);
+          at(width_ - 1 + k, y) = at(mirrored(width_ - 1 + k, width_), y);
         }
-      }
     }
   }
   for (int k = 1; k <= border; ++k) {

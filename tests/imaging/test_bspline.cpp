@@ -63,6 +63,34 @@ TEST(BSpline, GradientIsTheDerivativeOfTheValue) {
   EXPECT_LT(errors[2], 1e-2 * std::abs(slope) + 1e-2);
 }
 
+// Pixels side by side: cells change along the row by single steps, by jumps and at every pixel, up to a pixel from the borders.
+TEST(BSpline, RowsAreTheValuesOfTheirPixels) {
+  const Image image = random_image(90, 41);
+  const BSpline spline(image);
+  std::mt19937 generator(5);
+  std::uniform_real_distribution<float> jump(-3.0F, 3.0F);
+  for (const int kind : {0, 1, 2, 3})
+    for (int count = 1; count < 60; ++count)
+      for (const int row : {4, 20, 36}) {
+        std::vector<float> dx(static_cast<std::size_t>(count + lanes - 1), 0.0F), dy = dx, values = dx;
+        for (int i = 0; i < count; ++i) {
+          auto &x = dx[static_cast<std::size_t>(i)], &y = dy[static_cast<std::size_t>(i)];
+          const float t = static_cast<float>(i);
+          if (kind == 0) x = 0.4F, y = -0.3F;
+          if (kind == 1) x = 0.07F * t - 2.5F, y = 2.0F - 0.05F * t;
+          if (kind == 2) x = jump(generator), y = jump(generator);
+          if (kind == 3) x = std::floor(jump(generator)), y = std::floor(jump(generator));
+        }
+        const int column = row == 36 ? 86 - count : 4;
+        spline.shifted_row(column, row, dx.data(), dy.data(), count, values.data());
+        for (int i = 0; i < count; ++i) {
+          const auto k = static_cast<std::size_t>(i);
+          ASSERT_NEAR(values[k], spline.value(column + i + static_cast<double>(dx[k]), row + static_cast<double>(dy[k])), 3e-4)
+              << kind << ": " << i << " of " << count << ", row " << row;
+        }
+      }
+}
+
 TEST(BSpline, StaysInsideTheImage) {
   const Image image = random_image(12, 9);
   const BSpline spline(image);

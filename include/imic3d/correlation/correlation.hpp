@@ -39,6 +39,10 @@ enum class Gradient {
                 ///< gain and offset (biased by noise)
 };
 
+/// Sums over an element's pixels of N_i N_j (fx fx, fx fy, fy fy, 1) for i <= j.
+using Gram = std::array<std::array<double, 4>, 10>;
+struct ElementPixels;
+
 /// What an image answers to a displacement.
 struct Evaluation {
   Eigen::VectorXd b;                ///< N^T grad(F) (F - G), Eq. 9 [nodes * dofs, grey level^2/length]
@@ -108,10 +112,6 @@ class Correlation {
   [[nodiscard]] std::vector<Eigen::Matrix2d> deformation_gradient(const Eigen::VectorXd& U) const;
 
  private:
-  /// Sums over an element's pixels of N_i N_j (fx fx, fx fy, fy fy, 1) for i <= j.
-  using Gram = std::array<std::array<double, 4>, 10>;
-
-  void sum_gram();
   void make_pattern();
   /// Sum over the elements of J_i^T block(element, sums of the pair) J_j; J at the nodes displaced by U, if given.
   using Block = std::function<Eigen::Matrix2d(int element, const std::array<double, 4>& sums)>;
@@ -119,8 +119,14 @@ class Correlation {
   [[nodiscard]] Eigen::Vector3d displaced(int node, const Eigen::VectorXd& U) const;
   [[nodiscard]] Eigen::Matrix<double, 4, 2> of_element(const InImage& values, int element) const;
   [[nodiscard]] std::pair<int, int> share(const Communicator& group) const;
-  void interpolate(const imaging::BSpline& g, int element, const InImage& shift, const Eigen::VectorXd& U, float* values,
-                   float* slope_x, float* slope_y) const;
+  [[nodiscard]] ElementPixels pixels_of(int element) const;
+  /// The deformed image at the pixels of an element, NaN where they have left it. Kept from element to element of a thread.
+  struct Seen {
+    std::vector<float> dx, dy;            // displacement less its whole pixels
+    std::vector<float> value;             // g(x + u)
+    std::vector<float> slope_x, slope_y;  // grad g(x + u), if asked for
+  };
+  void interpolate(const imaging::BSpline& g, int element, const InImage& shift, const Eigen::VectorXd& U, bool slopes, Seen& seen) const;
   /// Projections of the middles of the edges and of the centre of an element displaced by U, if given.
   [[nodiscard]] Eigen::Matrix<double, 5, 2> inner_points(int element, const Eigen::VectorXd* U) const;
   void correct_local_coordinates();

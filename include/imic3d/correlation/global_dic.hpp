@@ -141,7 +141,8 @@ class GlobalDic {
   /// Collective over `world`. Throws InputError (an image that cannot be read or has another size).
   [[nodiscard]] std::vector<DicFrame> run(const Communicator& world, const std::vector<std::filesystem::path>& images,
                                           const Done& done = {}) const;
-  /// The same for images from any source: `source(frame)` is called on one rank or another, more than once.
+  /// The same for images from any source: `source(frame)` is called on one rank or another, more than once, and for the next
+  /// frame by a thread of its own while one is correlated. At any time a rank holds two frames.
   [[nodiscard]] std::vector<DicFrame> run(const Communicator& world, int frames, const Source& source,
                                           const Done& done = {}) const;
   /// Several cameras: images [camera][frame], or from any source.
@@ -156,8 +157,8 @@ class GlobalDic {
   [[nodiscard]] DicFrame correlate(const imaging::Image& image, const Eigen::VectorXd& start, int coarsest, int finest,
                                    const Communicator& group) const;
   /// The same for one image of each camera.
-  [[nodiscard]] DicFrame correlate(const std::vector<imaging::Image>& images, const Eigen::VectorXd& start, int coarsest,
-                                   int finest, const Communicator& group) const;
+  [[nodiscard]] DicFrame correlate(std::vector<imaging::Image> images, const Eigen::VectorXd& start, int coarsest, int finest,
+                                   const Communicator& group) const;
 
   /// Standard deviation of each displacement unknown [nodes * dofs, length] for a white noise of `sigma` [grey level]
   /// (before the smoothing, which enters by `motion_noise`)
@@ -172,14 +173,16 @@ class GlobalDic {
  private:
   using Factor = Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>>;
   struct Level {
-    std::vector<imaging::BSpline> references;
+    std::vector<imaging::ImageHeader> sizes;    // of the cameras' images
+    std::vector<imaging::BSpline> references;   // of the coarsest level only, where patches are cut from it
     std::shared_ptr<Cameras> cameras;
     Eigen::SparseMatrix<double> smoothing;  // weight * curvature energy, and the continuation where the reference is hardly seen
     Eigen::SparseMatrix<double> chosen;     // the former alone
     Eigen::SparseMatrix<double> of_noisy;   // the continuation of nodes that have hardly a pixel of their own; empty if there are none
     std::shared_ptr<Factor> factor;         // of M + smoothing, undeformed
   };
-  void build(const mesh::Mesh& surface, const std::vector<View>& views, int dofs_per_node);
+  void build(const mesh::Mesh& surface, std::vector<View> views, int dofs_per_node);
+  void find_motion_noise(const std::vector<View>& views);
   void solve_level(int level, std::span<const imaging::BSpline> g, const Communicator& group, DicFrame& frame) const;
   [[nodiscard]] DicFrame follow(const std::vector<imaging::Image>& coarse, const std::vector<Eigen::VectorXd>& before,
                                 int finest) const;

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <vector>
 
+#include "imic3d/core/lanes.hpp"
 #include "imic3d/imaging/image.hpp"
 
 namespace imic3d::imaging {
@@ -31,11 +32,10 @@ class BSpline {
   }
 
   [[nodiscard]] float value(double x, double y) const { return interpolate(locate(x, y)); }
-  /// The value at (column + tx, row + ty) without any check: 0 <= column < width, 0 <= row < height, t in [0, 1], and
-  /// t = 0 in the last column or row. For the pixel loops.
-  [[nodiscard]] float value(int column, int row, float tx, float ty) const {
-    return interpolate({corner(column, row), tx, ty});
-  }
+  /// values[i] at (column + i + dx[i], row + dy[i]) for i < count, without any check: all positions at least one pixel
+  /// inside. For the pixel loops: neighbours that share their integer shift are interpolated side by side. dx, dy and
+  /// values have `lanes` - 1 elements beyond `count`, which are read and overwritten.
+  void shifted_row(int column, int row, const float* dx, const float* dy, int count, float* values) const;
   /// (d/dx, d/dy) [grey level/px].
   [[nodiscard]] Eigen::Vector2f gradient(double x, double y) const { return sample(x, y).slope; }
   /// Value and gradient together.
