@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <random>
 
 #include "imic3d/loop/statistics.hpp"
 
@@ -111,18 +112,26 @@ Scores score(const ScoreProblem& problem) {
   result.omnibus_p = 0.5 * std::erfc(result.omnibus / std::sqrt(2.0));
   if (families == 0) return result;
 
-  // Where the largest z lies among those of the draws.
-  result.null_largest.resize(Z.cols());
-  const Eigen::Index parts = std::min<Eigen::Index>(10, Z.cols());
-  for (Eigen::Index part = 0; part < parts; ++part) {
-    const Eigen::Index first = part * Z.cols() / parts, last = (part + 1) * Z.cols() / parts;
-    Eigen::MatrixXd others(m, Z.cols() - (last - first));
-    others << Z.leftCols(first), Z.rightCols(Z.cols() - last);
-    const Test cross(covariance(others, G), G, columns);
-    for (Eigen::Index b = first; b < last; ++b) result.null_largest[b] = cross.largest_z(Z.col(b));
+  // Scores are sums of many numbers: Gaussian. The null of the largest z is that of Gaussian scores of covariance C, judged by a covariance that was itself
+  // estimated from as many draws: taken as known, it would be too good for the draws that it was made of, and small tails of few draws say little.
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(C);
+  const Eigen::MatrixXd root = eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal();
+  std::mt19937_64 random(1);
+  std::normal_distribution<double> normal;
+  const auto drawn = [&](Eigen::Index count) -> Eigen::MatrixXd {
+    Eigen::MatrixXd white(m, count);
+    for (double& value : white.reshaped()) value = normal(random);
+    return root * white;
+  };
+  constexpr Eigen::Index covariances = 100, each = 20;
+  result.null_largest.resize(covariances * each);
+  for (Eigen::Index k = 0; k < covariances; ++k) {
+    const Test other(covariance(drawn(Z.cols()), G), G, columns);
+    const Eigen::MatrixXd scores = drawn(each);
+    for (Eigen::Index b = 0; b < each; ++b) result.null_largest[k * each + b] = other.largest_z(scores.col(b));
   }
   result.threshold = upper_quantile(result.null_largest, level_of_scores);
-  result.largest_p = (1.0 + static_cast<double>((result.null_largest.array() >= test.largest_z(z)).count())) / (draws + 1.0);
+  result.largest_p = (1.0 + static_cast<double>((result.null_largest.array() >= test.largest_z(z)).count())) / (static_cast<double>(covariances * each) + 1.0);
 
   const Eigen::MatrixXd pull = S.cols() > 0 ? Eigen::MatrixXd(problem.sensitivity.completeOrthogonalDecomposition().pseudoInverse()) : Eigen::MatrixXd(0, N);
   for (std::size_t j = 0; j < families; ++j) {

@@ -37,7 +37,7 @@ struct Scores {
   double omnibus = 0.0;        ///< how far the energy lies beyond the null's, as standard deviations of a normal distribution
   double omnibus_threshold = 0.0;  ///< one null test of a hundred has more
   double omnibus_p = 1.0;
-  Eigen::VectorXd null_largest;    ///< largest z of each null draw, covariance from the other draws [draws]
+  Eigen::VectorXd null_largest;    ///< largest z of null tests [any]
 };
 
 /// Levels of the two tests: together one false alarm in twenty.
@@ -45,8 +45,7 @@ constexpr double level_of_scores = 0.04, level_of_omnibus = 0.01;
 
 /// T_j = (G_j^T C^-1 z)^T (G_j^T C^-1 G_j)^-1 (G_j^T C^-1 z) with z = A^T r, A = P S the projected marks of all candidates, G = A^T A
 /// and C the covariance of z under the null. C is that of the draws, drawn towards G (the covariance of white noise) as far
-/// as their number asks for. The data are one more draw of the null, if nothing is missing: their largest z takes any place among those of the
-/// draws, each judged by the covariance of the others (tenths of them left out at a time), with the same probability.
+/// as their number asks for. The largest z is judged by Gaussian scores of covariance C, each tested with a covariance estimated anew from as many draws.
 [[nodiscard]] Scores score(const ScoreProblem& problem);
 
 }  // namespace imic3d::loop
