@@ -162,8 +162,8 @@ class Loop {
   }
 
   /// The learned bias is known to a part only (the synthetic images differ from real ones, the finer mesh errs too): what is
-  /// not known of it joins the noise, for each number of a frame a random polynomial of second degree in time times
-  /// the bias.
+  /// not known of it joins the noise, in equal parts for each number of a frame and for all of them together a random polynomial of second degree in time
+  /// times the bias. Number by number alone it would cancel over the many numbers that a parameter is found from.
   void doubt_bias(Eigen::MatrixXd& null) const {
     const Eigen::VectorXd bias = experiment_.bias();
     if (bias.size() == 0) return;
@@ -178,7 +178,9 @@ class Loop {
     std::normal_distribution<double> normal;
     for (auto draw : null.colwise()) {
       Eigen::Matrix<double, 3, Eigen::Dynamic> c(3, most);  // coefficients of Legendre polynomials
-      for (double& x : c.reshaped()) x = normal(random) / std::sqrt(1.0 + 1.0 / 3.0 + 0.2);
+      for (double& x : c.reshaped()) x = normal(random);
+      const Eigen::Vector3d whole(normal(random), normal(random), normal(random));
+      c = ((c.colwise() + whole) / std::sqrt(2.0 * (1.0 + 1.0 / 3.0 + 0.2))).eval();
       for (std::size_t i = 0; i < data.size(); ++i) {
         const double s = frames_ > 1 ? 2.0 * data[i].frame / (frames_ - 1.0) - 1.0 : 0.0;
         const auto own = c.col(place[i]);

@@ -71,6 +71,7 @@ def main():
     tables(folder / "nothing", 1.0, 0.0, False, (0.0, 0.0))
     result = loop("nothing", "", 1)
     found = result["before"]["parameters"]
+    require(all(one["name"] != "sub-pixel interpolation" for one in result["before"]["candidates"]) and "sub-pixel interpolation" not in result["invisible"], "another program's interpolation is no candidate")
     require(result["verdict"] == "nothing found", f"nothing is missing: {result['sentence']}")
     for name, truth in (("E", E), ("nu", NU)):
         off = (found[name]["value"] - truth) / found[name]["standard_deviation"]
