@@ -162,7 +162,7 @@ class Loop {
   }
 
   /// The learned bias is known to a part only (the synthetic images differ from real ones, the finer mesh errs too): what is
-  /// not known of it joins the noise, in equal parts for each number of a frame and for all of them together a random polynomial of second degree in time
+  /// not known of it joins the noise, for each number of a frame and again for all of them together a random polynomial of second degree in time
   /// times the bias. Number by number alone it would cancel over the many numbers that a parameter is found from.
   void doubt_bias(Eigen::MatrixXd& null) const {
     const Eigen::VectorXd bias = experiment_.bias();
@@ -180,7 +180,7 @@ class Loop {
       Eigen::Matrix<double, 3, Eigen::Dynamic> c(3, most);  // coefficients of Legendre polynomials
       for (double& x : c.reshaped()) x = normal(random);
       const Eigen::Vector3d whole(normal(random), normal(random), normal(random));
-      c = ((c.colwise() + whole) / std::sqrt(2.0 * (1.0 + 1.0 / 3.0 + 0.2))).eval();
+      c = ((c.colwise() + whole) / std::sqrt(1.0 + 1.0 / 3.0 + 0.2)).eval();
       for (std::size_t i = 0; i < data.size(); ++i) {
         const double s = frames_ > 1 ? 2.0 * data[i].frame / (frames_ - 1.0) - 1.0 : 0.0;
         const auto own = c.col(place[i]);
