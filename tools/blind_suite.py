@@ -155,7 +155,8 @@ def main():
     for effect in effects:
         parameter, shapes, usual, largest = EFFECTS[effect]
         null = NULLS.get(parameter, 0.0)
-        sizes = {"10": null + 10 * detectable[effect]} if options.reduced else {str(k): null + k * detectable[effect] for k in (1, 3, 10, 50)} | {"usual": usual}
+        multiples = [k for k in ((10,) if options.reduced else (1, 3, 10, 50)) if effect in detectable]  # none where no size would be found
+        sizes = {str(k): null + k * detectable[effect] for k in multiples} | ({} if options.reduced else {"usual": usual})
         for multiple, size in sizes.items():
             for seed in range(0 if size > largest else 1 if options.reduced else options.seeds):
                 suite.trial("effect", effect, multiple, {parameter: size} | shapes, 1 + seed, "gain of fast" if effect == "gain of fast" else parameter)

@@ -160,12 +160,19 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
     Eigen::MatrixXd affine(face.nodes.rows(), 3);
     affine << Eigen::VectorXd::Ones(face.nodes.rows()), face.nodes.leftCols<2>();
     const Eigen::LDLT<Eigen::MatrixXd> normal(affine.transpose() * (squares->M * affine));
-    double sum = 0.0;
-    for (std::size_t f : at_rest) {
-      const Eigen::MatrixXd rest = nodal[f] - affine * normal.solve(affine.transpose() * (squares->M * nodal[f]));
-      sum += rest.cwiseProduct(squares->M * rest).sum() / (2.0 * std::max(1.0, followed - 3.0));
-    }
-    data.noise = std::sqrt(sum / static_cast<double>(at_rest.size()) / 2.0);  // of the frame; the reference has as much
+    data.noise_at_rest = [squares, affine, normal, followed](const Eigen::MatrixXd& U) {
+      double sum = 0.0;
+      for (const auto& frame : U.colwise()) {
+        const Points u = columns_of(frame);
+        const Eigen::MatrixXd rest = u - affine * normal.solve(affine.transpose() * (squares->M * u));
+        sum += rest.cwiseProduct(squares->M * rest).sum() / (2.0 * std::max(1.0, followed - 3.0));
+      }
+      return std::sqrt(sum / static_cast<double>(U.cols()) / 2.0);  // of the frame; the reference has as much
+    };
+    data.at_rest = static_cast<int>(at_rest.size());
+    Eigen::MatrixXd still(2 * face.nodes.rows(), data.at_rest);
+    for (std::size_t k = 0; k < at_rest.size(); ++k) still.col(static_cast<Eigen::Index>(k)) = interleaved(nodal[at_rest[k]]);
+    data.noise = data.noise_at_rest(still);
   } else {
     // What the nodes cannot follow, in the frame where that is least: noise of the frame and of the reference.
     double least = INFINITY;
@@ -215,6 +222,7 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
     for (Eigen::Index t = 0; t < U.cols(); ++t) seen.col(t) = interleaved((*squares)(sample * columns_of(U.col(t))));
     return seen;
   };
+  data.images = false;
   data.pixels = Axes(fields).linear.inverse();
   if (!fields.y_down) data.pixels.row(1) *= -1.0;  // pictures have their rows downwards
   data.axis_of_lens = 0.5 * (at.colwise().minCoeff() + at.colwise().maxCoeff()).transpose();

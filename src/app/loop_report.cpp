@@ -52,8 +52,8 @@ nlohmann::json loop_summary(const loop::Experiment& experiment, const loop::Repo
     json["chi"] = {{"fitted", model.misfit.fitted}, {"held_out", model.misfit.held_out}, {"null_fitted", model.misfit.null_fitted}, {"null_held_out", model.misfit.null_held_out},
                    {"frames", numbers(model.misfit.frames)}, {"null_frames", numbers(model.misfit.null_frames)}};
     if (model.misfit.null_checkerboard > 0.0) json["chi"]["checkerboard"] = model.misfit.checkerboard, json["chi"]["null_checkerboard"] = model.misfit.null_checkerboard;
-    json["omnibus"] = {{"deviations", model.scores.omnibus}, {"threshold", model.scores.omnibus_threshold}};
-    json["threshold"] = model.scores.threshold;
+    json["omnibus"] = {{"deviations", model.scores.omnibus}, {"threshold", model.scores.omnibus_threshold}, {"p", model.scores.omnibus_p}};
+    json["threshold"] = model.scores.threshold, json["largest_p"] = model.scores.largest_p;
     json["converged"] = model.fit.converged;
     json["iterations"] = model.fit.iterations;
     json["candidates"] = nlohmann::json::array();

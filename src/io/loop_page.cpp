@@ -51,7 +51,7 @@ std::string candidates(const json& model) {
                         escaped(one["name"].get<std::string>()), escaped(one["link"].get<std::string>()), shown(one["z"], 3), one["significant"].get<bool>() ? " *" : "",
                         shown(one["kappa"], 2), hidden ? "invisible" : sizes(one, "size", true), sizes(one, "detectable", false), shown(one["predicted_drop"], 3));
   }
-  return rows + fmt::format("</table>\n<p class=\"note\">* beyond the limit {} that noise alone exceeds in 5 of 100 tests over all candidates; κ: what the free parameters leave of the mark</p>\n",
+  return rows + fmt::format("</table>\n<p class=\"note\">* beyond the limit {} that noise alone exceeds in 4 of 100 tests over all candidates; κ: what the free parameters leave of the mark</p>\n",
                             shown(model["threshold"], 3));
 }
 

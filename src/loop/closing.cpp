@@ -162,8 +162,8 @@ class Loop {
   }
 
   /// The learned bias is known to a part only (the synthetic images differ from real ones, the finer mesh errs too): what is
-  /// not known of it joins the noise, for each number of a frame a random polynomial of second degree in time times
-  /// the bias.
+  /// not known of it joins the noise, for each number of a frame and again for all of them together a random polynomial of second degree in time
+  /// times the bias. Number by number alone it would cancel over the many numbers that a parameter is found from.
   void doubt_bias(Eigen::MatrixXd& null) const {
     const Eigen::VectorXd bias = experiment_.bias();
     if (bias.size() == 0) return;
@@ -178,7 +178,9 @@ class Loop {
     std::normal_distribution<double> normal;
     for (auto draw : null.colwise()) {
       Eigen::Matrix<double, 3, Eigen::Dynamic> c(3, most);  // coefficients of Legendre polynomials
-      for (double& x : c.reshaped()) x = normal(random) / std::sqrt(1.0 + 1.0 / 3.0 + 0.2);
+      for (double& x : c.reshaped()) x = normal(random);
+      const Eigen::Vector3d whole(normal(random), normal(random), normal(random));
+      c = ((c.colwise() + whole) / std::sqrt(1.0 + 1.0 / 3.0 + 0.2)).eval();
       for (std::size_t i = 0; i < data.size(); ++i) {
         const double s = frames_ > 1 ? 2.0 * data[i].frame / (frames_ - 1.0) - 1.0 : 0.0;
         const auto own = c.col(place[i]);
@@ -284,9 +286,29 @@ class Loop {
       problem.sizes.push_back(static_cast<int>(std::count_if(its.begin(), its.end(), [&](int j) { return !experiment_.parameters()[static_cast<std::size_t>(j)].info.shape; })));
       kept.push_back(model.others[i]);
     }
-    model.others = kept;
     model.scores = score(problem);
+    // A mark that stays below the noise at every size that the candidate may have consists of it (an undisturbed strip has no mesh error: what a finer mesh
+    // changes is what the ends' noise makes of it), and would be found again in the residual.
+    for (std::size_t i = kept.size(); i-- > 0;) {
+      if (within_reach(kept[i], model.scores.candidates[i], model)) continue;
+      model.too_small.push_back(kept[i]);
+      const auto place = static_cast<std::ptrdiff_t>(i);
+      kept.erase(kept.begin() + place), problem.signatures.erase(problem.signatures.begin() + place), problem.sizes.erase(problem.sizes.begin() + place);
+    }
+    if (kept.size() < model.scores.candidates.size()) model.scores = score(problem);
+    model.others = kept;
     for (std::size_t i = 0; i < kept.size(); ++i) hold_within_bounds(model.scores.candidates[i], kept[i], model);
+  }
+
+  /// Whether a size within its bounds would be found.
+  bool within_reach(int k, const Score& one, const Model& model) const {
+    const auto& its = candidate(k).parameters;
+    for (Eigen::Index c = 0; c < one.detectable.size(); ++c) {
+      const auto j = static_cast<std::size_t>(its[static_cast<std::size_t>(c)]);
+      const auto& info = experiment_.parameters()[j].info;
+      if (std::max(info.upper - model.fit.values[j], model.fit.values[j] - info.lower) >= one.detectable[c]) return true;
+    }
+    return one.visibility < least_visibility;  // listed as such
   }
 
   /// A size beyond its bounds explains nothing: what counts is the drop T = (2 a a_b - a_b^2)/sd^2 of the size a_b on the bound.
@@ -492,6 +514,7 @@ class Loop {
     const Model& model = report_.declared;
     for (std::size_t i = 0; i < model.others.size(); ++i)
       if (model.scores.candidates[i].visibility < least_visibility) report_.invisible.push_back(model.others[i]);
+    report_.invisible.insert(report_.invisible.end(), model.too_small.begin(), model.too_small.end());
   }
 
   void find_remainder() {

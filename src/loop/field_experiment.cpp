@@ -5,7 +5,9 @@
 #include <Eigen/Dense>
 #include <Eigen/SparseCholesky>
 #include <algorithm>
+#include <bit>
 #include <cmath>
+#include <cstdint>
 #include <optional>
 #include <random>
 
@@ -117,7 +119,7 @@ void FieldExperiment::make_scene() {
   measure(scene_, surface);
   scene_.thickness = model_.thickness;
   scene_.time = measured_.time, scene_.force = measured_.force, scene_.start_time = measured_.start_time;
-  scene_.pixels = measured_.pixels, scene_.axis_of_lens = measured_.axis_of_lens;
+  scene_.pixels = measured_.pixels, scene_.images = measured_.images, scene_.axis_of_lens = measured_.axis_of_lens;
   for (std::size_t j = 0; j < model_.values.size(); ++j)
     if (model_.information[j].name == "nu") scene_.poisson = model_.values[j];
   Variant& declared = variant({});
@@ -165,8 +167,8 @@ std::pair<Eigen::MatrixXd, Eigen::VectorXd> FieldExperiment::unwhitened(const st
   return {measured_.displacement - bias_->displacement - p.displacement, measured_.force - bias_->force - p.force};
 }
 
-std::pair<Eigen::MatrixXd, Eigen::VectorXd> FieldExperiment::synthetic_test(const std::vector<double>& values) {
-  Simulation one = simulation_of(values, measured_.driving);
+std::pair<Eigen::MatrixXd, Eigen::VectorXd> FieldExperiment::synthetic_test(const std::vector<double>& values, const Eigen::MatrixXd& driving_as_seen) {
+  Simulation one = simulation_of(values, true_motion(values, driving_as_seen));
   std::vector<double>& key = one.variant.specimen;
   if (key.empty()) {
     key = {0.0, 1.0, 0.0};
@@ -198,10 +200,16 @@ std::pair<Eigen::MatrixXd, Eigen::VectorXd> FieldExperiment::synthetic_test(cons
 
 void FieldExperiment::learn_bias(const std::vector<double>& values) {
   if (!measured_.correlate) return;
-  const auto [seen, force] = synthetic_test(values);
-  const Eigen::MatrixXd driving = measured_.smooth(seen);
-  const auto p = predict({values}, {&driving}).front();
-  if (p.force.size() == 0) throw ConvergenceError("the model cannot follow the displacement of the synthetic test's ends");
+  const auto followed = [&](const Eigen::MatrixXd& driving) {
+    auto p = predict({values}, {&driving}).front();
+    if (p.force.size() == 0) throw ConvergenceError("the model cannot follow the displacement of the synthetic test's ends");
+    return p;
+  };
+  // The noise of the ends would be taken off the residual a second time, in the null it would not: simulated and smoothed a few times, little of it is left.
+  Eigen::MatrixXd driving = measured_.driving;
+  for (int k = 0; k < 3; ++k) driving = measured_.smooth(followed(driving).displacement);
+  const auto [seen, force] = synthetic_test(values, driving);
+  const auto p = followed(measured_.smooth(seen));
   bias_ = std::make_shared<Bias>(seen - p.displacement, force - p.force);
 }
 
@@ -292,19 +300,30 @@ std::vector<FieldExperiment::Prediction> FieldExperiment::differences(const std:
 Eigen::MatrixXd FieldExperiment::noise(const std::vector<double>& values, int draws) {
   const auto frames = measured_.force.size(), unknowns = measured_.displacement.rows();
   const Eigen::SimplicialLLT<Eigen::SparseMatrix<double>> factor(measured_.M);  // P M P^T = L L^T
-  std::mt19937_64 random(7);
+  const Eigen::Index rest = measured_.noise_at_rest ? measured_.at_rest : 0;
+  // Other draws for another test: the same ones would err alike in all, and no rate could be told. The same ones for the same record.
+  std::uint64_t seed = 7;
+  for (double force : measured_.force) seed = 6364136223846793005U * seed + std::bit_cast<std::uint64_t>(force);
+  std::mt19937_64 random(seed);
   std::normal_distribution<double> normal;
   std::vector<Eigen::MatrixXd> fields, changes;
   std::vector<Eigen::VectorXd> forces;
+  std::vector<double> told;
   for (int b = 0; b < draws; ++b) {
-    Eigen::MatrixXd white(unknowns, frames + 1);
+    Eigen::MatrixXd white(unknowns, frames + 1 + rest);
     for (double& x : white.reshaped()) x = normal(random);
     const Eigen::MatrixXd field = measured_.noise * (factor.permutationPinv() * Eigen::MatrixXd(factor.matrixU().solve(white)));
-    fields.emplace_back(field.leftCols(frames).colwise() + field.col(frames) / std::sqrt(static_cast<double>(measured_.references)));
-    changes.push_back(measured_.smooth(fields.back()));
+    const Eigen::VectorXd reference = field.col(frames) / std::sqrt(static_cast<double>(measured_.references));
+    fields.emplace_back(field.leftCols(frames).colwise() + reference);
+    if (rest > 0) told.push_back(measured_.noise_at_rest(field.rightCols(rest).colwise() + reference));
     auto& force = forces.emplace_back(frames);
     for (double& x : force) x = std::isfinite(measured_.force_noise) ? measured_.force_noise * normal(random) : 0.0;
   }
+  // In units of the noise that its own frames at rest would have told.
+  double mean_square = 0.0;
+  for (double one : told) mean_square += one * one / static_cast<double>(draws);
+  for (std::size_t b = 0; b < told.size(); ++b) fields[b] *= std::sqrt(mean_square) / told[b];
+  for (const auto& field : fields) changes.push_back(measured_.smooth(field));
   const auto moved = variant({}).model->differentiable() ? responses(values, changes) : differences(values, changes);
   Eigen::MatrixXd result(static_cast<Eigen::Index>(data_.size()), draws);
   for (int b = 0; b < draws; ++b) {

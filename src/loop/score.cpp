@@ -103,34 +103,35 @@ Scores score(const ScoreProblem& problem) {
   Scores result;
   result.energy = Pr.squaredNorm();
   const Eigen::VectorXd null_energy = PR.colwise().squaredNorm().transpose();
-  const auto draws = static_cast<double>(null_energy.size());
   result.null_energy = null_energy.mean();
-  result.null_energy_deviation = std::sqrt((null_energy.array() - result.null_energy).square().sum() / std::max(1.0, draws - 1.0) * (1.0 + 1.0 / draws));
-  result.omnibus = (result.energy - result.null_energy) / std::max(result.null_energy_deviation, 1e-300);
-  // 99 % of the null: Gaussian, or what the draws' own tail says.
-  const Eigen::VectorXd standardised = (null_energy.array() - result.null_energy) / std::max(result.null_energy_deviation, 1e-300);
-  result.omnibus_threshold = std::max(2.326, quantile(standardised, 0.99));
+  // The cube root of a sum of squares is all but normal (Wilson and Hilferty 1931); mean and deviation are those of the draws: Student's t.
+  const Eigen::ArrayXd roots = null_energy.array().max(1e-300).pow(1.0 / 3.0);
+  const double draws = static_cast<double>(roots.size()), deviation = std::sqrt((roots - roots.mean()).square().sum() / std::max(1.0, draws - 1.0));
+  result.omnibus = student_as_normal((std::cbrt(result.energy) - roots.mean()) / std::max(deviation * std::sqrt(1.0 + 1.0 / draws), 1e-300), draws - 1.0);
+  result.omnibus_threshold = 2.3263;  // 1 %
+  result.omnibus_p = 0.5 * std::erfc(result.omnibus / std::sqrt(2.0));
   if (families == 0) return result;
 
-  // The threshold of the largest z.
-  const Eigen::Index half = Z.cols() / 2;
-  result.null_largest.resize(Z.cols());
-  for (int part = 0; part < 2; ++part) {
-    const Eigen::MatrixXd others = part == 0 ? Z.rightCols(Z.cols() - half) : Z.leftCols(half);
-    const Test cross(covariance(others, G), G, columns);
-    for (Eigen::Index b = part == 0 ? 0 : half; b < (part == 0 ? half : Z.cols()); ++b) result.null_largest[b] = cross.largest_z(Z.col(b));
-  }
+  // Scores are sums of many numbers: Gaussian. The null of the largest z is that of Gaussian scores of covariance C, judged by a covariance that was itself
+  // estimated from as many draws: taken as known, it would be too good for the draws that it was made of, and small tails of few draws say little.
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(C);
   const Eigen::MatrixXd root = eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal();
   std::mt19937_64 random(1);
   std::normal_distribution<double> normal;
-  Eigen::VectorXd gaussian(2000);
-  for (double& largest : gaussian) {
-    Eigen::VectorXd noise(m);
-    for (double& value : noise) value = normal(random);
-    largest = test.largest_z(root * noise);
+  const auto drawn = [&](Eigen::Index count) -> Eigen::MatrixXd {
+    Eigen::MatrixXd white(m, count);
+    for (double& value : white.reshaped()) value = normal(random);
+    return root * white;
+  };
+  constexpr Eigen::Index covariances = 100, each = 20;
+  result.null_largest.resize(covariances * each);
+  for (Eigen::Index k = 0; k < covariances; ++k) {
+    const Test other(covariance(drawn(Z.cols()), G), G, columns);
+    const Eigen::MatrixXd scores = drawn(each);
+    for (Eigen::Index b = 0; b < each; ++b) result.null_largest[k * each + b] = other.largest_z(scores.col(b));
   }
-  result.threshold = std::max(quantile(gaussian, 0.95), quantile(result.null_largest, 0.95));
+  result.threshold = upper_quantile(result.null_largest, level_of_scores);
+  result.largest_p = (1.0 + static_cast<double>((result.null_largest.array() >= test.largest_z(z)).count())) / (static_cast<double>(covariances * each) + 1.0);
 
   const Eigen::MatrixXd pull = S.cols() > 0 ? Eigen::MatrixXd(problem.sensitivity.completeOrthogonalDecomposition().pseudoInverse()) : Eigen::MatrixXd(0, N);
   for (std::size_t j = 0; j < families; ++j) {

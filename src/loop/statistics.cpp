@@ -27,6 +27,16 @@ double deviations(double log_p) {
   return 0.5 * (low + high);
 }
 
+double student_as_normal(double t, double freedom) {
+  return std::copysign((8.0 * freedom + 1.0) / (8.0 * freedom + 3.0) * std::sqrt(freedom * std::log1p(t * t / freedom)), t);
+}
+
+double upper_quantile(Eigen::VectorXd values, double level) {
+  std::sort(values.begin(), values.end());
+  const auto place = static_cast<Eigen::Index>(std::ceil((1.0 - level) * static_cast<double>(values.size() + 1) - 1e-9));  // counted from 1
+  return values[std::clamp<Eigen::Index>(place, 1, values.size()) - 1];
+}
+
 double quantile(Eigen::VectorXd values, double level) {
   std::sort(values.begin(), values.end());
   const double place = level * static_cast<double>(values.size() - 1);

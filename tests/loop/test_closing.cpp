@@ -20,7 +20,7 @@ class Curves final : public Experiment {
  public:
   enum Effect { drift, kink, twin, twin_again, gain, curved, offset };
 
-  explicit Curves(unsigned seed, std::vector<std::pair<int, double>> truth = {}, double unknown = 0.0) {
+  explicit Curves(unsigned seed, std::vector<std::pair<int, double>> truth = {}, double unknown = 0.0, unsigned of_null = 5000U) : of_null_(of_null) {
     const auto add = [&](const char* name, double value, double lower, double upper, std::optional<double> null) {
       parameters_.push_back({.info = {.name = name, .unit = "-", .description = "", .lower = lower, .upper = upper, .null_value = null}, .value = value, .step = 1e-4, .prior = 0.0, .free = !null});
     };
@@ -44,6 +44,12 @@ class Curves final : public Experiment {
     for (int t = 0; t < frames; ++t) measured_[t * (numbers + 1) + t % numbers] += unknown * std::sin(0.7 * t);
   }
 
+  Curves& bound(int effect, double largest) {
+    auto& info = parameters_[static_cast<std::size_t>(2 + effect)].info;
+    info.lower = -largest, info.upper = largest;
+    return *this;
+  }
+
   /// A parameter is known beforehand.
   Curves& know(std::size_t parameter, double value, double deviation) {
     parameters_[parameter].value = value, parameters_[parameter].prior = deviation;
@@ -65,7 +71,7 @@ class Curves final : public Experiment {
   }
   Eigen::MatrixXd noise(const std::vector<double>&, int draws) override {
     Eigen::MatrixXd all(measured_.size(), draws);
-    for (int b = 0; b < draws; ++b) all.col(b) = draw(5000U + static_cast<unsigned>(b));
+    for (int b = 0; b < draws; ++b) all.col(b) = draw(of_null_ + static_cast<unsigned>(b));
     return all;
   }
 
@@ -105,6 +111,7 @@ class Curves final : public Experiment {
   std::vector<Candidate> candidates_;
   std::vector<Datum> data_;
   Eigen::VectorXd measured_;
+  unsigned of_null_;
 };
 
 const LoopOptions options{.draws = 200, .bias_doubt = 0.25, .additions = 3, .rivals = 4, .starts = {1.0, 0.8}, .held_out = {}};
@@ -121,22 +128,54 @@ TEST(Statistics, TailsOfChiSquared) {
   EXPECT_NEAR(deviations(log_chi_squared_tail(1e5, 1)), std::sqrt(1e5), 1e-3);
 }
 
-/// 200 tests in which nothing is missing: at most 5 % false alarms asked of the scores and 1 % of the omnibus test.
+/// Kolmogorov's distance of p-values from uniform ones.
+double distance_from_uniform(Eigen::VectorXd p) {
+  std::sort(p.begin(), p.end());
+  double distance = 0.0;
+  const double n = static_cast<double>(p.size());
+  for (Eigen::Index i = 0; i < p.size(); ++i) distance = std::max({distance, std::abs(p[i] - (static_cast<double>(i) + 1.0) / n), std::abs(p[i] - static_cast<double>(i) / n)});
+  return distance;
+}
+
+/// 200 tests in which nothing is missing: 4 % false alarms asked of the scores and 1 % of the omnibus test.
 TEST(Closing, FalseAlarmsStayAtTheirLevel) {
   int alarms = 0;
   constexpr int tests = 200;
-  Eigen::VectorXd p(tests);
+  Eigen::VectorXd p(tests), largest(tests), energy(tests);
   for (unsigned seed = 1; seed <= tests; ++seed) {
     const Report report = loop_on(Curves(seed));
     alarms += report.verdict != Verdict::nothing_found ? 1 : 0;
     p[seed - 1] = report.declared.scores.candidates.front().p;
+    largest[seed - 1] = report.declared.scores.largest_p, energy[seed - 1] = report.declared.scores.omnibus_p;
   }
-  EXPECT_LE(alarms, 20) << "of 200; 6 % are 12 +- 3.4";
-  // Kolmogorov's distance of the first candidate's p-values from uniform ones: 1.63/sqrt(200) at 1 %.
-  std::sort(p.begin(), p.end());
-  double distance = 0.0;
-  for (int i = 0; i < tests; ++i) distance = std::max({distance, std::abs(p[i] - (i + 1.0) / tests), std::abs(p[i] - static_cast<double>(i) / tests)});
-  EXPECT_LT(distance, 1.63 / std::sqrt(tests));
+  EXPECT_LE(alarms, 17) << "of 200; 5 % are 10 +- 3.1";
+  const double limit = 1.63 / std::sqrt(tests);  // 1 %
+  EXPECT_LT(distance_from_uniform(p), limit) << "of the first candidate's score";
+  EXPECT_LT(distance_from_uniform(largest), limit) << "of the largest score";
+  EXPECT_LT(distance_from_uniform(energy), limit) << "of the energy";
+}
+
+/// The noise of few draws makes the limit, not the rate: with 30 draws as with 200.
+TEST(Closing, FewDrawsRaiseNoMoreAlarms) {
+  int alarms = 0;
+  LoopOptions few = options;
+  few.draws = 30;
+  for (unsigned seed = 1; seed <= 100; ++seed) {
+    Curves experiment(seed, {}, 0.0, 7000 + 100 * seed);
+    alarms += close_loop(experiment, few).verdict != Verdict::nothing_found ? 1 : 0;
+  }
+  EXPECT_LE(alarms, 11) << "of 100; 5 % are 5 +- 2.2";
+}
+
+TEST(Closing, WhatNoSizeWithinItsBoundsWouldShowIsNotTested) {
+  Curves wide(1), narrow(1);
+  narrow.bound(Curves::kink, 1e-3);
+  const Report all = close_loop(wide, options), fewer = close_loop(narrow, options);
+  const auto tested = [](const Report& report) { return std::count(report.declared.others.begin(), report.declared.others.end(), Curves::kink) > 0; };
+  EXPECT_TRUE(tested(all));
+  EXPECT_FALSE(tested(fewer));
+  EXPECT_EQ(std::count(fewer.invisible.begin(), fewer.invisible.end(), Curves::kink), 1);
+  EXPECT_EQ(std::count(all.invisible.begin(), all.invisible.end(), Curves::kink), 0);
 }
 
 TEST(Closing, TheDetectableSizeIsFoundInFourOfFive) {

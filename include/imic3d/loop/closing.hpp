@@ -49,6 +49,7 @@ struct Model {
   Misfit misfit;
   Scores scores;                ///< of all other candidates
   std::vector<int> others;      ///< the candidates that `scores` is about
+  std::vector<int> too_small;   ///< candidates that are not tested: no size within their bounds would be found
   std::string message;          ///< why the model could not be fitted, if so
   std::shared_ptr<const Ground> ground;
 };

@@ -31,6 +31,7 @@ struct Scene {
   double poisson = 0.3;                 ///< declared
   Eigen::VectorXd elongation;           ///< of the surface between its ends [frames, length]
   Eigen::VectorXd elastic;              ///< elastic displacement for a force of one [2n, length/force]
+  bool images = true;                   ///< the displacement comes of images that this program interpolates
 
   [[nodiscard]] Eigen::Vector2d middle() const { return 0.5 * (low + high); }
   [[nodiscard]] double span(int direction) const { return high[direction] - low[direction]; }

@@ -31,6 +31,11 @@ struct FieldData {
   double force_noise = 1.0;       ///< standard deviation of the load record [force]; infinity: there is none
   Eigen::Matrix2d pixels = Eigen::Matrix2d::Identity();  ///< d(pixel)/d(displacement) [px/length]
   Eigen::Vector2d axis_of_lens = Eigen::Vector2d::Zero();  ///< where the optical axis meets the specimen [length]
+  bool images = true;             ///< this program correlated the images, and interpolated their grey levels
+  /// What made `noise` of the displacement of the frames at rest [2n x at_rest]: few numbers of a coarse mesh tell it to some percent only, which is
+  /// part of the null. Not given: `noise` is known.
+  std::function<double(const Eigen::MatrixXd& U)> noise_at_rest;
+  int at_rest = 0;
 };
 
 /// Frames next to each other are to be smoothed alike (noise alone makes their cut-offs differ, and with it their own noise): the running median of
@@ -152,7 +157,7 @@ class FieldExperiment final : public Experiment {
   Eigen::MatrixXd over_time_;       // inverse of the Cholesky factor of 1 + 11^T/references [frames x frames]
   struct Groups;
   std::unique_ptr<Groups> groups_;
-  [[nodiscard]] std::pair<Eigen::MatrixXd, Eigen::VectorXd> synthetic_test(const std::vector<double>& values);
+  [[nodiscard]] std::pair<Eigen::MatrixXd, Eigen::VectorXd> synthetic_test(const std::vector<double>& values, const Eigen::MatrixXd& driving);
   std::shared_ptr<const Bias> bias_;  // taken off the measured displacement and force
   int simulations_ = 0;
 };

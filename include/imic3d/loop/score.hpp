@@ -30,18 +30,22 @@ struct Score {
 
 struct Scores {
   std::vector<Score> candidates;
-  double threshold = 0.0;      ///< of the largest z over all candidates: its 95 % quantile under the null
+  double threshold = 0.0;      ///< of the largest z over all candidates: one null test of 25 has more
+  double largest_p = 1.0;      ///< of the largest z: the share of null tests that have as much or more
   double energy = 0.0;         ///< |P r|^2
-  double null_energy = 0.0, null_energy_deviation = 0.0;
-  double omnibus = 0.0;        ///< (energy - null_energy)/null_energy_deviation
-  double omnibus_threshold = 0.0;  ///< its 99 % quantile under the null
-  Eigen::VectorXd null_largest;    ///< largest z of each null draw, covariance from the other half of the draws [draws]
+  double null_energy = 0.0;    ///< its mean under the null
+  double omnibus = 0.0;        ///< how far the energy lies beyond the null's, as standard deviations of a normal distribution
+  double omnibus_threshold = 0.0;  ///< one null test of a hundred has more
+  double omnibus_p = 1.0;
+  Eigen::VectorXd null_largest;    ///< largest z of null tests [any]
 };
+
+/// Levels of the two tests: together one false alarm in twenty.
+constexpr double level_of_scores = 0.04, level_of_omnibus = 0.01;
 
 /// T_j = (G_j^T C^-1 z)^T (G_j^T C^-1 G_j)^-1 (G_j^T C^-1 z) with z = A^T r, A = P S the projected marks of all candidates, G = A^T A
 /// and C the covariance of z under the null. C is that of the draws, drawn towards G (the covariance of white noise) as far
-/// as their number asks for. The threshold is the larger of what Gaussian scores of covariance C and the draws themselves
-/// (cross-validated) give.
+/// as their number asks for. The largest z is judged by Gaussian scores of covariance C, each tested with a covariance estimated anew from as many draws.
 [[nodiscard]] Scores score(const ScoreProblem& problem);
 
 }  // namespace imic3d::loop

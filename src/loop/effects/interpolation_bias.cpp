@@ -19,6 +19,8 @@ class InterpolationBias final : public Effect {
             .confused_with = "noise",
             .separated_by = "images of rigid shifts by parts of a pixel; a wider dic.low_pass"};
   }
+  /// Another program's points come of subsets and splines of its own, and of pixels that its tables do not tell.
+  [[nodiscard]] bool applies(const Scene& scene) const override { return scene.images; }
   void see(Values values, const Scene& scene, int, const Eigen::VectorXd& U, Eigen::VectorXd& error) const override {
     const Eigen::Matrix2d back = scene.pixels.inverse();
     for (Eigen::Index i = 0; i < U.size() / 2; ++i) {
