@@ -3,7 +3,7 @@
 
 #include <opencv2/core/utils/logger.hpp>
 
-#include "image_files.hpp"
+#include "../../src/io/image_files.hpp"
 #include "imic3d/imaging/image.hpp"
 #include "input_file.hpp"
 
