@@ -20,7 +20,6 @@ output: {output}
 VARIANTS = {
     "direct": "  sensitivities: direct\n",
     "alpha": "  alpha: 0.01\n",
-    "alpha_direct": "  alpha: 0.01\n  sensitivities: direct\n",
     "cameras": "",
 }
 THREE_CAMERAS = """
