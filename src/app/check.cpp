@@ -19,6 +19,36 @@
 
 namespace imic3d::app {
 
+namespace {
+
+/// Of a surface in the plane of x and y [length^2].
+double area_of(const mesh::Mesh& surface) {
+  double area = 0.0;
+  for (Eigen::Index e = 0; e < surface.cells.rows(); ++e) {
+    const Eigen::Vector3d d1 = surface.nodes.row(surface.cells(e, 2)) - surface.nodes.row(surface.cells(e, 0));
+    const Eigen::Vector3d d2 = surface.nodes.row(surface.cells(e, 3)) - surface.nodes.row(surface.cells(e, 1));
+    area += 0.5 * (d1[0] * d2[1] - d1[1] * d2[0]);
+  }
+  return area;
+}
+
+/// How the ranks are shared out over the frames of the correlation and over the simulations.
+void print_groups(int ranks, const io::Case& test, Eigen::Index unknowns, double image_pixels, double mesh_pixels) {
+  const auto most_idle = [](const GroupPlan& plan) { return fmt::format("{}, idle up to {:.0f} %", to_text(plan), 100.0 * *std::max_element(plan.idle.begin(), plan.idle.end())); };
+  fmt::print("  ranks        {}\n", ranks);
+  if (image_pixels > 0.0) {
+    int frames = static_cast<int>(test.frames.size());
+    for (int number : test.cameras.front().reference) frames = std::min(frames, static_cast<int>(test.frames.size()) - 1 - test.index_of(number));
+    if (frames > 0) fmt::print("  frames       {} correlated in {}\n", frames, most_idle(correlation::plan_frames(ranks, frames, image_pixels, mesh_pixels, test.dic.groups)));
+  }
+  if (test.identify.stages.empty()) return;
+  const auto [side_by_side, before] = simulation_tasks(test);
+  fmt::print("  simulations  {} in {}\n", side_by_side == 1 ? "one after another" : fmt::format("nominal and {} perturbed", side_by_side - 1),
+             most_idle(identification::plan_simulations(ranks, unknowns, side_by_side, before, test.identify.groups)));
+}
+
+}  // namespace
+
 void check(const Communicator& world, const CommandOptions& options) {
   spdlog::set_level(spdlog::level::warn);  // the plan on stdout says it all
   const io::Case test = read_case(options, {}, true, true);
@@ -30,10 +60,15 @@ void check(const Communicator& world, const CommandOptions& options) {
     for (std::size_t k = 0; k < test.identify.stages.size(); ++k) fmt::print("  stage {}      {}\n", k + 1, fmt::join(test.identify.stages[k].free, ", "));
     return;
   }
+  double image_pixels = 0.0, mesh_pixels = 0.0;  // that the correlation reads, and that it compares
   const bool several = several_cameras(test), simulated = !test.specimen.held.empty();
   for (const auto& face : seen_faces(test)) {
     if (!several) break;
     const Rig rig = make_rig(test, face.back, surface_of(test, face.back));
+    for (const auto& view : rig.views) {
+      image_pixels += static_cast<double>(view.reference.width) * view.reference.height;
+      mesh_pixels += area_of(rig.surface) * std::abs(view.camera->jacobian(rig.surface.nodes.colwise().mean().transpose()).leftCols<2>().determinant());
+    }
     if (!world.is_root()) continue;
     if (!simulated) fmt::print("{}\n", test.title);
     fmt::print("  {:12} {} elements, {} unknowns\n", face.back ? "back" : "front", rig.surface.cells.rows(), face.components * rig.surface.nodes.rows());
@@ -47,10 +82,6 @@ void check(const Communicator& world, const CommandOptions& options) {
   }
   if (several && !simulated) return;
   const identification::Specimen specimen = make_specimen(test);
-  std::size_t most_free = 0;
-  for (const auto& stage : test.identify.stages) most_free = std::max(most_free, stage.free.size());
-  const GroupLayout simulations(world, static_cast<int>(1 + most_free), test.identify.groups);
-  const GroupLayout frames(world, std::max(1, static_cast<int>(test.frames.size())), test.dic.groups);
   std::string images = "none";
   if (test.fields) {
     const auto data = imported_fields(test, specimen);
@@ -61,16 +92,11 @@ void check(const Communicator& world, const CommandOptions& options) {
     const auto reference = imaging::read_image(camera.images[static_cast<std::size_t>(test.index_of(camera.reference.front()))]);
     const auto placed = place_camera(camera, specimen.surface.mesh, reference);
     const double pixel = 1.0 / std::sqrt(std::abs(placed.linear.leftCols<2>().determinant()));
-    double area = 0.0;
-    const auto& surface = specimen.surface.mesh;
-    for (Eigen::Index e = 0; e < surface.cells.rows(); ++e) {
-      const Eigen::Vector3d d1 = surface.nodes.row(surface.cells(e, 2)) - surface.nodes.row(surface.cells(e, 0));
-      const Eigen::Vector3d d2 = surface.nodes.row(surface.cells(e, 3)) - surface.nodes.row(surface.cells(e, 1));
-      area += 0.5 * (d1[0] * d2[1] - d1[1] * d2[0]);
-    }
+    image_pixels = static_cast<double>(reference.width) * reference.height;
+    mesh_pixels = area_of(specimen.surface.mesh) / (pixel * pixel);
     images = fmt::format("{} frames of {} x {} px, {:.6g} {} per pixel, {:.0f} pixels per element", camera.images.size(),
                          reference.width, reference.height, pixel, test.units.length,
-                         area / (pixel * pixel) / static_cast<double>(surface.cells.rows()));
+                         mesh_pixels / static_cast<double>(specimen.surface.mesh.cells.rows()));
   }
   if (!world.is_root()) return;
   fmt::print("{}\n", test.title);
@@ -85,8 +111,7 @@ void check(const Communicator& world, const CommandOptions& options) {
   for (const auto& [effect, quantities] : test.effects)
     for (const auto& [quantity, one] : quantities)
       fmt::print("  effect       {}: {}{}{}\n", effect, quantity, one.value ? fmt::format(" {:g}", *one.value) : "", one.free ? " free" : "");
-  fmt::print("  ranks        {}: simulations in {} group{}, frames of the correlation in {}\n", world.size(), simulations.groups(),
-             simulations.groups() == 1 ? "" : "s", frames.groups());
+  print_groups(world.size(), test, mesh::dimension(volume.type) * volume.nodes.rows(), image_pixels, mesh_pixels);
 }
 
 }  // namespace imic3d::app

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <chrono>
+#include <map>
 
 #include "imic3d/app/observation.hpp"
 #include "imic3d/app/output.hpp"
@@ -23,13 +24,15 @@ void dic(const Communicator& world, const CommandOptions& options) {
   Observation seen = observe(test, specimen);
   RunOutput output(world, output_folder(test, options, world), test, specimen, Material{}, seen);
   spdlog::info("{}: {} frames, {} elements", test.title, seen.places.size(), specimen.surface.mesh.cells.rows());
+  std::map<std::string, std::vector<GroupTime>> times;
   correlate(seen, test, world, [&](int place, const correlation::DicFrame& frame) {
     output.dic_frame(place, frame);
     spdlog::info("  frame {}: residual {:.3f} grey levels, {} iterations{}", test.frames[static_cast<std::size_t>(place)],
                  frame.rms, frame.iterations, frame.converged ? "" : ", not converged");
-  });
+  }, {.reached = [&](std::size_t, const correlation::DicSeries& series) { times["correlation"] = series.group_times; }});
+  if (!times["correlation"].empty()) spdlog::info("correlation: {}", to_text(times["correlation"]));
   output.noise(seen.noise);
-  output.finish(Material{}, {}, {}, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+  output.finish(Material{}, {}, {}, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(), times);
 }
 
 }  // namespace imic3d::app

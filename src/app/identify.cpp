@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <map>
 #include <optional>
 
 #include "imic3d/app/observation.hpp"
@@ -70,8 +71,10 @@ void identify(const Communicator& world, const CommandOptions& options) {
   // The displacement that the images show, without any law.
   spdlog::info("{}: {} frames, {} surface nodes, {} unknowns", test.title, seen.places.size(),
                specimen.surface.mesh.nodes.rows(), mesh::dimension(specimen.volume.type) * specimen.volume.nodes.rows());
+  std::map<std::string, std::vector<GroupTime>> times;
   correlate(seen, test, world, [&](int place, const correlation::DicFrame& frame) { output.dic_frame(place, frame); },
             {.known = found.dic, .reached = [&, frames = seen.places.size()](std::size_t face, const correlation::DicSeries& series) {
+               times[seen.faces.size() == 1 ? "correlation" : face == 0 ? "correlation_front" : "correlation_back"] = series.group_times;
                checkpoint.dic(face, series, frames);
              }});
   const id::Record record = make_record(seen, test, specimen);
@@ -103,10 +106,9 @@ void identify(const Communicator& world, const CommandOptions& options) {
     solver.force_noise = std::hypot(solver.force_noise, reaction);
   }
 
-  std::size_t most_free = 1;
-  for (const auto& stage : test.identify.stages) most_free = std::max(most_free, stage.free.size());
+  const SimulationTasks tasks = simulation_tasks(test);
   id::ForwardModel model(world, specimen, material.law, record, {.increments = test.identify.steps_per_frame, .with_fields = false},
-                         solver.sensitivities == id::Sensitivities::direct ? 1 : static_cast<int>(1 + most_free), test.identify.groups);
+                         tasks.side_by_side, test.identify.groups, tasks.before);
 
   const auto parameters = static_cast<Eigen::Index>(material.values.size());
   Eigen::MatrixXd covariance = Eigen::MatrixXd::Constant(parameters, parameters, std::nan(""));
@@ -177,7 +179,10 @@ void identify(const Communicator& world, const CommandOptions& options) {
   if (!shown.front().message.empty()) spdlog::warn("{}", shown.front().message);
   output.model(world, images, record, shown.front(), driven.front());
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  output.finish(material, covariance, stages, seconds);
+  times["simulations"] = model.group_times();
+  for (const auto& [what, groups] : times)
+    if (!groups.empty()) spdlog::info("{}: {}", what, to_text(groups));
+  output.finish(material, covariance, stages, seconds, times);
 }
 
 }  // namespace imic3d::app

@@ -174,7 +174,7 @@ void RunOutput::draw_residual(int t, const identification::Record& record, const
 }
 
 void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covariance,
-                       const std::vector<StageSummary>& stages, double seconds) {
+                       const std::vector<StageSummary>& stages, double seconds, const std::map<std::string, std::vector<GroupTime>>& groups) {
   if (!file_) return;
   auto json = io::summary(*file_);
   for (const auto& stage : stages) {
@@ -195,6 +195,9 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
   for (std::size_t c = 0; c < test_.cameras.size() && test_.cameras.size() > 1; ++c)
     json["noise"]["cameras"][test_.cameras[c].name] = io::quantity(seen_.camera_noise[c], "grey level");
   json["time"] = io::quantity(seconds, "s");
+  for (const auto& [what, times] : groups)
+    for (const GroupTime& time : times)
+      json["groups"][what].push_back({{"ranks", time.ranks}, {"busy", io::quantity(time.busy, "s")}, {"idle", io::quantity(time.idle, "s")}});
   io::write_json(folder_ / "result.json", json);
   io::draw_pictures(*file_, folder_);
   io::write_report(folder_ / "report.html", *file_, io::pictures_in(folder_));

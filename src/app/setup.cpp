@@ -162,6 +162,14 @@ identification::Specimen make_specimen(const io::Case& test, bool all_components
                                        declared.mid_plane_symmetry && !declared.plane_stress(), "specimen", faces);
 }
 
+SimulationTasks simulation_tasks(const io::Case& test) {
+  const auto& identify = test.identify;
+  if (identify.sensitivities == "direct" || identify.functional == "equilibrium_gap") return {};
+  std::size_t most_free = 1;
+  for (const auto& stage : identify.stages) most_free = std::max(most_free, stage.free.size());
+  return {.side_by_side = static_cast<int>(1 + most_free), .before = identify.functional == "displacement_driven" ? 0 : 1};
+}
+
 std::filesystem::path output_folder(const io::Case& test, const CommandOptions& options, const Communicator& world) {
   const std::filesystem::path folder = options.output.empty() ? test.output : options.output;
   collectively(world, [&] {

@@ -1,6 +1,4 @@
-#include "imic3d/core/parallel.hpp"
-
-#include <fmt/format.h>
+#include "imic3d/core/groups.hpp"
 
 #include <algorithm>
 
@@ -94,11 +92,8 @@ void collectively(const Communicator& communicator, const std::function<void()>&
 
 GroupLayout::GroupLayout(Communicator world, int tasks, int groups) : world_(world) {
   const int size = world.size();
-  if (groups > size)
-    throw InputError("groups", fmt::format("{} groups for {} rank{}", groups, size, size == 1 ? "" : "s"),
-                     fmt::format("1 to {} (a group needs a rank of its own), or auto", size));
-  groups_ = groups > 0 ? groups : std::clamp(tasks, 1, size);
-  index_ = static_cast<int>(static_cast<long>(world.rank()) * groups_ / size);
+  groups_ = std::clamp(groups > 0 ? groups : tasks, 1, size);
+  index_ = group_of_rank(world.rank(), size, groups_);
   MPI_Comm_split(world.handle, index_, world.rank(), &group_.handle);
 }
 

@@ -472,6 +472,10 @@ DicFrame frame_of(const Eigen::VectorXd& numbers, Eigen::Index unknowns, Eigen::
   return frame;
 }
 
+GroupPlan plan_frames(int ranks, int frames, double image_pixels, double mesh_pixels, int groups) {
+  return plan_groups(ranks, {.tasks = frames, .serial = image_pixels / (image_pixels + 2.0 * mesh_pixels)}, groups);
+}
+
 std::vector<DicFrame> GlobalDic::run(const Communicator& world, const std::vector<std::filesystem::path>& images,
                                      const Done& done) const {
   return run(world, std::vector<std::vector<std::filesystem::path>>{images}, done);
@@ -541,8 +545,15 @@ std::vector<DicFrame> GlobalDic::run(const Communicator& world, int frames, cons
   // Finer levels: frames over groups of ranks, gathered about every 10 s.
   for (std::size_t frame = 0; frame < known.frames.size(); ++frame)
     if (done) done(static_cast<int>(frame), known.frames[frame]);
-  const GroupLayout layout(world, frames, options_.groups);
+  double image_pixels = 0.0, mesh_pixels = 0.0;
+  for (int c = 0; c < count; ++c) {
+    const imaging::BSpline& reference = levels_.front().references[static_cast<std::size_t>(c)];
+    image_pixels += static_cast<double>(reference.width()) * reference.height();
+    mesh_pixels += static_cast<double>(correlation(c).quadrature().pixels());
+  }
+  const GroupLayout layout(world, frames, plan_frames(world.size(), frames, image_pixels, mesh_pixels, options_.groups).groups());
   const int groups = layout.groups();
+  GroupClock clock(layout);
   constexpr double period = 10.0;  // [s]
   int in_turn = 1;                 // frames of a group until then
   ReadAhead fine_images([&](int frame) { return images_of(frame, 0); }, static_cast<int>(known.frames.size()) + layout.index(), groups, frames);
@@ -551,7 +562,7 @@ std::vector<DicFrame> GlobalDic::run(const Communicator& world, int frames, cons
     const int last = first + std::min(frames - first, in_turn * groups);
     const auto begin = std::chrono::steady_clock::now();
     std::vector<DicFrame> mine(static_cast<std::size_t>(last - first));
-    collectively(world, [&] {
+    clock.side_by_side([&] {
       for (int frame = first + layout.index(); frame < last; frame += groups) {
         std::vector<imaging::Image> images;
         collectively(layout.group(), [&] { images = fine_images.take(frame); });
@@ -571,6 +582,7 @@ std::vector<DicFrame> GlobalDic::run(const Communicator& world, int frames, cons
     }
     const double seconds = world.max(std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count());
     in_turn = static_cast<int>(std::clamp(period * in_turn / std::max(seconds, 1e-9), 1.0, static_cast<double>(frames)));
+    known.group_times = clock.times();
     if (reached) reached(known);
   }
   return std::move(known.frames);

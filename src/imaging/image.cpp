@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <climits>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -52,7 +53,7 @@ class Bytes {
 
 std::optional<ImageHeader> png_header(Bytes& bytes) {
   const auto width = bytes.integer(16, 4), height = bytes.integer(20, 4), depth = bytes.integer(24, 1);
-  if (!width || !height || !depth) return {};
+  if (!width || !height || !depth || *width > INT_MAX || *height > INT_MAX) return {};
   // Palettes and depths below 8 are decoded to 8 bits.
   return ImageHeader{static_cast<int>(*width), static_cast<int>(*height), *depth == 16 ? 16 : 8};
 }
@@ -61,7 +62,9 @@ std::optional<ImageHeader> bmp_header(Bytes& bytes) {
   bytes.big_endian = false;
   const auto width = bytes.integer(18, 4), height = bytes.integer(22, 4);
   if (!width || !height) return {};
-  return ImageHeader{static_cast<int>(*width), std::abs(static_cast<int>(*height)), 8};
+  const auto rows = static_cast<int>(*height);  // negative: from the top downwards
+  if (*width > INT_MAX || rows == INT_MIN) return {};
+  return ImageHeader{static_cast<int>(*width), std::abs(rows), 8};
 }
 
 std::optional<ImageHeader> tiff_header(Bytes& bytes) {
@@ -80,10 +83,26 @@ std::optional<ImageHeader> tiff_header(Bytes& bytes) {
     std::uint64_t place = entry + 8;
     if (*count * size > 4) place = bytes.integer(place, 4).value_or(0);
     const auto value = bytes.integer(place, size);
-    if (!value) return {};
+    if (!value || *value > INT_MAX) return {};
     (*tag == 256 ? header.width : *tag == 257 ? header.height : header.depth) = static_cast<int>(*value);
   }
-  return header.width > 0 && header.height > 0 ? std::optional(header) : std::nullopt;
+  return header;
+}
+
+/// What the file says of itself; nothing if it is none of the allowed formats or its header is broken.
+std::optional<ImageHeader> declared(const fs::path& file) {
+  Bytes bytes(file);
+  const std::string magic = bytes.text(0, 8);
+  std::optional<ImageHeader> header;
+  if (magic == "\x89PNG\r\n\x1a\n")
+    header = png_header(bytes);
+  else if (magic.substr(0, 2) == "BM")
+    header = bmp_header(bytes);
+  else if (magic.substr(0, 4) == std::string("MM\0*", 4))
+    header = tiff_header(bytes);
+  else if (magic.substr(0, 4) == std::string("II*\0", 4))
+    bytes.big_endian = false, header = tiff_header(bytes);
+  return header && header->width > 0 && header->height > 0 ? header : std::nullopt;
 }
 
 std::string described(const ImageHeader& header) {
@@ -96,8 +115,12 @@ Image read_image(const fs::path& file) {
   require_file(file);
   cv::Mat decoded;
   std::string reason;
+  // A broken header must not claim the memory: no compression packs more than some thousand pixels into a byte.
+  const auto header = declared(file);
+  if (header && static_cast<double>(header->width) * header->height > 5000.0 * static_cast<double>(fs::file_size(file)))
+    throw InputError(file.string(), fmt::format("{} in {} bytes", described(*header), fs::file_size(file)), allowed_file);
   try {
-    decoded = cv::imread(file.string(), cv::IMREAD_UNCHANGED | cv::IMREAD_IGNORE_ORIENTATION);
+    if (header) decoded = cv::imread(file.string(), cv::IMREAD_UNCHANGED | cv::IMREAD_IGNORE_ORIENTATION);
   } catch (const cv::Exception& error) {
     reason = error.err.empty() ? "" : fmt::format(" ({})", error.err);
   }
@@ -116,18 +139,8 @@ Image read_image(const fs::path& file) {
 
 ImageHeader read_header(const fs::path& file) {
   require_file(file);
-  Bytes bytes(file);
-  const std::string magic = bytes.text(0, 8);
-  std::optional<ImageHeader> header;
-  if (magic == "\x89PNG\r\n\x1a\n")
-    header = png_header(bytes);
-  else if (magic.substr(0, 2) == "BM")
-    header = bmp_header(bytes);
-  else if (magic.substr(0, 4) == std::string("MM\0*", 4))
-    header = tiff_header(bytes);
-  else if (magic.substr(0, 4) == std::string("II*\0", 4))
-    bytes.big_endian = false, header = tiff_header(bytes);
-  if (!header) return read_image(file).header();
+  const auto header = declared(file);
+  if (!header) throw InputError(file.string(), "a file that cannot be decoded", allowed_file);
   if (header->depth != 8 && header->depth != 16)
     throw InputError(file.string(), fmt::format("{} bits per sample", header->depth), allowed_file);
   return *header;

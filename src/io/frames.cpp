@@ -54,10 +54,15 @@ std::vector<FrameRange> parse_frames(const std::string& text) {
 }
 
 Frames expand(const std::vector<FrameRange>& ranges) {
-  std::set<int> frames;
-  for (const auto& range : ranges)
-    for (int frame = range.first; frame <= range.last; frame += range.step) frames.insert(frame);
-  return {frames.begin(), frames.end()};
+  std::vector<char> there;  // ranges may overlap as often as they like
+  for (const auto& range : ranges) {
+    if (range.last >= static_cast<int>(there.size())) there.resize(static_cast<std::size_t>(range.last) + 1, 0);
+    for (int frame = range.first; frame <= range.last; frame += range.step) there[static_cast<std::size_t>(frame)] = 1;
+  }
+  Frames frames;
+  for (std::size_t frame = 0; frame < there.size(); ++frame)
+    if (there[frame] != 0) frames.push_back(static_cast<int>(frame));
+  return frames;
 }
 
 Frames select(const std::vector<FrameRange>& ranges, const Frames& available) {

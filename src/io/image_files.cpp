@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cctype>
+#include <climits>
 #include <cstdint>
 #include <fstream>
 
@@ -47,11 +48,17 @@ class Bytes {
   std::uint64_t size_ = 0;
 };
 
+/// A size in pixels; no format means more than 2^31 - 1.
+int size_of(std::uint64_t value, const Bytes& bytes) {
+  if (value == 0 || value > INT_MAX) bytes.incomplete();
+  return static_cast<int>(value);
+}
+
 ImageHeader read_png(Bytes& bytes) {
   constexpr std::uint64_t iend = 0x49454e44;
   ImageHeader header;
-  header.columns = static_cast<int>(bytes.number(16, 4, true));
-  header.rows = static_cast<int>(bytes.number(20, 4, true));
+  header.columns = size_of(bytes.number(16, 4, true), bytes);
+  header.rows = size_of(bytes.number(20, 4, true), bytes);
   header.depth = static_cast<int>(bytes.number(24, 1, true));
   const auto colour = bytes.number(25, 1, true);
   header.channels = colour == 2 ? 3 : colour == 6 ? 4 : colour == 4 ? 2 : 1;
@@ -64,8 +71,12 @@ ImageHeader read_png(Bytes& bytes) {
 ImageHeader read_bmp(Bytes& bytes) {
   if (bytes.number(2, 4, false) > bytes.size()) bytes.incomplete();
   ImageHeader header;
-  header.columns = std::abs(static_cast<std::int32_t>(bytes.number(18, 4, false)));
-  header.rows = std::abs(static_cast<std::int32_t>(bytes.number(22, 4, false)));
+  const auto size = [&](std::uint64_t at) {  // negative: from the top downwards
+    const auto value = static_cast<std::int32_t>(bytes.number(at, 4, false));
+    return size_of(static_cast<std::uint64_t>(std::abs(static_cast<std::int64_t>(value))), bytes);
+  };
+  header.columns = size(18);
+  header.rows = size(22);
   const int bits = static_cast<int>(bytes.number(28, 2, false));
   header.depth = 8;
   header.channels = bits <= 8 ? 1 : bits / 8;
@@ -90,10 +101,10 @@ ImageHeader read_tiff(Bytes& bytes, bool big_endian) {
         count * static_cast<std::uint64_t>(width) <= 4 ? entry + 8 : bytes.number(entry + 8, 4, big_endian);
     switch (tag) {
       case 256:
-        header.columns = static_cast<int>(bytes.number(values, width, big_endian));
+        header.columns = size_of(bytes.number(values, width, big_endian), bytes);
         break;
       case 257:
-        header.rows = static_cast<int>(bytes.number(values, width, big_endian));
+        header.rows = size_of(bytes.number(values, width, big_endian), bytes);
         break;
       case 258:
         header.depth = static_cast<int>(bytes.number(values, width, big_endian));
@@ -113,7 +124,7 @@ ImageHeader read_tiff(Bytes& bytes, bool big_endian) {
         break;
     }
   }
-  if (offsets == 0 || header.columns == 0 || header.rows == 0) bytes.incomplete();
+  if (offsets == 0 || header.columns == 0 || header.rows == 0 || strips > bytes.size()) bytes.incomplete();
   for (std::uint64_t i = 0; counts != 0 && i < strips; ++i) {
     const auto start = bytes.number(offsets + i * static_cast<std::uint64_t>(offset_bytes), offset_bytes, big_endian);
     const auto length = bytes.number(counts + i * static_cast<std::uint64_t>(count_bytes), count_bytes, big_endian);

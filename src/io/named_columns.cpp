@@ -37,7 +37,7 @@ NamedColumns read_named_columns(const std::filesystem::path& file, const std::ve
       continue;
     }
     const auto fields = fields_of(line, separator);
-    auto& row = table.rows.emplace_back(number, std::vector<std::string>(wanted.size()));
+    auto& row = table.rows.emplace_back(NamedColumns::Row{number, std::vector<std::string>(wanted.size())});
     for (std::size_t i = 0; i < wanted.size(); ++i)
       if (fields && place[i] < fields->size()) row.text[i] = (*fields)[place[i]];
   }

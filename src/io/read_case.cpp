@@ -232,6 +232,14 @@ void CaseReader::mistake(const std::string& path, std::string found, std::string
   mistakes_.push_back({document_.line(path), {document_.place(path), std::move(found), std::move(allowed)}});
 }
 
+std::string stress_unit(const Units& units) {
+  if (units.length == "mm" && units.force == "N") return "MPa";
+  if (units.length == "m" && units.force == "N") return "Pa";
+  if (units.length == "mm" && units.force == "kN") return "GPa";
+  if (units.length == "m" && units.force == "kN") return "kPa";
+  return units.force + "/" + units.length + "^2";
+}
+
 int Case::index_of(int number) const {
   const auto it = std::lower_bound(frames.begin(), frames.end(), number);
   if (it == frames.end() || *it != number) throw std::out_of_range(fmt::format("no frame {}", number));

@@ -131,14 +131,6 @@ void declare_identification(ResultsFile& file, const Case& test, const RunPlan& 
 
 }  // namespace
 
-std::string stress_unit(const Units& units) {
-  if (units.length == "mm" && units.force == "N") return "MPa";
-  if (units.length == "m" && units.force == "N") return "Pa";
-  if (units.length == "mm" && units.force == "kN") return "GPa";
-  if (units.length == "m" && units.force == "kN") return "kPa";
-  return units.force + "/" + units.length + "^2";
-}
-
 ResultsFile create_results(const std::filesystem::path& folder, const Case& test, const RunPlan& plan) {
   auto file = ResultsFile::create(folder / "results.h5");
   file.store_text("case/file", test.file.string(), "the case file");

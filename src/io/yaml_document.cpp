@@ -3,10 +3,11 @@
 #include <fmt/format.h>
 #include <yaml-cpp/yaml.h>
 
+#include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <fstream>
-#include <regex>
+#include <string_view>
 #include <sstream>
 
 namespace imic3d::io {
@@ -15,6 +16,38 @@ namespace {
 
 constexpr int deepest = 32;           // levels; an alias to an anchor around it would never end
 constexpr int most_values = 200'000;  // aliases of aliases could multiply without bound
+
+/// What a plain scalar looks like.
+enum class Plain { text, integer, real, not_finite };
+
+/// [-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?, or [-+]?\.?(inf|nan).
+Plain kind_of(std::string_view rest) {
+  const auto take_sign = [&] {
+    if (!rest.empty() && (rest.front() == '-' || rest.front() == '+')) rest.remove_prefix(1);
+  };
+  const auto take_digits = [&] {
+    const auto end = std::min(rest.find_first_not_of("0123456789"), rest.size());
+    rest.remove_prefix(end);
+    return end > 0;
+  };
+  take_sign();
+  for (std::string_view name : {"inf", "Inf", "INF", "nan", "NaN", "NAN"})
+    if (rest == name || (rest.starts_with('.') && rest.substr(1) == name)) return Plain::not_finite;
+  const bool whole = take_digits();
+  if (rest.empty()) return whole ? Plain::integer : Plain::text;
+  if (rest.front() == '.') {
+    rest.remove_prefix(1);
+    if (!take_digits() && !whole) return Plain::text;
+  } else if (!whole) {
+    return Plain::text;
+  }
+  if (rest.starts_with('e') || rest.starts_with('E')) {
+    rest.remove_prefix(1);
+    take_sign();
+    if (!take_digits()) return Plain::text;
+  }
+  return rest.empty() ? Plain::real : Plain::text;
+}
 
 /// Turns yaml-cpp's nodes into JSON, noting lines and what JSON cannot hold.
 class Converter {
@@ -66,23 +99,21 @@ class Converter {
     if (text.empty() || text == "~" || text == "null" || text == "Null" || text == "NULL") return nullptr;
     if (text == "true" || text == "True" || text == "TRUE") return true;
     if (text == "false" || text == "False" || text == "FALSE") return false;
-    static const std::regex integer("[-+]?[0-9]+");
-    static const std::regex real(R"([-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?)");
-    static const std::regex not_finite(R"([-+]?\.?(inf|Inf|INF|nan|NaN|NAN))");
+    const Plain kind = kind_of(text);
     const char* first = text.data() + (text.starts_with('+') ? 1 : 0);
     const char* last = text.data() + text.size();
-    if (std::regex_match(text, integer)) {
+    if (kind == Plain::integer) {
       std::int64_t number = 0;
       if (std::from_chars(first, last, number).ec == std::errc()) return number;
     }
-    if (std::regex_match(text, real)) {
+    if (kind == Plain::integer || kind == Plain::real) {
       double number = 0;
       const auto error = std::from_chars(first, last, number).ec;
       if (error == std::errc() && std::isfinite(number)) return number;
       not_a_number(path, text);
       return 1.0;  // stands for a number, so that the schema does not complain a second time
     }
-    if (std::regex_match(text, not_finite)) {
+    if (kind == Plain::not_finite) {
       not_a_number(path, text);
       return 1.0;
     }
@@ -100,6 +131,26 @@ class Converter {
   YamlDocument& document_;
   int values_ = 0;
 };
+
+}  // namespace
+
+namespace {
+
+/// Place of the first byte that does not belong to UTF-8 (RFC 3629), or the end.
+std::size_t first_foreign_byte(std::string_view text) {
+  for (std::size_t i = 0; i < text.size();) {
+    const auto byte = [&](std::size_t k) { return i + k < text.size() ? static_cast<unsigned char>(text[i + k]) : 0U; };
+    const unsigned lead = byte(0), next = byte(1);
+    const std::size_t length = lead < 0x80 ? 1 : lead >= 0xC2 && lead < 0xE0 ? 2 : lead >= 0xE0 && lead < 0xF0 ? 3 : lead >= 0xF0 && lead < 0xF5 ? 4 : 0;
+    if (length == 0) return i;
+    for (std::size_t k = 1; k < length; ++k)
+      if (byte(k) < 0x80 || byte(k) > 0xBF) return i;
+    // Longer than need be, surrogates, beyond U+10FFFF.
+    if ((lead == 0xE0 && next < 0xA0) || (lead == 0xED && next > 0x9F) || (lead == 0xF0 && next < 0x90) || (lead == 0xF4 && next > 0x8F)) return i;
+    i += length;
+  }
+  return text.size();
+}
 
 }  // namespace
 
@@ -130,6 +181,9 @@ YamlDocument read_yaml(const std::filesystem::path& file) {
   YamlDocument document;
   document.file = file;
   document.text.assign(std::istreambuf_iterator<char>(stream), {});
+  if (const auto foreign = first_foreign_byte(document.text); foreign < document.text.size())
+    throw InputError(fmt::format("{}:{}", file.string(), 1 + std::count(document.text.begin(), document.text.begin() + static_cast<std::ptrdiff_t>(foreign), '\n')),
+                     fmt::format("byte 0x{:02x}", static_cast<unsigned char>(document.text[foreign])), "text in UTF-8");
   std::vector<YAML::Node> nodes;
   try {
     nodes = YAML::LoadAll(document.text);

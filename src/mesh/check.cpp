@@ -93,6 +93,8 @@ std::vector<Mistake> check_cells(const Mesh& mesh, const std::string& name, cons
     shapes_are_good = shapes_are_good && jacobians.minCoeff() >= degenerate;
     if (has_repeated_node(mesh, c))
       complain(c, "the same node twice (degenerate)", allowed);
+    else if (!jacobians.allFinite())
+      complain(c, "coordinates too large for its volume", allowed);
     else if (jacobians.minCoeff() < -degenerate)
       complain(c,
                fmt::format("inverted: negative Jacobian at {} of {} corners", (jacobians.array() < -degenerate).count(),

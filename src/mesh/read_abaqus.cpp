@@ -100,7 +100,8 @@ class AbaqusReader {
   template <class Member>
   using Sets = std::map<std::string, Set<Member>>;  // by name in upper case
   struct Face {
-    std::string of;  ///< an element number or the name of an element set
+    std::string set;  ///< an element set, or empty:
+    long element = 0;
     std::size_t face = 0;
     std::string place;
   };
@@ -246,7 +247,11 @@ class AbaqusReader {
         const long step = at_end(rest) ? 1 : take_integer(rest, lines_, "step");
         if (step <= 0 || last < first)
           lines_.fail(fmt::format("{}, {}, {}", first, last, step), "first, last, step > 0");
-        for (long number = first; number <= last; number += step) set.members.push_back(number);
+        const auto count = (static_cast<unsigned long>(last) - static_cast<unsigned long>(first)) / static_cast<unsigned long>(step) + 1;
+        if (count > most_generated - generated_)
+          lines_.fail(fmt::format("{}, {}, {}", first, last, step), fmt::format("at most {} numbers in all generated sets", most_generated));
+        generated_ += count;
+        for (unsigned long i = 0; i < count; ++i) set.members.push_back(static_cast<long>(static_cast<unsigned long>(first) + i * static_cast<unsigned long>(step)));
         continue;
       }
       while (true) {
@@ -262,6 +267,9 @@ class AbaqusReader {
         if (at == sets.end()) lines_.fail(fmt::format("set {}", word), "a set defined before");
         const std::vector<long> members = at->second.members;
         set.members.insert(set.members.end(), members.begin(), members.end());
+        // Sets of sets of sets would grow without bound.
+        std::sort(set.members.begin(), set.members.end());
+        set.members.erase(std::unique(set.members.begin(), set.members.end()), set.members.end());
         rest = ahead;
       }
     }
@@ -279,7 +287,12 @@ class AbaqusReader {
       if (face.size() != 2 || (face[0] != 'S' && face[0] != 's' && face[0] != 'E' && face[0] != 'e') || face[1] < '1' ||
           face[1] > '6')
         continue;  // a whole face of a shell, an analytical surface …
-      surface.members.push_back({of, static_cast<std::size_t>(face[1] - '1'), lines_.place()});
+      Face& member = surface.members.emplace_back(Face{{}, 0, static_cast<std::size_t>(face[1] - '1'), lines_.place()});
+      std::string_view number = of;
+      if (std::isdigit(static_cast<unsigned char>(of.front())) != 0)
+        member.element = take_integer(number, lines_, "an element or an element set");
+      else
+        member.set = of;
     }
     return line_.starts_with('*');
   }
@@ -307,12 +320,10 @@ class AbaqusReader {
   }
 
   void add_faces(const std::string& surface, const Face& face) {
-    std::vector<long> numbers;
-    if (std::isdigit(static_cast<unsigned char>(face.of.front())) != 0) {
-      numbers.push_back(std::stol(face.of));
-    } else {
-      const auto at = element_sets_.find(upper(face.of).substr(upper(face.of).rfind('.') + 1));
-      if (at == element_sets_.end()) throw InputError(face.place, "element set " + face.of, "a set of the file");
+    std::vector<long> numbers{face.element};
+    if (!face.set.empty()) {
+      const auto at = element_sets_.find(upper(face.set).substr(upper(face.set).rfind('.') + 1));
+      if (at == element_sets_.end()) throw InputError(face.place, "element set " + face.set, "a set of the file");
       numbers = at->second.members;
     }
     for (long number : numbers) {
@@ -328,9 +339,12 @@ class AbaqusReader {
     }
   }
 
+  static constexpr unsigned long most_generated = 20'000'000;
+
   Lines lines_;
   std::string_view line_;
   int instances_ = 0;
+  unsigned long generated_ = 0;  // numbers in sets
   std::unordered_map<long, std::size_t> element_at_;
   Sets<long> node_sets_, element_sets_;
   Sets<Face> surfaces_;

@@ -2,6 +2,8 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <climits>
 #include <cstdlib>
 #include <utility>
 
@@ -111,6 +113,13 @@ class GmshReader {
     return static_cast<std::size_t>(count);
   }
 
+  /// Physical groups, and other tags, are 32-bit numbers.
+  long take_group(std::string_view& line) {
+    const long group = take_integer(line, lines_, "a physical group");
+    if (std::labs(std::max(group, -LONG_MAX)) > INT_MAX) lines_.fail(fmt::format("{}", group), "the number of a physical group");
+    return group;
+  }
+
   void read_format() {
     std::string_view line = lines_.expect("the version of the format");
     const auto version = take_word(line);
@@ -157,8 +166,7 @@ class GmshReader {
         for (int i = 0; i < (dimension == 0 ? 3 : 6); ++i) (void)take_number(line, lines_, "a bound of an entity");
         auto& groups = groups_of_entity_[{dimension, entity}];
         for (std::size_t group = take_count(line, "a number of physical groups"); group > 0; --group)
-          groups.push_back(
-              std::labs(take_integer(line, lines_, "a physical group")));  // negative: reversed orientation
+          groups.push_back(std::labs(take_group(line)));  // negative: reversed orientation
       }
     end_section("$EndEntities");
   }
@@ -220,7 +228,7 @@ class GmshReader {
       std::vector<long> groups;
       const std::size_t tags = take_count(line, "a number of tags");
       for (std::size_t i = 0; i < tags; ++i) {
-        const long tag = take_integer(line, lines_, "a tag");
+        const long tag = take_group(line);
         if (i == 0 && tag != 0) groups.push_back(std::labs(tag));
       }
       add(take_element(line, number, type), groups);

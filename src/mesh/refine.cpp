@@ -99,7 +99,9 @@ void extend_node_groups(const Mesh& coarse, const NewNodes& nodes, bool face_nod
     }
   };
   const Cells boundary = boundary_facets(coarse).nodes;
-  for (const auto& [name, members] : coarse.node_groups) {
+  for (const auto& node_group : coarse.node_groups) {
+    const auto& name = node_group.first;
+    const auto& members = node_group.second;
     std::set<int> group(members.begin(), members.end());
     const auto facets = coarse.facet_groups.find(name);
     if (facets != coarse.facet_groups.end())

@@ -123,17 +123,19 @@ def unreadable(folder):
 
 
 class Trials:
-    def __init__(self, program, folder):
+    def __init__(self, program, folder, variant=None):
         self.program, self.folder, self.random = program, folder, random.Random(5)
-        self.case = restart_case.case(folder, "stopped")
-        self.out = folder / "stopped"
-        whole = restart_case.case(folder, "whole")
+        stopped, undisturbed = (f"{variant}_{name}" if variant else name for name in ("stopped", "whole"))
+        self.case = restart_case.case(folder, stopped, variant=variant)
+        self.out = folder / stopped
+        whole = restart_case.case(folder, undisturbed, variant=variant)
         begin = time.monotonic()
         status = Run(program, whole, 2).finish()
         self.seconds = time.monotonic() - begin
-        require(status == 0, f"the uninterrupted run ends with 0 ({status}), {self.seconds:.1f} s")
-        self.truth = restart_case.parameters(folder / "whole")
-        shutil.copy(folder / "whole/checkpoint.h5", folder / "whole.h5")
+        require(status == 0, f"the uninterrupted run{' with ' + variant if variant else ''} ends with 0 ({status}), {self.seconds:.1f} s")
+        self.truth = restart_case.parameters(folder / undisturbed)
+        if not variant:
+            shutil.copy(folder / "whole/checkpoint.h5", folder / "whole.h5")
 
     def start(self, ranks, resume=False, **more):
         if not resume:
@@ -154,6 +156,23 @@ class Trials:
         require(apart < CLOSE and deviations < 1e-5 and not bad,
                 f"{what}; resumed on {ranks} ({from_where}): {apart:.1e}" + (f", deviations {deviations:.1e}" if deviations >= 1e-5 else "") + "".join(f"\n  {one}" for one in bad))
         return run
+
+    def everywhere(self, what):
+        """kill -9 as soon as the checkpoint holds something of the correlation, of the first stage, of the second; resumed on other ranks."""
+        checkpoint = self.out / "checkpoint.h5"
+        for ranks, others, where, reached in ((2, 3, "correlation", lambda names: bool(names)), (3, 1, "first stage", lambda names: "numbers/point" in names),
+                                              (1, 2, "second stage", lambda names: "numbers/stages/0/values" in names and "numbers/point" in names)):
+            run = self.start(ranks)
+            there = run.wait_for(lambda: reached(names_in(checkpoint)), 300.0)
+            run.kill()
+            require(there, f"{what}: a checkpoint in the {where}")
+            self.resumes(others, f"{what}, killed in the {where} on {ranks}")
+
+    def variants(self):
+        """Direct sensitivities, alpha > 0, and three cameras."""
+        restart_case.make_three_cameras(self.program, self.folder)
+        for name in restart_case.VARIANTS:
+            Trials(self.program, self.folder, name).everywhere(name)
 
     def kills(self, count):
         for trial in range(count):
@@ -290,12 +309,12 @@ def main():
     options.add_argument("executable")
     options.add_argument("--kills", type=int, default=3)
     options.add_argument("--keep", action="store_true")
-    options.add_argument("--only", help="one of kills, signals, image, dead_rank, disk, full_disk, broken")
+    options.add_argument("--only", help="one of kills, signals, image, dead_rank, disk, full_disk, variants, broken")
     given = options.parse_args()
     folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_restart_"))
     restart_case.make(given.executable, folder)
     trials = Trials(given.executable, folder)
-    for name in [given.only] if given.only else ["broken", "kills", "signals", "image", "dead_rank", "disk", "full_disk"]:
+    for name in [given.only] if given.only else ["broken", "kills", "signals", "image", "dead_rank", "disk", "full_disk", "variants"]:
         trials.kills(given.kills) if name == "kills" else getattr(trials, name)()
     if not given.keep and not require.failed:
         shutil.rmtree(folder)

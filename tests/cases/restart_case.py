@@ -5,16 +5,44 @@ from runs import SMALL_PLATE, SMALL_TEST, gmsh, run
 
 PLACE = "{origin: [149.5, 164.5]}"
 IDENTIFY = """
-loads: {{file: made/loads.csv, noise: 5}}
-dic: {{brightness: true}}
+loads: {{file: {made}/loads.csv, noise: 5}}
+dic: {{brightness: true{dic}}}
 identify:
-  held_out: 6
+{more}  held_out: 6
   eta: {eta}
   stages:
     - {{free: [E], frames: "2-4"}}
     - {{free: [S_y, H], frames: "2-7"}}
 output: {output}
 """
+
+# What else is restarted than the plain case: keys of `identify`, or three cameras on both faces.
+VARIANTS = {
+    "direct": "  sensitivities: direct\n",
+    "alpha": "  alpha: 0.01\n",
+    "cameras": "",
+}
+THREE_CAMERAS = """
+  - {{name: mono, pixel_size: 0.08, place: {place}{mono}}}
+  - {{name: left, model: pinhole, face: back{left}}}
+  - {{name: right, model: pinhole, face: back{right}}}
+"""
+
+
+def three_cameras(**of):
+    """The case with three cameras instead of one."""
+    one = "\n  - {{name: front, pixel_size: 0.08, place: {place}{images}}}\n"
+    assert one in SMALL_PLATE
+    return SMALL_PLATE.replace(one, THREE_CAMERAS.format(place=PLACE, **of).replace("{", "{{").replace("}", "}}")).replace("loaded: top}}", "loaded: top{at}}}")
+
+
+def make_three_cameras(program, folder):
+    """Their images, on the meshes of `make`."""
+    text = three_cameras(mono=", size: [300, 330]", left=", size: [330, 350], view: {focal: 5600, from: [-85, 0, -395], at: [0, 0, -4], distortion: [0.05, 0, 0.001]}",
+                         right=", size: [330, 350], view: {focal: 5600, from: [85, 4, -395], at: [0, 0, -4], roll: 1}")
+    test = SMALL_TEST.replace("size: [300, 330], ", "").replace("made", "three")
+    (folder / "virtual_three.yaml").write_text(text.format(mesh="fine", layers=1, at="", E=198e3, S_y=284) + test)
+    run(program, "virtual", folder / "virtual_three.yaml", 1)
 
 
 def make(program, folder):
@@ -26,11 +54,19 @@ def make(program, folder):
     run(program, "virtual", folder / "virtual.yaml", 1)
 
 
-def case(folder, name, mesh="coarse", eta=1e-3, S_y=265):
-    """A case file that identifies E, then S_y and H, into a folder of the same name."""
+def case(folder, name, mesh="coarse", eta=1e-3, S_y=265, variant=None, more="", dic_groups="auto"):
+    """A case file that identifies E, then S_y and H, into a folder of the same name; `more`: further keys of `identify`."""
     path = folder / f"{name}.yaml"
+    more = VARIANTS.get(variant, "") + more
+    if variant == "cameras":
+        points = json.loads((folder / "three/truth.json").read_text())["place_points"]["left"]
+        back = ", calibration: three/calibration_back.yaml, images: 'three/images_{}/*.png', reference: 0-1"
+        text = three_cameras(mono=", images: 'three/images_mono/*.png', reference: 0-1", left=back.format("left"), right=back.format("right"))
+        path.write_text(text.format(mesh=mesh, layers=1, at=f", place: {{camera: left, points: {points}}}", E=185e3, S_y=S_y) +
+                        IDENTIFY.format(output=name, eta=eta, made="three", more=more, dic=f", groups: {dic_groups}"))
+        return path
     path.write_text(SMALL_PLATE.format(mesh=mesh, layers=1, place=PLACE, images=", images: 'made/images/*.png', reference: 0-1", E=185e3, S_y=S_y) +
-                    IDENTIFY.format(output=name, eta=eta))
+                    IDENTIFY.format(output=name, eta=eta, made="made", more=more, dic=f", groups: {dic_groups}"))
     return path
 
 

@@ -2,6 +2,7 @@
 // The results of a run on the root rank: results.h5, results.xdmf, result.json, pictures and the report.
 
 #include <filesystem>
+#include <map>
 #include <optional>
 #include <string>
 #include <vector>
@@ -35,9 +36,10 @@ class RunOutput {
   /// residual at a few frames.
   void model(const Communicator& world, const identification::ImageData& images, const identification::Record& record,
              const identification::Path& shown, const identification::Path& driven);
-  /// result.json, pictures and report.html; prints the table of the parameters. `seconds`: time of the run.
+  /// result.json, pictures and report.html; prints the table of the parameters. `seconds`: time of the run; `groups`: what groups of ranks
+  /// did with theirs, by what they did.
   void finish(const Material& material, const Eigen::MatrixXd& covariance, const std::vector<StageSummary>& stages,
-              double seconds);
+              double seconds, const std::map<std::string, std::vector<GroupTime>>& groups);
 
  private:
   void draw_residual(int t, const identification::Record& record, const identification::Path& shown) const;

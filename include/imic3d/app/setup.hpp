@@ -51,6 +51,13 @@ struct ExtendedMaterial : Material {
 /// file says.
 [[nodiscard]] identification::Specimen make_specimen(const io::Case& test, bool all_components = false, const loop::MeshChange& change = {});
 
+/// Simulations that an iteration of the identification has: side by side, and before them on the first group (the DIC-driven one that
+/// gives the forces). With direct sensitivities one after another on all ranks.
+struct SimulationTasks {
+  int side_by_side = 1, before = 0;
+};
+[[nodiscard]] SimulationTasks simulation_tasks(const io::Case& test);
+
 /// Creates the folder of the results and returns it. Throws InputError if that cannot be done.
 [[nodiscard]] std::filesystem::path output_folder(const io::Case& test, const CommandOptions& options,
                                                   const Communicator& world);

@@ -35,7 +35,7 @@ void collectively(const Communicator& communicator, const std::function<void()>&
 /// With fewer ranks than tasks a group takes several tasks, one after another.
 class GroupLayout {
  public:
-  /// `groups` = 0 chooses min(size, tasks). Throws InputError if groups exceeds the number of ranks.
+  /// `groups` = 0 chooses min(size, tasks); more groups than ranks are as many as ranks (plan_groups chooses by cost).
   GroupLayout(Communicator world, int tasks, int groups = 0);
   ~GroupLayout();
   GroupLayout(const GroupLayout&) = delete;

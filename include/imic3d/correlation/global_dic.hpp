@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-#include "imic3d/core/parallel.hpp"
+#include "imic3d/core/groups.hpp"
 #include "imic3d/correlation/cameras.hpp"
 #include "imic3d/correlation/correlation.hpp"
 #include "imic3d/imaging/image.hpp"
@@ -30,7 +30,7 @@ struct DicOptions {
   double strain_change = 0.02;  ///< M is built anew, with the gradient transported, when an element's deformation
                                 ///< gradient has changed by more than this
   double lost = 0.5;            ///< a frame whose grey levels correlate less than this with the reference's is lost
-  int groups = 0;               ///< groups of ranks over frames; 0: as many as ranks and frames allow
+  int groups = 0;               ///< groups of ranks over frames; 0: plan_frames
   const imaging::Image* mask = nullptr;  ///< pixels of the reference whose level is 0 there are left out (one camera)
 };
 
@@ -84,7 +84,12 @@ struct DicSeries {
   std::vector<Eigen::VectorXd> starts;  ///< displacement of the first frames on the coarse levels [unknowns, length]
   std::vector<char> lost;               ///< which of them the coarse levels lost
   std::vector<DicFrame> frames;         ///< the first frames that are done
+  std::vector<GroupTime> group_times = {};  ///< what the groups of ranks did with their time on the finer levels, in this run
 };
+
+/// How the frames of a series are shared out over ranks (`groups` = 0: as ends first). More ranks make the pass over the mesh's pixels
+/// faster, not reading the images and their splines.
+[[nodiscard]] GroupPlan plan_frames(int ranks, int frames, double image_pixels, double mesh_pixels, int groups = 0);
 
 /// Gauss-Newton on f - g(x + u) (Eqs 5-9 without the mechanical term) from coarse images to fine ones.
 ///

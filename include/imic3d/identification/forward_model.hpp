@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "imic3d/core/parallel.hpp"
+#include "imic3d/core/groups.hpp"
 #include "imic3d/identification/image_data.hpp"
 #include "imic3d/identification/specimen.hpp"
 #include "imic3d/material/finite_strain_law.hpp"
@@ -65,14 +65,18 @@ struct Solution {
 };
 using Solutions = std::array<Solution, 3>;  ///< of run 0 under each Control; without frames where there is none
 
+/// How `tasks` simulations with so many unknowns, after `before` others on the first group, are shared out over ranks (`groups` = 0:
+/// as ends first, by an estimate of the part of a simulation that more ranks do not make faster, docs/cluster.md).
+[[nodiscard]] GroupPlan plan_simulations(int ranks, Eigen::Index unknowns, int tasks, int before, int groups = 0);
+
 class ForwardModel {
  public:
   /// Run and frame, with the fields there; on all ranks of the group that runs it.
   using FrameSink = std::function<void(int run, int frame, const mechanics::FrameState&)>;
 
-  /// `groups`: number of concurrent groups of ranks (0: as many as ranks and tasks allow; decided for `tasks` tasks).
+  /// `groups`: number of concurrent groups of ranks (0: plan_simulations for `tasks` tasks after `before`).
   ForwardModel(Communicator world, const Specimen& specimen, std::shared_ptr<const material::FiniteStrainLaw> law,
-               Record record, mechanics::EquilibriumOptions options, int tasks, int groups);
+               Record record, mechanics::EquilibriumOptions options, int tasks, int groups, int before = 0);
   ~ForwardModel();
   ForwardModel(const ForwardModel&) = delete;
   ForwardModel& operator=(const ForwardModel&) = delete;
@@ -105,6 +109,8 @@ class ForwardModel {
   [[nodiscard]] const Record& record() const { return record_; }
   [[nodiscard]] const Specimen& specimen() const { return specimen_; }
   [[nodiscard]] int groups() const;
+  /// What the groups did with their time so far. Collective over the world.
+  [[nodiscard]] std::vector<GroupTime> group_times() const;
 
  private:
   struct Implementation;

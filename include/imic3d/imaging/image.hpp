@@ -51,7 +51,7 @@ struct Image {
 /// OPENCV_IO_MAX_IMAGE_PIXELS raises. Throws InputError (missing, unreadable, other depth).
 [[nodiscard]] Image read_image(const std::filesystem::path& file);
 
-/// Size and depth without decoding the pixels (PNG, BMP, TIFF; other files are decoded). Throws InputError.
+/// Size and depth without decoding the pixels. Throws InputError.
 [[nodiscard]] ImageHeader read_header(const std::filesystem::path& file);
 
 /// Writes grey levels rounded to the nearest integer and clipped to the depth (8 or 16, the image's own if not given);

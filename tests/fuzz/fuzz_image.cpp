@@ -1,0 +1,6 @@
+#include "image_input.hpp"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  imic3d::fuzz::image(data, size);
+  return 0;
+}

@@ -1,0 +1,6 @@
+#include "mesh_input.hpp"
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  imic3d::fuzz::mesh(data, size);
+  return 0;
+}
