@@ -547,8 +547,8 @@ std::vector<DicFrame> GlobalDic::run(const Communicator& world, int frames, cons
     if (done) done(static_cast<int>(frame), known.frames[frame]);
   double image_pixels = 0.0, mesh_pixels = 0.0;
   for (int c = 0; c < count; ++c) {
-    const imaging::BSpline& reference = levels_.front().references[static_cast<std::size_t>(c)];
-    image_pixels += static_cast<double>(reference.width()) * reference.height();
+    const imaging::ImageHeader& size = levels_.front().sizes[static_cast<std::size_t>(c)];
+    image_pixels += static_cast<double>(size.width) * size.height;
     mesh_pixels += static_cast<double>(correlation(c).quadrature().pixels());
   }
   const GroupLayout layout(world, frames, plan_frames(world.size(), frames, image_pixels, mesh_pixels, options_.groups).groups());
