@@ -103,7 +103,7 @@ def thin_plate(program, folder):
     gmsh("plate_with_hole", folder / "plate.msh", length=24, size_hole=0.5, size_far=2.5)
     text = CASE.format(mesh="plate", element="quad8", thickness=0.1, more="", place="{origin: [0, 0]}", images="", **TRUTH)
     values = ", ".join(["0"] + [row["end_mm"] for row in table])
-    (folder / "thin.yaml").write_text(text + f"simulate: {{clamped: false, centred: true, value: [{values}]}}\noutput: thin\n")
+    (folder / "thin.yaml").write_text(text + f"simulate: {{clamped: false, centred: true, steps_per_frame: 4, value: [{values}]}}\noutput: thin\n")
     run(program, "simulate", folder / "thin.yaml", 1)
     with h5py.File(folder / "thin/results.h5") as file:
         nodes, u = file["mesh/nodes"][:], file["fields/displacement"][1:]
