@@ -53,6 +53,7 @@ loop::FieldData field_data(const Communicator& world, Observation& seen, const i
   data.noise = images.noise;
   data.references = seen.references;
   data.displacement = record.surface_displacement.leftCols(frames);
+  seen.faces.front().driving_cut_off = loop::alike(seen.faces.front().driving_cut_off);
   data.driving = driving_displacement(seen, data.displacement);
   data.smooth = [&seen](Eigen::MatrixXd field) { return driving_displacement(seen, std::move(field)); };
   data.correlate = [&seen, &test, &world, frames](const mesh::Mesh& surface, const Eigen::MatrixXd& U) {

@@ -2,7 +2,6 @@
 
 #include <Eigen/LU>
 #include <Eigen/SparseCholesky>
-#include <algorithm>
 #include <cmath>
 #include <map>
 #include <random>
@@ -105,20 +104,6 @@ Eigen::MatrixXd noise_draws(const Measure& measure, double sigma, int draws) {
   return factor.permutationPinv() * Eigen::MatrixXd(factor.matrixU().solve(noise));
 }
 
-namespace {
-/// Of five.
-std::vector<double> running_median(const std::vector<double>& values) {
-  std::vector<double> result = values;
-  for (std::size_t t = 0; t < values.size(); ++t) {
-    const auto from = t < 2 ? 0 : t - 2, to = std::min(values.size(), t + 3);
-    std::vector<double> near(values.begin() + static_cast<std::ptrdiff_t>(from), values.begin() + static_cast<std::ptrdiff_t>(to));
-    std::nth_element(near.begin(), near.begin() + static_cast<std::ptrdiff_t>(near.size() / 2), near.end());
-    result[t] = near[near.size() / 2];
-  }
-  return result;
-}
-}  // namespace
-
 Eigen::MatrixXd smoothed_within_noise(const Measure& measure, const Eigen::MatrixXd& U, const std::vector<int>& nodes, double sigma, double longest,
                                       std::vector<double>* cut_offs) {
   constexpr int draws = 50;
@@ -130,16 +115,19 @@ Eigen::MatrixXd smoothed_within_noise(const Measure& measure, const Eigen::Matri
     for (int node : nodes) sum += field.middleRows(dofs * node, dofs).colwise().squaredNorm();
     return sum / static_cast<double>(std::max<std::size_t>(1, dofs * nodes.size()));
   };
-  std::vector<double> chosen(static_cast<std::size_t>(U.cols()), 0.0);
+  Eigen::MatrixXd result = U;
+  if (cut_offs != nullptr) cut_offs->assign(static_cast<std::size_t>(U.cols()), 0.0);
   for (double cut_off = longest / 16.0; cut_off < 1.01 * longest; cut_off *= std::sqrt(2.0)) {
-    const Eigen::RowVectorXd lost = mean_square_at_nodes(smooth(measure, U, cut_off) - U);
+    const Eigen::MatrixXd smoothed = smooth(measure, U, cut_off);
+    const Eigen::RowVectorXd lost = mean_square_at_nodes(smoothed - U);
     const double lost_noise = mean_square_at_nodes(smooth(measure, noise, cut_off) - noise).mean();
-    for (Eigen::Index t = 0; t < U.cols(); ++t)
-      if (lost[t] <= allowed * lost_noise) chosen[static_cast<std::size_t>(t)] = cut_off;
+    for (Eigen::Index t = 0; t < U.cols(); ++t) {
+      if (lost[t] > allowed * lost_noise) continue;
+      result.col(t) = smoothed.col(t);
+      if (cut_offs != nullptr) (*cut_offs)[static_cast<std::size_t>(t)] = cut_off;
+    }
   }
-  chosen = running_median(chosen);
-  if (cut_offs != nullptr) *cut_offs = chosen;
-  return smooth(measure, U, chosen);
+  return result;
 }
 
 }  // namespace imic3d::correlation

@@ -122,8 +122,10 @@ struct Equilibrium::Implementation {
     Mat factor = nullptr;
     IMIC3D_PETSC(PCFactorSetUpMatSolverType(preconditioner));
     IMIC3D_PETSC(PCFactorGetMatrix(preconditioner, &factor));
-    if (direct) IMIC3D_PETSC(MatMumpsSetIcntl(factor, 8, 0));
-    if (mesh.integration == mesh::Integration::one_point) IMIC3D_PETSC(MatMumpsSetIcntl(factor, 24, 1));
+    if (mesh.integration == mesh::Integration::one_point)
+      IMIC3D_PETSC(MatMumpsSetIcntl(factor, 24, 1));
+    else if (direct)
+      IMIC3D_PETSC(MatMumpsSetIcntl(factor, 8, 0));
   }
 
   void attach_near_null_space() {

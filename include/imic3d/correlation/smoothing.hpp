@@ -45,8 +45,7 @@ struct Measure {
 
 /// Every frame's displacement U [unknowns x frames, length], smoothed with the longest cut-off up to `longest` at which
 /// what the smoothing takes away at `nodes` is no more than what it takes away of noise (the discrepancy principle; 1.5
-/// times in the mean square), the running median of five frames: a single one, left by its noise alone as it is, would yield at
-/// its ends, and what it yields stays. `sigma`: the white noise of a frame and the reference together [in the unit that goes with M];
+/// times in the mean square). `sigma`: the white noise of a frame and the reference together [in the unit that goes with M];
 /// its share is taken from draws with the covariance sigma^2 M^-1. `cut_offs` tells what was chosen.
 [[nodiscard]] Eigen::MatrixXd smoothed_within_noise(const Measure& measure, const Eigen::MatrixXd& U, const std::vector<int>& nodes, double sigma,
                                                     double longest, std::vector<double>* cut_offs = nullptr);
