@@ -183,11 +183,12 @@ void GlobalDic::build(const mesh::Mesh& surface, std::vector<View> views, int do
     if (level == 0 && several) {
       require_sight(next, views);
       const std::vector<int> unseen = cameras.hardly_seen(M);
-      next.smoothing += continuation(cameras, unseen);
       continued_ = !unseen.empty();
-      if (continued_)
+      if (continued_) {
+        next.smoothing += continuation(cameras, unseen);
         spdlog::warn("{} of {} nodes are not, or hardly, seen by two cameras: what cannot be seen of their motion continues that of their neighbours",
                      unseen.size(), cameras.nodes());
+      }
     }
     if (level == 0) calm(next, M, energy);
     next.factor = std::make_shared<Factor>(M + next.smoothing);

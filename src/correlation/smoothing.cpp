@@ -107,22 +107,23 @@ Eigen::MatrixXd noise_draws(const Measure& measure, double sigma, int draws) {
 Eigen::MatrixXd smoothed_within_noise(const Measure& measure, const Eigen::MatrixXd& U, const std::vector<int>& nodes, double sigma, double longest,
                                       std::vector<double>* cut_offs) {
   constexpr int draws = 50;
-  constexpr double allowed = 1.5;
   const int dofs = measure.dofs_per_node;
   const Eigen::MatrixXd noise = noise_draws(measure, sigma, draws);
-  const auto mean_square_at_nodes = [&](const Eigen::MatrixXd& field) -> Eigen::RowVectorXd {
-    Eigen::RowVectorXd sum = Eigen::RowVectorXd::Zero(field.cols());
-    for (int node : nodes) sum += field.middleRows(dofs * node, dofs).colwise().squaredNorm();
-    return sum / static_cast<double>(std::max<std::size_t>(1, dofs * nodes.size()));
-  };
+  std::vector<int> unknowns;
+  for (int node : nodes)
+    for (int component = 0; component < dofs; ++component) unknowns.push_back(dofs * node + component);
   Eigen::MatrixXd result = U;
   if (cut_offs != nullptr) cut_offs->assign(static_cast<std::size_t>(U.cols()), 0.0);
   for (double cut_off = longest / 16.0; cut_off < 1.01 * longest; cut_off *= std::sqrt(2.0)) {
     const Eigen::MatrixXd smoothed = smooth(measure, U, cut_off);
-    const Eigen::RowVectorXd lost = mean_square_at_nodes(smoothed - U);
-    const double lost_noise = mean_square_at_nodes(smooth(measure, noise, cut_off) - noise).mean();
+    const Eigen::ArrayXXd lost_noise = (smooth(measure, noise, cut_off) - noise)(unknowns, Eigen::all).array().square();
+    // Each unknown in units of what noise loses there: a node that is hardly seen would outweigh all others.
+    const Eigen::ArrayXd expected = lost_noise.rowwise().mean().max(1e-300);
+    const auto lost_of = [&](const Eigen::ArrayXXd& squares) -> Eigen::ArrayXd { return (squares.colwise() / expected).colwise().mean(); };
+    const Eigen::ArrayXd of_noise = lost_of(lost_noise), lost = lost_of((smoothed - U)(unknowns, Eigen::all).array().square());
+    const double limit = 1.0 + 3.0 * std::sqrt((of_noise - 1.0).square().mean());
     for (Eigen::Index t = 0; t < U.cols(); ++t) {
-      if (lost[t] > allowed * lost_noise) continue;
+      if (lost[t] > limit) continue;
       result.col(t) = smoothed.col(t);
       if (cut_offs != nullptr) (*cut_offs)[static_cast<std::size_t>(t)] = cut_off;
     }

@@ -141,6 +141,11 @@ std::span<const double> FieldExperiment::values_of(std::size_t effect, const std
   return std::span(values).subspan(first_[effect], next - first_[effect]);
 }
 
+bool FieldExperiment::takes_simulations(int parameter) const {
+  const auto effect = std::upper_bound(first_.begin(), first_.end(), static_cast<std::size_t>(parameter)) - first_.begin() - 1;
+  return effect >= 0 && effects_[static_cast<std::size_t>(effect)]->changes_simulation();
+}
+
 Eigen::VectorXd FieldExperiment::whitened(const Eigen::MatrixXd& displacement, const Eigen::VectorXd& force) const {
   const Eigen::MatrixXd q = modes_.numbers(displacement) * over_time_.transpose() / measured_.noise;  // [modes x frames]
   if (!std::isfinite(measured_.force_noise)) return q.reshaped();

@@ -73,6 +73,7 @@ std::array<double, 2> other_shapes(const Parameter& p, double value) {
 struct Linear {
   Eigen::VectorXd residual;
   Eigen::MatrixXd sensitivity;
+  bool exact = true;  // not carried on by secants
 };
 
 Linear linearise(Experiment& experiment, const Weight& weight, const std::vector<double>& at, const std::vector<int>& parameters) {
@@ -91,6 +92,14 @@ Linear linearise(Experiment& experiment, const Weight& weight, const std::vector
   for (std::size_t j = 0; j < parameters.size(); ++j)
     if (residuals[1 + j].size() > 0) result.sensitivity.col(static_cast<Eigen::Index>(j)) = weight((residuals.front() - residuals[1 + j]) / moves[j]);
   return result;
+}
+
+/// The sensitivity carried on over a step to where the residual is known (Broyden 1965), in which each parameter counts by its effect.
+Linear secant(const Linear& from, const Eigen::VectorXd& step, Eigen::VectorXd residual) {
+  Linear to{std::move(residual), from.sensitivity, false};
+  const Eigen::VectorXd along = from.sensitivity.colwise().squaredNorm().transpose().cwiseProduct(step);
+  if (const double size = along.dot(step); size > 0.0) to.sensitivity += (from.residual - to.residual - from.sensitivity * step) * along.transpose() / size;
+  return to;
 }
 
 }  // namespace
@@ -157,9 +166,10 @@ Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::I
   };
   Fit result{.free = free, .values = std::move(start), .residual = {}, .sensitivity = {}};
   double damping = 1e-8;  // Levenberg's and Marquardt's
+  const bool costly = std::any_of(free.begin(), free.end(), [&](int j) { return experiment.takes_simulations(j); });
   Linear at;
   for (result.iterations = 0; result.iterations <= options.max_iterations; ++result.iterations) {
-    if (at.residual.size() == 0) at = linearise(experiment, weight, result.values, free);
+    if (at.residual.size() == 0 || (result.iterations == options.max_iterations && !at.exact)) at = linearise(experiment, weight, result.values, free);
     if (at.residual.size() == 0) throw ConvergenceError("the model cannot be computed where its identification starts");
     result.residual = at.residual;
     result.sensitivity = at.sensitivity;
@@ -182,30 +192,39 @@ Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::I
     const Eigen::VectorXd full = bounded_step(H, b, low, high, 1e-12);
     const double expected = 2.0 * b.dot(full) - full.dot(H * full);
     if (expected < std::max(options.tolerance * static_cast<double>(std::max<Eigen::Index>(1, unknowns)), 1e-6 * result.cost)) {
+      if (!at.exact) {
+        at = {};
+        continue;
+      }
       result.converged = true;
       break;
     }
-    // More and more damped until the residual falls. The first step is taken as a rule: its derivatives are found with it.
+    // More and more damped until the residual falls. The first step is taken as a rule: its derivatives are found with it, where they do not
+    // take simulations of their own. Where they do, they are found anew when their secants no longer serve.
     bool moved = false;
     for (int trial = 0; trial < 8 && !moved; ++trial) {
       const Eigen::VectorXd step = bounded_step(H, b, low, high, damping);
       std::vector<double> values = result.values;
       for (Eigen::Index j = 0; j < unknowns; ++j) values[static_cast<std::size_t>(free[static_cast<std::size_t>(j)])] += step[j];
       Linear there;
-      if (trial == 0)
+      const bool with_derivatives = trial == 0 && !costly;
+      if (with_derivatives)
         there = linearise(experiment, weight, values, free);
       else if (const auto residual = experiment.residuals({values}).front(); residual.size() > 0)
-        there.residual = weight(residual);
+        there = secant(at, step, weight(residual));
       const double cost = there.residual.size() == 0 ? INFINITY : Eigen::VectorXd(there.residual(rows)).squaredNorm() + prior_cost(values);
       if (cost < result.cost) {
+        const bool as_expected = result.cost - cost > 0.5 * (2.0 * b.dot(step) - step.dot(H * step));
         result.values = std::move(values), moved = true;
-        at = trial == 0 ? std::move(there) : Linear{};
+        at = with_derivatives || (trial == 0 && as_expected) ? std::move(there) : Linear{};
         if (trial == 0) damping = std::max(1e-10, 0.1 * damping);
       } else {
         damping = std::max(1e-4, 10.0 * damping);
       }
     }
-    if (!moved) {
+    if (!moved && !at.exact) {
+      at = {};
+    } else if (!moved) {
       result.converged = expected < 0.05 * static_cast<double>(unknowns) || expected < 1e-6 * result.cost;
       break;
     }

@@ -63,6 +63,8 @@ class Experiment {
     sets.insert(sets.begin(), values);
     return residuals(sets);
   }
+  /// Whether the derivative by a parameter takes simulations of its own.
+  [[nodiscard]] virtual bool takes_simulations(int /*parameter*/) const { return false; }
   /// Norm of a difference of two residuals that is round-off.
   [[nodiscard]] virtual double round_off() const { return 0.0; }
   /// Learns what the procedure itself errs by with these values: a synthetic test without noise is made of the model on a

@@ -91,6 +91,7 @@ class FieldExperiment final : public Experiment {
   [[nodiscard]] std::vector<int> frame_numbers() const override { return measured_.frames; }
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) override;
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) override;
+  [[nodiscard]] bool takes_simulations(int parameter) const override;
   void learn_bias(const std::vector<double>& values) override;
   [[nodiscard]] Eigen::VectorXd bias() const override { return whitened(bias_->displacement, bias_->force); }
   [[nodiscard]] std::shared_ptr<const Learned> learned() const override { return measured_.correlate ? bias_ : nullptr; }
