@@ -1,0 +1,63 @@
+#pragma once
+// Several tests of one material, each of its own kind: images, displacement fields, curves.
+
+#include <memory>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "imic3d/loop/experiment.hpp"
+
+namespace imic3d::loop {
+
+/// The residuals of several experiments one after another, each in units of its own noise. The numbers of the law, the declared ones and those
+/// that it may lack, are one in all of them; what belongs to a test (its record, cameras, specimen, numerics) is a candidate for each test that has it, named
+/// with the test's name. Their noise is independent.
+class JointExperiment final : public Experiment {
+ public:
+  struct Test {
+    std::string name;
+    Experiment* experiment;      ///< outlives this
+    std::vector<int> held_out{};  ///< its frames (places in its record) that are never fitted
+  };
+  /// Throws InputError where the tests declare a number of the law differently (value, prior, whether it is free).
+  explicit JointExperiment(std::vector<Test> tests);
+
+  [[nodiscard]] const std::vector<Parameter>& parameters() const override { return parameters_; }
+  [[nodiscard]] const std::vector<Candidate>& candidates() const override { return candidates_; }
+  [[nodiscard]] const std::vector<Datum>& data() const override { return data_; }
+  [[nodiscard]] std::vector<int> frame_numbers() const override;  ///< from 0, tests one after another
+  [[nodiscard]] std::string frame_name(int frame) const override;
+  [[nodiscard]] std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) override;
+  [[nodiscard]] std::vector<Eigen::VectorXd> residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) override;
+  [[nodiscard]] bool takes_simulations(int parameter) const override;
+  [[nodiscard]] double round_off() const override;
+  void learn_bias(const std::vector<double>& values) override;
+  [[nodiscard]] Eigen::VectorXd bias() const override;
+  [[nodiscard]] std::shared_ptr<const Learned> learned() const override;
+  void put_back(const std::shared_ptr<const Learned>& learned) override;
+  [[nodiscard]] Eigen::MatrixXd noise(const std::vector<double>& values, int draws) override;
+
+  /// Frames of all tests that are never fitted.
+  [[nodiscard]] std::vector<int> held_out() const;
+  /// The values of a test's own parameters.
+  [[nodiscard]] std::vector<double> values_of(std::size_t test, const std::vector<double>& values) const;
+  /// The first frame of a test.
+  [[nodiscard]] int first_frame(std::size_t test) const { return first_frame_[test]; }
+  [[nodiscard]] const std::vector<Test>& tests() const { return tests_; }
+
+ private:
+  [[nodiscard]] std::vector<Eigen::VectorXd> residuals_near(const std::vector<double>& values, const std::vector<std::vector<double>>& sets, bool near);
+  void take_parameters(std::size_t test);
+  void take_candidates(std::size_t test);
+
+  std::vector<Test> tests_;
+  std::vector<Parameter> parameters_;
+  std::vector<std::vector<int>> place_;  // of each test's parameters among all
+  std::vector<Candidate> candidates_;
+  std::vector<Datum> data_;
+  std::vector<int> first_frame_;
+  std::vector<Eigen::Index> first_row_;  // and the number of rows
+};
+
+}  // namespace imic3d::loop

@@ -1,0 +1,166 @@
+#include "imic3d/loop/joint_experiment.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "imic3d/core/error.hpp"
+
+namespace imic3d::loop {
+
+namespace {
+
+/// A number of the law, which all tests of a material share: of the declared one, or of an effect of it.
+bool of_the_law(const Parameter& p) { return !p.info.null_value || !p.info.effect.empty(); }
+
+std::string with_test(const std::string& name, const std::string& test) { return name + " (" + test + ")"; }
+
+/// What every test has learned.
+struct LearnedByTests final : Experiment::Learned {
+  std::vector<std::shared_ptr<const Learned>> of;
+};
+
+}  // namespace
+
+JointExperiment::JointExperiment(std::vector<Test> tests) : tests_(std::move(tests)), first_row_{0} {
+  int frame = 0;
+  for (std::size_t k = 0; k < tests_.size(); ++k) {
+    const Experiment& one = *tests_[k].experiment;
+    take_parameters(k);
+    take_candidates(k);
+    first_frame_.push_back(frame);
+    for (Datum datum : one.data()) datum.frame += frame, data_.push_back(datum);
+    frame += static_cast<int>(one.frame_numbers().size());
+    first_row_.push_back(static_cast<Eigen::Index>(data_.size()));
+  }
+  first_frame_.push_back(frame);
+  std::stable_sort(candidates_.begin(), candidates_.end(), [](const auto& a, const auto& b) { return a.link < b.link; });
+}
+
+void JointExperiment::take_parameters(std::size_t test) {
+  auto& places = place_.emplace_back();
+  for (Parameter p : tests_[test].experiment->parameters()) {
+    if (!of_the_law(p)) p.info.name = with_test(p.info.name, tests_[test].name);
+    const auto same = std::find_if(parameters_.begin(), parameters_.end(), [&](const Parameter& other) { return other.info.name == p.info.name; });
+    places.push_back(static_cast<int>(same - parameters_.begin()));
+    if (same == parameters_.end())
+      parameters_.push_back(std::move(p));
+    else if (same->value != p.value || same->prior != p.prior || same->free != p.free)
+      throw InputError("material.parameters." + p.info.name, fmt::format("{}, {}free, in {}", p.value, p.free ? "" : "not ", tests_[test].name),
+                       fmt::format("{}, {}free, as in {}", same->value, same->free ? "" : "not ", tests_.front().name));
+  }
+}
+
+void JointExperiment::take_candidates(std::size_t test) {
+  for (Candidate candidate : tests_[test].experiment->candidates()) {
+    const bool shared = std::all_of(candidate.parameters.begin(), candidate.parameters.end(), [&](int j) { return of_the_law(tests_[test].experiment->parameters()[static_cast<std::size_t>(j)]); });
+    for (int& j : candidate.parameters) j = place_[test][static_cast<std::size_t>(j)];
+    if (!shared) {
+      candidate.name = with_test(candidate.name, tests_[test].name), candidate.sentence = tests_[test].name + ": " + candidate.sentence;
+      if (!candidate.after.empty()) candidate.after = with_test(candidate.after, tests_[test].name);
+    }
+    if (std::none_of(candidates_.begin(), candidates_.end(), [&](const Candidate& other) { return other.name == candidate.name; })) candidates_.push_back(std::move(candidate));
+  }
+}
+
+std::vector<int> JointExperiment::frame_numbers() const {
+  std::vector<int> all;
+  for (int t = 0; t < first_frame_.back(); ++t) all.push_back(t);
+  return all;
+}
+
+std::string JointExperiment::frame_name(int frame) const {
+  const auto test = static_cast<std::size_t>(std::upper_bound(first_frame_.begin(), first_frame_.end(), frame) - first_frame_.begin()) - 1;
+  return tests_[test].name + ", " + tests_[test].experiment->frame_name(frame - first_frame_[test]);
+}
+
+std::vector<double> JointExperiment::values_of(std::size_t test, const std::vector<double>& values) const {
+  std::vector<double> own;
+  for (int j : place_[test]) own.push_back(values[static_cast<std::size_t>(j)]);
+  return own;
+}
+
+/// Each test is asked once for each set of its own values.
+std::vector<Eigen::VectorXd> JointExperiment::residuals(const std::vector<std::vector<double>>& sets) {
+  if (sets.empty()) return {};
+  return residuals_near(sets.front(), {sets.begin() + 1, sets.end()}, false);
+}
+
+std::vector<Eigen::VectorXd> JointExperiment::residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) { return residuals_near(values, sets, true); }
+
+std::vector<Eigen::VectorXd> JointExperiment::residuals_near(const std::vector<double>& values, const std::vector<std::vector<double>>& sets, bool near) {
+  const Eigen::Index rows = first_row_.back();
+  std::vector<Eigen::VectorXd> all(1 + sets.size(), Eigen::VectorXd(rows));
+  for (std::size_t k = 0; k < tests_.size(); ++k) {
+    std::vector<std::vector<double>> own = {values_of(k, values)};
+    std::vector<std::size_t> use = {0};  // of each set, among the test's own
+    for (const auto& set : sets) {
+      auto wanted = values_of(k, set);
+      const auto found = std::find(own.begin(), own.end(), wanted);
+      use.push_back(static_cast<std::size_t>(found - own.begin()));
+      if (found == own.end()) own.push_back(std::move(wanted));
+    }
+    auto& test = *tests_[k].experiment;
+    const auto found = near ? test.residuals_near(own.front(), {own.begin() + 1, own.end()}) : test.residuals(own);
+    for (std::size_t s = 0; s < all.size(); ++s) {
+      if (all[s].size() == 0) continue;
+      if (found[use[s]].size() == 0)
+        all[s].resize(0);
+      else
+        all[s].segment(first_row_[k], first_row_[k + 1] - first_row_[k]) = found[use[s]];
+    }
+  }
+  return all;
+}
+
+bool JointExperiment::takes_simulations(int parameter) const {
+  for (std::size_t k = 0; k < tests_.size(); ++k)
+    if (const auto own = std::find(place_[k].begin(), place_[k].end(), parameter); own != place_[k].end() && tests_[k].experiment->takes_simulations(static_cast<int>(own - place_[k].begin()))) return true;
+  return false;
+}
+
+double JointExperiment::round_off() const {
+  double squares = 0.0;
+  for (const Test& test : tests_) squares += std::pow(test.experiment->round_off(), 2);
+  return std::sqrt(squares);
+}
+
+void JointExperiment::learn_bias(const std::vector<double>& values) {
+  for (std::size_t k = 0; k < tests_.size(); ++k) tests_[k].experiment->learn_bias(values_of(k, values));
+}
+
+Eigen::VectorXd JointExperiment::bias() const {
+  Eigen::VectorXd all = Eigen::VectorXd::Zero(first_row_.back());
+  for (std::size_t k = 0; k < tests_.size(); ++k)
+    if (const auto own = tests_[k].experiment->bias(); own.size() > 0) all.segment(first_row_[k], own.size()) = own;
+  return all;
+}
+
+std::shared_ptr<const Experiment::Learned> JointExperiment::learned() const {
+  auto all = std::make_shared<LearnedByTests>();
+  for (const Test& test : tests_) all->of.push_back(test.experiment->learned());
+  const bool any = std::any_of(all->of.begin(), all->of.end(), [](const auto& one) { return one != nullptr; });
+  return any ? all : nullptr;
+}
+
+void JointExperiment::put_back(const std::shared_ptr<const Learned>& learned) {
+  if (const auto all = std::dynamic_pointer_cast<const LearnedByTests>(learned))
+    for (std::size_t k = 0; k < tests_.size(); ++k) tests_[k].experiment->put_back(all->of[k]);
+}
+
+Eigen::MatrixXd JointExperiment::noise(const std::vector<double>& values, int draws) {
+  Eigen::MatrixXd all(first_row_.back(), draws);
+  for (std::size_t k = 0; k < tests_.size(); ++k) all.middleRows(first_row_[k], first_row_[k + 1] - first_row_[k]) = tests_[k].experiment->noise(values_of(k, values), draws);
+  return all;
+}
+
+std::vector<int> JointExperiment::held_out() const {
+  std::vector<int> all;
+  for (std::size_t k = 0; k < tests_.size(); ++k)
+    for (int frame : tests_[k].held_out) all.push_back(first_frame_[k] + frame);
+  return all;
+}
+
+}  // namespace imic3d::loop
