@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <fmt/format.h>
 #include <limits>
 #include <set>
@@ -41,7 +42,7 @@ LocalPoint locate(const mesh::Mesh& quads, Eigen::Index cell, const Eigen::Vecto
     dn << -(1 - local[1]), -(1 - local[0]), 1 - local[1], -(1 + local[0]), 1 + local[1], 1 + local[0], -(1 + local[1]),
         1 - local[0];
     const Eigen::Matrix2d jacobian = 0.25 * corners * dn;
-    const Eigen::Vector2d step = jacobian.fullPivLu().solve(gap);
+    const Eigen::Vector2d step = jacobian.inverse() * gap;
     local = (local + step).cwiseMax(-3.0).cwiseMin(3.0);
     if (step.norm() < 1e-13) break;
   }
@@ -56,22 +57,23 @@ Eigen::SparseMatrix<double> interpolation(const mesh::Mesh& quads,
                                           const Eigen::Matrix<double, Eigen::Dynamic, 2>& points) {
   std::vector<Eigen::Triplet<double>> weights;
   const Eigen::Index cells = quads.cells.rows();
-  Eigen::MatrixXd low(cells, 2), high(cells, 2);
+  std::vector<std::array<double, 4>> boxes;  // low x, high x, low y, high y
   for (Eigen::Index cell = 0; cell < cells; ++cell) {
-    low.row(cell).setConstant(std::numeric_limits<double>::infinity());
-    high.row(cell).setConstant(-std::numeric_limits<double>::infinity());
-    for (int a = 0; a < 4; ++a) {
-      const auto corner = quads.nodes.row(quads.cells(cell, a)).head<2>();
-      low.row(cell) = low.row(cell).cwiseMin(corner);
-      high.row(cell) = high.row(cell).cwiseMax(corner);
-    }
+    auto& box = boxes.emplace_back(std::array<double, 4>{INFINITY, -INFINITY, INFINITY, -INFINITY});
+    for (int a = 0; a < 4; ++a)
+      for (std::size_t i = 0; i < 2; ++i) {
+        const double x = quads.nodes(quads.cells(cell, a), static_cast<Eigen::Index>(i));
+        box[2 * i] = std::min(box[2 * i], x), box[2 * i + 1] = std::max(box[2 * i + 1], x);
+      }
   }
   for (Eigen::Index k = 0; k < points.rows(); ++k) {
     LocalPoint best;
     Eigen::Index owner = 0;
+    const double x = points(k, 0), y = points(k, 1);
     for (Eigen::Index cell = 0; cell < cells; ++cell) {
-      const double away = (low.row(cell) - points.row(k)).cwiseMax(points.row(k) - high.row(cell)).cwiseMax(0.0).norm();
-      if (away >= best.outside) continue;
+      const auto& box = boxes[static_cast<std::size_t>(cell)];
+      const double dx = std::max({box[0] - x, x - box[1], 0.0}), dy = std::max({box[2] - y, y - box[3], 0.0});
+      if (dx >= best.outside || dy >= best.outside || std::hypot(dx, dy) >= best.outside) continue;
       const LocalPoint local = locate(quads, cell, points.row(k).transpose());
       if (local.outside < best.outside) best = local, owner = cell;
       if (best.outside < 1e-12) break;
