@@ -152,32 +152,58 @@ std::span<const double> CurveExperiment::values_of(std::size_t effect, const std
   return std::span(values).subspan(first_[effect], first_[effect + 1] - first_[effect]);
 }
 
-std::vector<Eigen::VectorXd> CurveExperiment::predict(const std::vector<double>& values) const {
-  std::vector<Eigen::VectorXd> all(curves_.size());
-  ++simulations_;
+CurveExperiment::Law CurveExperiment::law_of(const std::vector<double>& values) const {
+  Law result;
   // Effects of the law cost time: only those that are there.
-  std::vector<std::string> there;
+  auto& there = result.effects;
   for (std::size_t j = 0; j < model_.values.size(); ++j) {
     const auto& info = model_.information[j];
     if (model_.declared[j] == 0 && !info.shape && values[j] != *info.null_value && std::find(there.begin(), there.end(), info.effect) == there.end()) there.push_back(info.effect);
   }
-  const auto law = model_.extended(there);
-  std::vector<double> law_values;
-  for (const auto& info : law->parameters()) {
+  result.law = model_.extended(there);
+  for (const auto& info : result.law->parameters()) {
     const auto same = [&](const Parameter& p) { return p.info.name == info.name; };
-    law_values.push_back(values[static_cast<std::size_t>(std::find_if(parameters_.begin(), parameters_.end(), same) - parameters_.begin())]);
+    result.places.push_back(static_cast<std::size_t>(std::find_if(parameters_.begin(), parameters_.end(), same) - parameters_.begin()));
+    result.values.push_back(values[result.places.back()]);
   }
+  return result;
+}
+
+Eigen::VectorXd CurveExperiment::true_strain(std::size_t curve, const std::vector<double>& values) const {
+  Eigen::VectorXd strain = curves_[curve].history.strain;
+  for (std::size_t e = 0; e < effects_.size(); ++e) effects_[e]->gauge(values_of(e, values), scenes_[curve], strain);
+  strain[0] = curves_[curve].history.strain[0];  // the virgin state
+  return strain;
+}
+
+Eigen::MatrixXd CurveExperiment::follow(std::size_t curve, const Law& law, const std::vector<double>& values, std::span<const int> free) const {
+  const id::Curve& one = curves_[curve];
+  material::BarHistory history = one.history;
+  history.strain = true_strain(curve, values);
+  const auto response = material::pull_bar(*law.law, law.values, history, free);
+  if (response.rows < one.stress.size()) return {};
+  Eigen::MatrixXd all(response.rows, 1 + static_cast<Eigen::Index>(free.size()));
+  all.col(0) = one.engineering ? response.engineering : response.kirchhoff;
+  if (!free.empty()) all.rightCols(all.cols() - 1) = response.derivatives;
+  if (one.engineering) all.rightCols(all.cols() - 1).array().colwise() *= (-history.strain.array()).exp();
+  return all;
+}
+
+Eigen::VectorXd CurveExperiment::recorded(std::size_t curve, const std::vector<double>& values, Eigen::VectorXd stress) const {
+  for (std::size_t e = 0; e < effects_.size(); ++e) effects_[e]->record(values_of(e, values), scenes_[curve], stress);
+  for (const auto& [group, j] : group_gains_)
+    if (curves_[curve].group == group) stress *= values[j];
+  return stress;
+}
+
+std::vector<Eigen::VectorXd> CurveExperiment::predict(const std::vector<double>& values) const {
+  std::vector<Eigen::VectorXd> all(curves_.size());
+  ++simulations_;
+  const Law law = law_of(values);
   for (std::size_t k = 0; k < curves_.size(); ++k) {
-    const id::Curve& curve = curves_[k];
-    material::BarHistory history = curve.history;
-    for (std::size_t e = 0; e < effects_.size(); ++e) effects_[e]->gauge(values_of(e, values), scenes_[k], history.strain);
-    history.strain[0] = curve.history.strain[0];  // the virgin state
-    const auto response = material::pull_bar(*law, law_values, history);
-    if (response.rows < curve.stress.size()) return {};
-    all[k] = curve.engineering ? response.engineering : response.kirchhoff;
-    for (std::size_t e = 0; e < effects_.size(); ++e) effects_[e]->record(values_of(e, values), scenes_[k], all[k]);
-    for (const auto& [group, j] : group_gains_)
-      if (curve.group == group) all[k] *= values[j];
+    const auto stress = follow(k, law, values);
+    if (stress.size() == 0) return {};
+    all[k] = recorded(k, values, stress.col(0));
     if (!all[k].allFinite()) return {};
   }
   return all;
@@ -241,6 +267,59 @@ std::vector<Eigen::VectorXd> CurveExperiment::residuals(const std::vector<std::v
   std::vector<Eigen::VectorXd> result(sets.size());
   for (std::size_t s = 0; s < sets.size(); ++s)
     if (good[s] > 0.5) result[s] = all.col(static_cast<Eigen::Index>(s));
+  return result;
+}
+
+/// Sets that differ in numbers of the law, or in what is recorded only, are taken along the derivatives of the law's paths; the others are
+/// computed. The bars are shared by the ranks.
+std::vector<Eigen::VectorXd> CurveExperiment::residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) {
+  const Law law = law_of(values);
+  std::vector<int> free;  // parameters of the law that some near set moves
+  std::vector<std::vector<std::pair<Eigen::Index, double>>> moves(sets.size());
+  std::vector<std::size_t> far;
+  for (std::size_t s = 0; s < sets.size(); ++s) {
+    bool near = law_of(sets[s]).effects == law.effects;
+    for (std::size_t k = 0; near && k < curves_.size(); ++k) near = true_strain(k, sets[s]) == true_strain(k, values);
+    if (!near) {
+      far.push_back(s);
+      continue;
+    }
+    for (std::size_t j = 0; j < law.places.size(); ++j) {
+      const double move = sets[s][law.places[j]] - values[law.places[j]];
+      if (move == 0.0) continue;
+      const auto found = std::find(free.begin(), free.end(), static_cast<int>(j));
+      moves[s].emplace_back(1 + (found - free.begin()), move);
+      if (found == free.end()) free.push_back(static_cast<int>(j));
+    }
+  }
+  std::vector<Eigen::MatrixXd> paths(curves_.size());
+  std::vector<double> good(curves_.size(), 0.0);
+  for (std::size_t k = 0; k < curves_.size(); ++k) {
+    paths[k].setZero(curves_[k].stress.size(), 1 + static_cast<Eigen::Index>(free.size()));
+    if (static_cast<int>(k) % world_.size() != world_.rank()) continue;
+    if (auto path = follow(k, law, values, free); path.size() > 0) paths[k] = std::move(path), good[k] = 1.0;
+  }
+  for (auto& path : paths) world_.sum(std::span(path.data(), static_cast<std::size_t>(path.size())));
+  world_.sum(good);
+  ++simulations_;
+  std::vector<Eigen::VectorXd> result(1 + sets.size());
+  if (std::find(good.begin(), good.end(), 0.0) != good.end()) return result;
+  const auto residual = [&](const std::vector<double>& set, const std::vector<std::pair<Eigen::Index, double>>& moved) {
+    std::vector<Eigen::VectorXd> predicted;
+    for (std::size_t k = 0; k < curves_.size(); ++k) {
+      Eigen::VectorXd stress = paths[k].col(0);
+      for (const auto& [column, length] : moved) stress += length * paths[k].col(column);
+      predicted.push_back(recorded(k, set, std::move(stress)));
+    }
+    return whitened(binned(predicted));
+  };
+  result.front() = residual(values, {});
+  std::vector<std::vector<double>> computed;
+  for (std::size_t s : far) computed.push_back(sets[s]);
+  const auto others = residuals(computed);
+  for (std::size_t i = 0; i < far.size(); ++i) result[1 + far[i]] = others[i];
+  for (std::size_t s = 0; s < sets.size(); ++s)
+    if (!std::binary_search(far.begin(), far.end(), s)) result[1 + s] = residual(sets[s], moves[s]);
   return result;
 }
 

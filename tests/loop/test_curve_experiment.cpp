@@ -78,6 +78,28 @@ TEST(CurveExperiment, ResidualsOfTheTruthAreWhite) {
   EXPECT_LT(null.squaredNorm() / static_cast<double>(null.size()), 1.2);
 }
 
+/// Every parameter, moved by the step of a finite difference: along the paths' derivatives, by what is recorded, or computed.
+TEST(CurveExperiment, ResidualsNearAreThoseComputed) {
+  CurveExperiment experiment(Communicator(), bars(4, {}), model(truth));
+  std::vector<double> values;
+  for (const auto& p : experiment.parameters()) values.push_back(p.value);
+  values[static_cast<std::size_t>(std::find_if(experiment.parameters().begin(), experiment.parameters().end(), [](const Parameter& p) { return p.info.name == "C_rate"; }) - experiment.parameters().begin())] = 0.01;
+  std::vector<std::vector<double>> sets;
+  for (std::size_t j = 0; j < values.size(); ++j) {
+    const auto& p = experiment.parameters()[j];
+    sets.push_back(values);
+    sets.back()[j] += p.info.null_value && !p.info.shape ? p.step : 1e-4 * std::abs(values[j]);
+  }
+  const auto near = experiment.residuals_near(values, sets);
+  sets.insert(sets.begin(), values);
+  const auto computed = experiment.residuals(sets);
+  EXPECT_LT((near[0] - computed[0]).norm(), 1e-9);
+  for (std::size_t s = 1; s < sets.size(); ++s) {
+    const double moved = (computed[s] - computed[0]).norm();
+    EXPECT_LT((near[s] - computed[s]).norm(), 1e-3 * moved + 1e-8) << experiment.parameters()[s - 1].info.name << " moves it by " << moved;
+  }
+}
+
 TEST(CurveExperiment, EveryFourthBarIsHeldOut) {
   CurveExperiment experiment(Communicator(), bars(1, {}), model(truth));
   EXPECT_EQ(experiment.held_out(), (std::vector<int>{2, 8}));

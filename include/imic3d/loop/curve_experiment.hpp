@@ -41,6 +41,7 @@ class CurveExperiment final : public Experiment {
   [[nodiscard]] std::vector<int> frame_numbers() const override;
   [[nodiscard]] std::string frame_name(int frame) const override;
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) override;
+  [[nodiscard]] std::vector<Eigen::VectorXd> residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) override;
   /// 1e-6 of the stress: a law with an effect at its null value solves other equations than one without it.
   [[nodiscard]] double round_off() const override;
   void learn_bias(const std::vector<double>& values) override;
@@ -68,6 +69,20 @@ class CurveExperiment final : public Experiment {
   };
   static constexpr int degree = 3;  // of a bar's own polynomial
 
+  /// The law with the effects that are there.
+  struct Law {
+    std::shared_ptr<const material::FiniteStrainLaw> law;
+    std::vector<std::string> effects;
+    std::vector<double> values;
+    std::vector<std::size_t> places;  // of its parameters among all
+  };
+  [[nodiscard]] Law law_of(const std::vector<double>& values) const;
+  /// The strain that the extensometer did not show [rows].
+  [[nodiscard]] Eigen::VectorXd true_strain(std::size_t curve, const std::vector<double>& values) const;
+  /// Stress at the rows of a curve before it is recorded, and its derivatives by `free` parameters of the law [rows x 1 + free]; empty if the law cannot follow.
+  [[nodiscard]] Eigen::MatrixXd follow(std::size_t curve, const Law& law, const std::vector<double>& values, std::span<const int> free = {}) const;
+  /// What load cell and group make of it.
+  [[nodiscard]] Eigen::VectorXd recorded(std::size_t curve, const std::vector<double>& values, Eigen::VectorXd stress) const;
   void make_bins(const CurveLoopOptions& options);
   void make_whitening();
   [[nodiscard]] Eigen::VectorXd binned(const std::vector<Eigen::VectorXd>& predicted) const;  // measured - predicted [N, stress]
