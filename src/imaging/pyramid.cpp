@@ -14,4 +14,10 @@ Image half_size(const Image& image) {
   return result;
 }
 
+std::vector<Image> half_sizes(const std::vector<Image>& images) {
+  std::vector<Image> half;
+  for (const Image& image : images) half.push_back(half_size(image));
+  return half;
+}
+
 }  // namespace imic3d::imaging

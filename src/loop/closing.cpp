@@ -451,6 +451,11 @@ class Loop {
       trial.plausible = false;
       trial.objection = fmt::format("half of the surface is explained worse by the other half: chi {:.3f} after {:.3f}", model.misfit.checkerboard, at.misfit.checkerboard);
     }
+    // A model whose own error of mesh and correlation is in doubt by more than what is to be explained would explain anything.
+    if (model.misfit.null_fitted > 2.0 * at.misfit.null_fitted) {
+      trial.plausible = false;
+      trial.objection = fmt::format("the mesh and the correlation err by more in this model than what it explains: null chi {:.2f} after {:.2f}; a finer mesh would tell", model.misfit.null_fitted, at.misfit.null_fitted);
+    }
     if (model.misfit.held_out > at.misfit.held_out * 1.02 && at.misfit.held_out > at.misfit.null_held_out) {
       trial.plausible = false;
       trial.objection = fmt::format("the held-out frames are explained worse: chi {:.3f} after {:.3f}", model.misfit.held_out, at.misfit.held_out);
