@@ -17,10 +17,12 @@
 #include "imic3d/imaging/image.hpp"
 #include "imic3d/io/run_results.hpp"
 #include "imic3d/loop/closing.hpp"
+#include "imic3d/io/loop_page.hpp"
 #include "imic3d/loop/field_experiment.hpp"
+#include "imic3d/loop/joint_experiment.hpp"
 #include "fields.hpp"
-#include "loop_curves.hpp"
 #include "loop_report.hpp"
+#include "loop_test.hpp"
 #include "rig.hpp"
 #include "several_cameras.hpp"
 #include "synthetic_images.hpp"
@@ -96,35 +98,126 @@ loop::DeclaredModel declared_model(const io::Case& test, const Material& materia
   return model;
 }
 
+class FieldTest final : public LoopTest {
+ public:
+  FieldTest(const Communicator& world, const io::Case& test) : world_(world), test_(test), material_(make_material(test)), specimen_(make_specimen(test)) {
+    if (!test.fields) seen_ = observe(test, specimen_);
+    spdlog::info("{}: {} frames, {} surface nodes", test.title, seen_ ? seen_->places.size() : test.frames.size(), specimen_.surface.mesh.nodes.rows());
+    if (seen_) correlate(*seen_, test, world);
+    experiment_ = std::make_unique<loop::FieldExperiment>(world, seen_ ? field_data(world, *seen_, test, specimen_) : imported_fields(test, specimen_), declared_model(test, material_), loop::FieldOptions{.modes = test.loop.modes});
+    if (seen_)
+      spdlog::info("noise: {:.3f} grey levels{}", seen_->noise, std::isfinite(experiment_->measured().force_noise) ? fmt::format(", {:.4g} {} of the force", experiment_->measured().force_noise, test.units.force) : "");
+  }
+  loop::Experiment& experiment() override { return *experiment_; }
+  std::vector<int> held_out() const override {
+    std::vector<int> held;
+    for (std::size_t t = 0; t < experiment_->measured().frames.size(); ++t)
+      if (std::binary_search(test_.identify.held_out.begin(), test_.identify.held_out.end(), experiment_->measured().frames[t])) held.push_back(static_cast<int>(t));
+    return held;
+  }
+  int simulations() const override { return experiment_->simulations(); }
+  void write(const std::filesystem::path& folder, const loop::Report& report, double seconds) override {
+    const LoopFields fields = loop_fields(*experiment_, report);  // collective
+    collectively(world_, [&] {
+      if (world_.is_root()) write_loop_report(folder, test_, *experiment_, report, fields, seconds);
+    });
+  }
+
+ private:
+  const Communicator& world_;
+  const io::Case& test_;
+  Material material_;
+  identification::Specimen specimen_;
+  std::optional<Observation> seen_;
+  std::unique_ptr<loop::FieldExperiment> experiment_;
+};
+
+loop::LoopOptions how(const io::Case& test, std::vector<int> held_out) {
+  return {.draws = test.loop.draws, .additions = test.loop.additions, .rivals = test.loop.rivals, .starts = test.loop.starts, .held_out = std::move(held_out)};
+}
+
+std::unique_ptr<LoopTest> make_test(const Communicator& world, const io::Case& test) { return test.experiments.empty() ? make_field_test(world, test) : make_curve_test(world, test); }
+
+/// What would else be said after the tests before have been correlated.
+void check_law_and_cameras(const io::Case& test) {
+  if (!test.experiments.empty()) static_cast<void>(make_extended_material(test));
+  if (test.tests.empty() && test.experiments.empty() && !test.fields && several_cameras(test))
+    throw InputError("cameras", fmt::format("{} cameras, the first is {}", test.cameras.size(), test.cameras.front().model), "one telecentric camera for imic3d loop");
+}
+
+/// The cases of the tests, read and checked together.
+std::vector<io::Case> cases_of_tests(const io::Case& all, const CommandOptions& options) {
+  std::vector<io::Case> cases;
+  std::vector<Mistake> mistakes;
+  for (const auto& test : all.tests) {
+    CommandOptions own = options;
+    own.case_file = test.file;
+    try {
+      cases.push_back(read_case(own, {"cameras", "material", "identify"}, true, true));
+      const auto &units = cases.back().units, &first = cases.front().units;
+      if (units.length != first.length || units.force != first.force || units.time != first.time)
+        mistakes.push_back({test.file.string() + ": units", fmt::format("{}, {}, {}", units.length, units.force, units.time), fmt::format("{}, {}, {} as for {}", first.length, first.force, first.time, all.tests.front().name)});
+      check_law_and_cameras(cases.back());
+    } catch (const InputError& error) {
+      for (auto mistake : error.mistakes()) mistake.place = test.file.string() + ": " + mistake.place, mistakes.push_back(std::move(mistake));
+    }
+  }
+  if (!mistakes.empty()) throw InputError(std::move(mistakes));
+  return cases;
+}
+
+/// Several tests at once: the report of all, and in a folder of each test what it shows of that.
+void loop_on_tests(const Communicator& world, const CommandOptions& options, const io::Case& all, const std::function<double()>& seconds) {
+  const std::vector<io::Case> cases = cases_of_tests(all, options);
+  const auto folder = output_folder(all, options, world);
+  std::vector<std::unique_ptr<LoopTest>> tests;
+  std::vector<loop::JointExperiment::Test> joined;
+  for (std::size_t k = 0; k < cases.size(); ++k) {
+    tests.push_back(make_test(world, cases[k]));
+    auto held = tests.back()->held_out();
+    if (held.empty() && cases[k].experiments.empty()) held = loop::held_out_blocks(static_cast<int>(tests.back()->experiment().frame_numbers().size()));
+    joined.push_back({all.tests[k].name, &tests.back()->experiment(), std::move(held)});
+  }
+  loop::JointExperiment experiment(std::move(joined));
+  const auto report = loop::close_loop(experiment, how(all, experiment.held_out()), [&](const std::string& line) { spdlog::info("{:6.0f} s  {}", seconds(), line); });
+  for (std::size_t k = 0; k < tests.size(); ++k) {
+    const auto own = folder / all.tests[k].name;
+    collectively(world, [&] {
+      if (world.is_root()) std::filesystem::create_directories(own);
+    });
+    tests[k]->write(own, experiment.report_of(k, report), seconds());
+  }
+  collectively(world, [&] {
+    if (!world.is_root()) return;
+    nlohmann::json json = loop_summary(experiment, report);
+    int simulations = 0;
+    for (const auto& test : tests) simulations += test->simulations();
+    json["title"] = all.title, json["time"] = io::quantity(seconds(), "s"), json["simulations"] = simulations;
+    for (int frame : experiment.frame_numbers()) json["frame_names"].push_back(experiment.frame_name(frame));
+    for (const auto& test : all.tests) json["tests"].push_back(test.name);
+    io::write_json(folder / "result.json", json);
+    io::write_loop_page(folder / "report.html", json, {});
+    fmt::print("\n{}\n  {}: {}\n  {:.0f} s, {} simulations; {}\n", all.title, name(report.verdict), report.sentence, seconds(), simulations, (folder / "report.html").string());
+  });
+}
+
 }  // namespace
+
+std::unique_ptr<LoopTest> make_field_test(const Communicator& world, const io::Case& test) { return std::make_unique<FieldTest>(world, test); }
 
 void loop(const Communicator& world, const CommandOptions& options) {
   const auto start = std::chrono::steady_clock::now();
   const auto seconds = [&] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(); };
-  const io::Case test = read_case(options, {"cameras", "material", "identify"}, true, true);
-  if (!test.experiments.empty()) {
-    loop_on_curves(world, options, test);
+  const io::Case test = read_case(options, {"cameras", "material", "identify"}, true, true, true);
+  if (!test.tests.empty()) {
+    loop_on_tests(world, options, test, seconds);
     return;
   }
-  if (!test.fields && several_cameras(test))
-    throw InputError("cameras", fmt::format("{} cameras, the first is {}", test.cameras.size(), test.cameras.front().model), "one telecentric camera for imic3d loop");
-  const Material material = make_material(test);
-  const identification::Specimen specimen = make_specimen(test);
-  std::optional<Observation> seen;
-  if (!test.fields) seen = observe(test, specimen);
+  check_law_and_cameras(test);
   const auto folder = output_folder(test, options, world);
-  spdlog::info("{}: {} frames, {} surface nodes", test.title, seen ? seen->places.size() : test.frames.size(), specimen.surface.mesh.nodes.rows());
-  if (seen) correlate(*seen, test, world);
-  loop::FieldExperiment experiment(world, seen ? field_data(world, *seen, test, specimen) : imported_fields(test, specimen), declared_model(test, material), {.modes = test.loop.modes});
-  if (seen) spdlog::info("noise: {:.3f} grey levels{}", seen->noise, std::isfinite(experiment.measured().force_noise) ? fmt::format(", {:.4g} {} of the force", experiment.measured().force_noise, test.units.force) : "");
-  loop::LoopOptions how{.draws = test.loop.draws, .additions = test.loop.additions, .rivals = test.loop.rivals, .starts = test.loop.starts, .held_out = {}};
-  for (std::size_t t = 0; t < experiment.measured().frames.size(); ++t)
-    if (std::binary_search(test.identify.held_out.begin(), test.identify.held_out.end(), experiment.measured().frames[t])) how.held_out.push_back(static_cast<int>(t));
-  const auto report = loop::close_loop(experiment, how, [&](const std::string& line) { spdlog::info("{:6.0f} s  {}", seconds(), line); });
-  const LoopFields fields = loop_fields(experiment, report);  // collective
-  collectively(world, [&] {
-    if (world.is_root()) write_loop_report(folder, test, experiment, report, fields, seconds());
-  });
+  const auto one = make_test(world, test);
+  const auto report = loop::close_loop(one->experiment(), how(test, one->held_out()), [&](const std::string& line) { spdlog::info("{:6.0f} s  {}", seconds(), line); });
+  one->write(folder, report, seconds());
 }
 
 }  // namespace imic3d::app

@@ -1,8 +1,7 @@
-#include "loop_curves.hpp"
+// imic3d loop on the stress-strain curves of bars.
 
 #include <fmt/format.h>
 
-#include <chrono>
 #include <cmath>
 #include <map>
 
@@ -15,6 +14,7 @@
 #include "imic3d/loop/closing.hpp"
 #include "imic3d/loop/curve_experiment.hpp"
 #include "loop_report.hpp"
+#include "loop_test.hpp"
 
 namespace imic3d::app {
 
@@ -49,43 +49,57 @@ void add_curves(nlohmann::json& json, const io::Case& test, const loop::CurveExp
                                   {"after", std::sqrt(one.after / static_cast<double>(one.rows))}, {"unit", io::stress_unit(test.units)}});
 }
 
+class CurveTest final : public LoopTest {
+ public:
+  CurveTest(const Communicator& world, const io::Case& test, loop::CurveModel model) : world_(world), test_(test), experiment_(world, make_curves(test), std::move(model)) {
+    spdlog::info("{}: {} curves, {} numbers, {} candidates", test.title, experiment_.curves().size(), experiment_.data().size(), experiment_.candidates().size());
+  }
+  loop::Experiment& experiment() override { return experiment_; }
+  std::vector<int> held_out() const override { return experiment_.held_out(); }
+  int simulations() const override { return experiment_.simulations(); }
+  void write(const std::filesystem::path& folder, const loop::Report& report, double seconds) override {
+    collectively(world_, [&] {
+      if (world_.is_root()) write_as_root(folder, report, seconds);
+    });
+  }
+
+ private:
+  void write_as_root(const std::filesystem::path& folder, const loop::Report& report, double seconds) const {
+    nlohmann::json json = loop_summary(experiment_, report);
+    std::vector<int> held;
+    for (std::size_t t = 0; t < report.held_out.size(); ++t)
+      if (report.held_out[t] != 0) held.push_back(static_cast<int>(t));
+    json["title"] = test_.title;
+    json["time"] = io::quantity(seconds, "s");
+    json["simulations"] = experiment_.simulations();
+    json["frame_names"] = nlohmann::json::array();
+    for (int frame : experiment_.frame_numbers()) json["frame_names"].push_back(experiment_.frame_name(frame));
+    add_curves(json, test_, experiment_, report, held);
+    io::write_json(folder / "result.json", json);
+    io::write_loop_page(folder / "report.html", json, {});
+    fmt::print("\n{}\n  {}: {}\n", test_.title, name(report.verdict), report.sentence);
+    for (const auto& group : json["groups"])
+      fmt::print("    {:28} {:9} rms {:7.4g} -> {:7.4g} {}\n", group["name"].get<std::string>(), group["held_out"].get<bool>() ? "held out" : "fitted", group["before"].get<double>(), group["after"].get<double>(),
+                 group["unit"].get<std::string>());
+    fmt::print("  {:.0f} s, {} simulations; {}\n", seconds, experiment_.simulations(), (folder / "report.html").string());
+  }
+
+  const Communicator& world_;
+  const io::Case& test_;
+  loop::CurveExperiment experiment_;
+};
+
 }  // namespace
 
-void loop_on_curves(const Communicator& world, const CommandOptions& options, const io::Case& test) {
-  const auto start = std::chrono::steady_clock::now();
-  const auto seconds = [&] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(); };
-  if (!test.cameras.empty()) throw InputError("experiments", "given beside cameras", "images or experiments, each in a case of its own");
+std::unique_ptr<LoopTest> make_curve_test(const Communicator& world, const io::Case& test) {
+  if (!test.cameras.empty()) throw InputError("experiments", "given beside cameras", "images or experiments, each in a case of its own (both at once: tests)");
   const ExtendedMaterial material = make_extended_material(test);
   loop::CurveModel model{[&test](const std::vector<std::string>& effects) { return extended_law(test, effects); }, material.information, material.values, std::vector<double>(material.values.size(), 0.0), material.declared,
                          std::vector<char>(material.values.size(), 0), [&test](std::string word) { return unit_in(std::move(word), test.units); }};
   for (const auto& stage : test.identify.stages)
     for (const auto& name : stage.free) model.free[static_cast<std::size_t>(material.index(name))] = 1;
   for (const auto& [name, deviation] : test.loop.prior) model.priors[static_cast<std::size_t>(material.index(name))] = deviation;
-  loop::CurveExperiment experiment(world, make_curves(test), std::move(model));
-  const auto folder = output_folder(test, options, world);
-  spdlog::info("{}: {} curves, {} numbers, {} candidates", test.title, experiment.curves().size(), experiment.data().size(), experiment.candidates().size());
-  const loop::LoopOptions how{.draws = test.loop.draws, .additions = test.loop.additions, .rivals = test.loop.rivals, .starts = test.loop.starts, .held_out = experiment.held_out()};
-  const auto report = loop::close_loop(experiment, how, [&](const std::string& line) { spdlog::info("{:6.0f} s  {}", seconds(), line); });
-  collectively(world, [&] {
-    if (!world.is_root()) return;
-    nlohmann::json json = loop_summary(experiment, report);
-    std::vector<int> held;
-    for (std::size_t t = 0; t < report.held_out.size(); ++t)
-      if (report.held_out[t] != 0) held.push_back(static_cast<int>(t));
-    json["title"] = test.title;
-    json["time"] = io::quantity(seconds(), "s");
-    json["simulations"] = experiment.simulations();
-    json["frame_names"] = nlohmann::json::array();
-    for (int frame : experiment.frame_numbers()) json["frame_names"].push_back(experiment.frame_name(frame));
-    add_curves(json, test, experiment, report, held);
-    io::write_json(folder / "result.json", json);
-    io::write_loop_page(folder / "report.html", json, {});
-    fmt::print("\n{}\n  {}: {}\n", test.title, name(report.verdict), report.sentence);
-    for (const auto& group : json["groups"])
-      fmt::print("    {:28} {:9} rms {:7.4g} -> {:7.4g} {}\n", group["name"].get<std::string>(), group["held_out"].get<bool>() ? "held out" : "fitted", group["before"].get<double>(), group["after"].get<double>(),
-                 group["unit"].get<std::string>());
-    fmt::print("  {:.0f} s, {} simulations; {}\n", seconds(), experiment.simulations(), (folder / "report.html").string());
-  });
+  return std::make_unique<CurveTest>(world, test, std::move(model));
 }
 
 }  // namespace imic3d::app

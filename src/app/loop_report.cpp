@@ -169,7 +169,7 @@ void write_loop_report(const std::filesystem::path& folder, const io::Case& test
   json["time"] = io::quantity(seconds, "s");
   json["simulations"] = experiment.simulations();
   if (std::isfinite(experiment.measured().force_noise)) json["force_residual"] = {{"before", numbers(fields.force_before)}, {"after", numbers(fields.force_after)}, {"unit", test.units.force}};
-  json["remainder"]["goes_with"] = companions(experiment.scene(), report.remainder.time);
+  if (report.remainder.time.size() > 0) json["remainder"]["goes_with"] = companions(experiment.scene(), report.remainder.time);
   const Eigen::MatrixXd& map = report.remainder.map;
   if (map.size() > 0) {
     Eigen::Index node = 0, frame = 0;

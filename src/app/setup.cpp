@@ -44,14 +44,15 @@ int Material::index(const std::string& name) const {
   throw InputError("identify.stages.free", name, "one of " + names);
 }
 
-io::Case read_case(const CommandOptions& options, std::vector<std::string> sections, bool images, bool fields) {
+io::Case read_case(const CommandOptions& options, std::vector<std::string> sections, bool images, bool fields, bool several) {
   return io::read_case(options.case_file,
                        {.parameters_of = [](const io::MaterialCase& m) { return material::make_law(choice(m))->parameters(); },
                         .read_mesh = [](const std::filesystem::path& file) { return mesh::read(file); },
                         .effects = effect_quantities(),
                         .sections = std::move(sections),
                         .images = images,
-                        .fields = fields});
+                        .fields = fields,
+                        .several = several});
 }
 
 namespace {

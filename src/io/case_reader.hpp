@@ -99,6 +99,8 @@ class CaseReader {
   Case read();
 
  private:
+  /// The case, or all mistakes by their lines.
+  Case finished();
   void read_units();
   void read_specimen();
   void read_specimen_place(const Section& specimen_section);
@@ -123,6 +125,7 @@ class CaseReader {
   static std::string range_of(const ParameterInfo& info);
   void check_bounds(const std::string& path, const ParameterCase& parameter);
   void read_experiments();
+  void read_tests();
   void read_curves(const Section& section, ExperimentCase& experiment);
   void read_dic();
   void read_simulate();

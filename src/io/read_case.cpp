@@ -32,6 +32,10 @@ Case CaseReader::read() {
   root_.get("title", case_.title);
   case_.output = folder_ / "results";
   root_.get("output", case_.output);
+  if (root_.has("tests")) {
+    read_tests();
+    return finished();
+  }
   const bool on_curves = root_.has("experiments") && std::count(checks_.sections.begin(), checks_.sections.end(), "identify") > 0;
   const bool on_fields = root_.has("fields");
   for (const auto& section : checks_.sections)
@@ -51,7 +55,10 @@ Case CaseReader::read() {
   read_loop();
   read_effects();
   read_virtual();
+  return finished();
+}
 
+Case CaseReader::finished() {
   if (!mistakes_.empty()) {
     std::stable_sort(mistakes_.begin(), mistakes_.end(), [](auto& a, auto& b) { return a.line < b.line; });
     std::vector<Mistake> plain;
@@ -59,6 +66,21 @@ Case CaseReader::read() {
     throw InputError(std::move(plain));
   }
   return std::move(case_);
+}
+
+void CaseReader::read_tests() {
+  read_loop();
+  for (const auto& [section, value] : root_.json().items())
+    if (section != "title" && section != "loop" && section != "output" && section != "tests") mistake(section, "given beside tests", "title, loop and output; all else in the cases of the tests");
+  if (!checks_.several) mistake("tests", "several tests", "one test; imic3d loop takes several");
+  for (const auto& section : root_.list("tests")) {
+    auto& test = case_.tests.emplace_back();
+    section.get("name", test.name);
+    section.get("case", test.file);
+    if (section.has("case") && !exists(test.file)) mistake(section.path("case"), fmt::format("no such file: {}", test.file.string()), "a case file");
+    if (std::any_of(case_.tests.begin(), case_.tests.end() - 1, [&](const auto& other) { return other.name == test.name; }))
+      mistake(section.path("name"), fmt::format("\"{}\" once more", test.name), "a name for each test");
+  }
 }
 
 void CaseReader::read_units() {

@@ -54,6 +54,7 @@ void JointExperiment::take_parameters(std::size_t test) {
 }
 
 void JointExperiment::take_candidates(std::size_t test) {
+  auto& names = names_.emplace_back();
   for (Candidate candidate : tests_[test].experiment->candidates()) {
     const bool shared = std::all_of(candidate.parameters.begin(), candidate.parameters.end(), [&](int j) { return of_the_law(tests_[test].experiment->parameters()[static_cast<std::size_t>(j)]); });
     for (int& j : candidate.parameters) j = place_[test][static_cast<std::size_t>(j)];
@@ -61,6 +62,7 @@ void JointExperiment::take_candidates(std::size_t test) {
       candidate.name = with_test(candidate.name, tests_[test].name), candidate.sentence = tests_[test].name + ": " + candidate.sentence;
       if (!candidate.after.empty()) candidate.after = with_test(candidate.after, tests_[test].name);
     }
+    names.push_back(candidate.name);
     if (std::none_of(candidates_.begin(), candidates_.end(), [&](const Candidate& other) { return other.name == candidate.name; })) candidates_.push_back(std::move(candidate));
   }
 }
@@ -161,6 +163,59 @@ std::vector<int> JointExperiment::held_out() const {
   for (std::size_t k = 0; k < tests_.size(); ++k)
     for (int frame : tests_[k].held_out) all.push_back(first_frame_[k] + frame);
   return all;
+}
+
+std::vector<int> JointExperiment::candidates_of(std::size_t test, const std::vector<int>& all) const {
+  std::vector<int> own;
+  for (int k : all)
+    if (const auto found = std::find(names_[test].begin(), names_[test].end(), candidates_[static_cast<std::size_t>(k)].name); found != names_[test].end()) own.push_back(static_cast<int>(found - names_[test].begin()));
+  return own;
+}
+
+Model JointExperiment::model_of(std::size_t test, const Model& all) const {
+  Model model = all;
+  const auto own_place = [&](int parameter) { return static_cast<int>(std::find(place_[test].begin(), place_[test].end(), parameter) - place_[test].begin()); };
+  std::vector<Eigen::Index> kept;  // free parameters that the test has
+  model.fit.free.clear();
+  for (std::size_t i = 0; i < all.fit.free.size(); ++i)
+    if (const int own = own_place(all.fit.free[i]); own < static_cast<int>(place_[test].size())) kept.push_back(static_cast<Eigen::Index>(i)), model.fit.free.push_back(own);
+  if (!all.fit.values.empty()) model.fit.values = values_of(test, all.fit.values);
+  if (all.covariance.size() > 0) model.covariance = all.covariance(kept, kept).eval();
+  model.added = candidates_of(test, all.added);
+  model.too_small = candidates_of(test, all.too_small);
+  model.others.clear(), model.scores.candidates.clear();
+  for (std::size_t i = 0; i < all.others.size(); ++i)
+    if (const auto own = candidates_of(test, {all.others[i]}); !own.empty()) {
+      model.others.push_back(own.front());
+      Score score = all.scores.candidates[i];
+      score.bias = score.bias(kept, Eigen::all).eval();
+      model.scores.candidates.push_back(std::move(score));
+    }
+  const int first = first_frame_[test], frames = first_frame_[test + 1] - first;
+  if (all.misfit.frames.size() > 0) model.misfit.frames = all.misfit.frames.segment(first, frames).eval(), model.misfit.null_frames = all.misfit.null_frames.segment(first, frames).eval();
+  if (all.ground)
+    if (const auto learned = std::dynamic_pointer_cast<const LearnedByTests>(all.ground->learned)) {
+      auto ground = std::make_shared<Ground>();
+      ground->learned = learned->of[test];
+      model.ground = std::move(ground);
+    }
+  return model;
+}
+
+Report JointExperiment::report_of(std::size_t test, const Report& all) const {
+  Report report;
+  report.held_out.assign(all.held_out.begin() + first_frame_[test], all.held_out.begin() + first_frame_[test + 1]);
+  report.declared = model_of(test, all.declared), report.final = model_of(test, all.final);
+  report.verdict = all.verdict, report.sentence = all.sentence;
+  report.set = candidates_of(test, all.set), report.named = candidates_of(test, all.named), report.invisible = candidates_of(test, all.invisible);
+  for (const Round& round : all.rounds) {
+    Round& own = report.rounds.emplace_back();
+    own.set = candidates_of(test, round.set);
+    for (const Trial& trial : round.trials)
+      if (const auto candidate = candidates_of(test, {trial.candidate}); !candidate.empty())
+        own.trials.push_back({candidate.front(), model_of(test, trial.model), trial.sufficient, trial.plausible, trial.objection});
+  }
+  return report;
 }
 
 }  // namespace imic3d::loop

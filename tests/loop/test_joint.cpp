@@ -95,6 +95,17 @@ TEST(Joint, AnotherTestShowsWhatOneCannot) {
   EXPECT_NEAR(joint.values_of(0, values)[2], 0.05, 0.003);
   EXPECT_NEAR(joint.values_of(1, values)[0], 10.3, 0.03);
   EXPECT_EQ(joint.values_of(0, values)[0], joint.values_of(1, values)[0]);
+  // The same in the terms of each test.
+  const Report plate = joint.report_of(0, report), bars = joint.report_of(1, report);
+  EXPECT_EQ(plate.named, std::vector<int>{1});
+  EXPECT_TRUE(bars.named.empty());
+  EXPECT_EQ(plate.final.fit.values, joint.values_of(0, values));
+  EXPECT_EQ(plate.final.fit.free, (std::vector<int>{0, 2}));
+  EXPECT_EQ(bars.final.fit.free, std::vector<int>{0});
+  EXPECT_EQ(bars.final.covariance(0, 0), report.final.covariance(0, 0));
+  EXPECT_EQ(bars.final.misfit.frames.size(), 16);
+  EXPECT_EQ(bars.final.misfit.frames[0], report.final.misfit.frames[24]);
+  EXPECT_EQ(bars.held_out.size(), 16U);
 }
 
 TEST(Joint, AnEffectOfTheLawIsOneForAll) {

@@ -24,7 +24,7 @@ struct Material {
 };
 
 /// Reads and checks a case file; `sections` must be there; `images`: so must the image files.
-[[nodiscard]] io::Case read_case(const CommandOptions& options, std::vector<std::string> sections, bool images, bool fields = false);
+[[nodiscard]] io::Case read_case(const CommandOptions& options, std::vector<std::string> sections, bool images, bool fields = false, bool several = false);
 
 /// The unit of a parameter (`stress`, `1/time`, …) in the units of the case.
 [[nodiscard]] std::string unit_in(std::string unit, const io::Units& units);

@@ -224,6 +224,12 @@ struct VirtualCase {
   std::filesystem::path declared_mesh;  ///< 2D mesh of the part that is identified: effects are sized by it; specimen.mesh if empty
 };
 
+/// One of several tests of a material, each a case of its own.
+struct TestCase {
+  std::string name;
+  std::filesystem::path file;
+};
+
 struct Case {
   std::filesystem::path file;  ///< the case file
   std::string text;            ///< its contents, kept with the results
@@ -235,6 +241,7 @@ struct Case {
   LoadsCase loads;
   MaterialCase material;
   std::vector<ExperimentCase> experiments;
+  std::vector<TestCase> tests;  ///< in the place of all but title, loop and output
   DicCase dic;
   IdentifyCase identify;
   LoopCase loop;
@@ -266,6 +273,8 @@ struct CaseChecks {
   bool images = true;
   /// Whether displacement fields will do in the place of cameras and, then, no load record.
   bool fields = false;
+  /// Whether several tests will do, each in a case of its own.
+  bool several = false;
 };
 
 /// Reads a case file: YAML, checked against the schema, then for its meaning. Throws InputError that names every

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "imic3d/loop/closing.hpp"
 #include "imic3d/loop/experiment.hpp"
 
 namespace imic3d::loop {
@@ -42,12 +43,15 @@ class JointExperiment final : public Experiment {
   [[nodiscard]] std::vector<int> held_out() const;
   /// The values of a test's own parameters.
   [[nodiscard]] std::vector<double> values_of(std::size_t test, const std::vector<double>& values) const;
-  /// The first frame of a test.
-  [[nodiscard]] int first_frame(std::size_t test) const { return first_frame_[test]; }
+  /// What the report says of a test, in the test's own candidates, parameters and frames; verdict, sentence and the misfits of all frames
+  /// are those of all tests. Without the remainder.
+  [[nodiscard]] Report report_of(std::size_t test, const Report& all) const;
   [[nodiscard]] const std::vector<Test>& tests() const { return tests_; }
 
  private:
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals_near(const std::vector<double>& values, const std::vector<std::vector<double>>& sets, bool near);
+  [[nodiscard]] Model model_of(std::size_t test, const Model& all) const;
+  [[nodiscard]] std::vector<int> candidates_of(std::size_t test, const std::vector<int>& all) const;
   void take_parameters(std::size_t test);
   void take_candidates(std::size_t test);
 
@@ -55,6 +59,7 @@ class JointExperiment final : public Experiment {
   std::vector<Parameter> parameters_;
   std::vector<std::vector<int>> place_;  // of each test's parameters among all
   std::vector<Candidate> candidates_;
+  std::vector<std::vector<std::string>> names_;  // of each test's candidates among all
   std::vector<Datum> data_;
   std::vector<int> first_frame_;
   std::vector<Eigen::Index> first_row_;  // and the number of rows

@@ -1,0 +1,29 @@
+#pragma once
+// A test that imic3d loop works on, whatever was measured.
+
+#include <memory>
+
+#include "imic3d/core/parallel.hpp"
+#include "imic3d/io/case.hpp"
+#include "imic3d/loop/closing.hpp"
+
+namespace imic3d::app {
+
+class LoopTest {
+ public:
+  virtual ~LoopTest() = default;
+  [[nodiscard]] virtual loop::Experiment& experiment() = 0;
+  /// Places of the frames that the case holds out; empty: none is named.
+  [[nodiscard]] virtual std::vector<int> held_out() const = 0;
+  /// Simulations made so far.
+  [[nodiscard]] virtual int simulations() const = 0;
+  /// Leaves result.json, report.html and what they show in the folder, and prints the verdict. Collective.
+  virtual void write(const std::filesystem::path& folder, const loop::Report& report, double seconds) = 0;
+};
+
+/// Images, correlated, or displacement fields. `world` and `test` outlive it. Collective.
+[[nodiscard]] std::unique_ptr<LoopTest> make_field_test(const Communicator& world, const io::Case& test);
+/// Stress-strain curves of bars. The same.
+[[nodiscard]] std::unique_ptr<LoopTest> make_curve_test(const Communicator& world, const io::Case& test);
+
+}  // namespace imic3d::app

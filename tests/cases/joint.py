@@ -1,0 +1,89 @@
+#!/usr/bin/python3
+"""Several tests of one material in one `imic3d loop`: two elastic strips measured as displacement fields, and bars measured as curves, all made from
+formulas with noise. The load cell of the first strip reads 6 % too much: that strip alone cannot show it, the three together do.
+
+Usage: joint.py EXECUTABLE
+"""
+import json
+import pathlib
+import sys
+import tempfile
+
+import numpy
+
+import fields
+from runs import bar, end, require, run
+
+GAIN = 1.06
+LAW = "{law: j2, hardening: voce, parameters: {E: 190e3, nu: 0.28, S_y: 2000, S_inf: 2100, b: 10, H: 0}}"  # nothing yields
+BARS = """
+title: Bars
+material: LAW
+experiments: [{name: bars, file: "bars/*.csv", strain: strain, stress: stress, time: time, noise: 0.5}]
+identify: {stages: [{free: [E, nu]}]}
+output: bars/run
+""".replace("LAW", LAW)
+ALL = """
+title: Two strips and bars
+tests:
+  - {name: first strip, case: first.yaml}
+  - {name: second strip, case: second.yaml}
+  - {name: bars, case: bars.yaml}
+loop: {draws: 60, additions: 2, rivals: 4, starts: [1.0]}
+output: all
+"""
+
+
+def main():
+    program = sys.argv[1]
+    folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_joint_"))
+    bar(folder / "strip.msh", -11.0, 11.0, 22, columns=6, half_width=3.5)
+    for name, seed in (("first", 5), ("second", 6)):
+        fields.tables(folder / name, 1.0, 0.0, False, (0.0, 0.0), seed=seed)
+        (folder / f"{name}.yaml").write_text(fields.case(name).replace("{law: elastic, parameters: {E: 190e3, nu: 0.28}}", LAW))
+    loads = (folder / "first/loads.csv").read_text().splitlines()
+    rows = [line.split(",") for line in loads[1:]]
+    (folder / "first/loads.csv").write_text("\n".join([loads[0]] + [f"{a},{b},{GAIN * float(c):.3f}" for a, b, c in rows]) + "\n")
+    random = numpy.random.default_rng(7)
+    (folder / "bars").mkdir()
+    for number in range(4):
+        strain = numpy.linspace(0, 1.2e-3, 60)
+        stress = fields.E * (1 + 5e-4 * random.normal()) * strain * numpy.exp(-strain) + 0.5 * random.normal(size=60)
+        table = numpy.column_stack([1e4 * strain, numpy.expm1(strain), numpy.where(strain > 0, stress, 0)])
+        numpy.savetxt(folder / f"bars/{number}.csv", table, delimiter=",", header="time,strain,stress", comments="", fmt="%.8g")
+    (folder / "bars.yaml").write_text(BARS)
+    (folder / "all.yaml").write_text(ALL)
+
+    run(program, "loop", folder / "first.yaml", 1)
+    alone = json.loads((folder / "first/run/result.json").read_text())
+    require(alone["verdict"] == "nothing found" and "force gain" in alone["invisible"], f"the first strip alone: {alone['verdict']}, invisible: {alone['invisible']}")
+    E = alone["before"]["parameters"]["E"]
+    require(abs(E["value"] - GAIN * fields.E) < 4 * E["standard_deviation"] < 0.03 * fields.E, f"its E is that of the load cell: {E['value']:.0f} +- {E['standard_deviation']:.0f}")
+
+    run(program, "loop", folder / "all.yaml", 2)
+    result = json.loads((folder / "all/result.json").read_text())
+    # A first strip that is stiffer all over is the same thing.
+    require(result["named"] == ["force gain (first strip)"] and set(result["set"]) <= {"force gain (first strip)", "stiff or soft region (first strip)"}, f"together: {result['sentence']}")
+    for when in ("before", "after"):
+        print(when, {name: f"{one['value']:.6g} +- {one['standard_deviation']:.2g}" for name, one in result[when]["parameters"].items()})
+    found = result["after"]["parameters"]
+    gain = next(one for name, one in found.items() if name.startswith("force_gain"))
+    require(abs(gain["value"] - GAIN) < 4 * gain["standard_deviation"] < 0.04, f"gain {gain['value']:.4f} +- {gain['standard_deviation']:.2g}, planted {GAIN}")
+    require(abs(found["E"]["value"] / fields.E - 1) < 0.004, f"E {found['E']['value']:.0f}, true {fields.E:.0f}")
+    chi = result["after"]["chi"]
+    require(result["before"]["chi"]["fitted"] > result["before"]["chi"]["null_fitted"] and chi["held_out"] <= 1.05 * chi["null_held_out"], f"held-out chi {result['before']['chi']['held_out']:.2f} -> {chi['held_out']:.2f}, null {chi['null_held_out']:.2f}")
+    for name in ("first strip", "second strip", "bars"):
+        require((folder / "all" / name / "report.html").exists(), f"the page of the {name}")
+    own = json.loads((folder / "all/first strip/result.json").read_text())
+    require(own["named"] == ["force gain"] and own["after"]["parameters"]["E"] == found["E"], "the first strip's own page says it in its own terms")
+
+    case = folder / "twice.yaml"
+    case.write_text(ALL.replace("second strip", "first strip").replace("second.yaml", "none.yaml") + "material: {law: elastic}\n")
+    said = run(program, "loop", case, 1, status=2, errors=True)
+    require(all(word in said for word in ("once more", "no such file", "given beside tests")), "mistakes of the list of tests")
+    said = run(program, "identify", folder / "all.yaml", 1, status=2, errors=True)
+    require("imic3d loop takes several" in said, "identify takes one test")
+    end()
+
+
+main()
