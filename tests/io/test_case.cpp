@@ -209,7 +209,7 @@ colour: red
       "case.yaml:12 material.parameters.E: \"abc\"; allowed: a number, or {value, lower, upper}\n"
       "case.yaml:12 material.parameters.nu.uper: unknown key, near to upper; allowed: lower, upper, value\n"
       "case.yaml:13 colour: unknown key; allowed: cameras, dic, effects, experiments, fields, identify, loads, loop, material, output, simulate, "
-      "specimen, title, units, virtual");
+      "specimen, tests, title, units, virtual");
 }
 
 TEST_F(CaseFile, PinholeCamerasAndTheSpecimensPlace) {
