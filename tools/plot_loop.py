@@ -4,8 +4,8 @@
 Usage: tools/plot_loop.py results.h5 [--folder FOLDER] [--frame NUMBER]
 
 Makes chi.png (error of each frame before and after with the null, the load below), force.png (measured - predicted; where there is a load record), residual.png (displacement
-measured - predicted before and after on one scale) and remainder.png (what is left over its rms under the null, and its first mode). Held-out
-frames are shaded; the frame that is drawn is the worst one of the declared model, if none is chosen."""
+measured - predicted before and after on one scale) and remainder.png (what is left over its rms under the null, and its first mode); cameras on both faces: residual_front.png
+and so on. Held-out frames are shaded; the frame that is drawn is the worst one of the declared model, if none is chosen."""
 import argparse
 import pathlib
 
@@ -37,6 +37,30 @@ def field(figure, axis, h5, values, title, **scale):
     axis.set_aspect("equal")
     axis.set_title(title, fontsize=9)
     figure.colorbar(picture, ax=axis)
+
+
+def draw_face(folder, h5, loop, name_of_face, frames, worst):
+    """Displacement and remainder of a face, whose group `h5` is; `loop` is what all have in common."""
+    own = h5["loop"]
+    both = [own[f"{name}/displacement"][worst] for name in ("before", "after")]
+    largest = max(numpy.abs(both[0]).max(), 1e-300)
+    figure, axes = plt.subplots(2, both[0].shape[1], figsize=(4.5 * both[0].shape[1], 9), constrained_layout=True)
+    for row, (name, values) in enumerate(zip(("before", "after"), both)):
+        for k, component in enumerate("xyz"[:values.shape[1]]):
+            field(figure, axes[row, k], h5, values[:, k], f"{name}: u_{component}, frame {frames[worst]} [{unit(own['before/displacement'])}]", cmap="RdBu", vmin=-largest, vmax=largest)
+    figure.savefig(folder / f"residual{name_of_face}.png", dpi=110)
+
+    if "remainder" not in own:
+        return
+    of_map = own["remainder/map"][:]
+    last = int(numpy.argmax(of_map.max(axis=1)))
+    figure, axes = plt.subplots(1, 3, figsize=(14, 5), constrained_layout=True)
+    field(figure, axes[0], h5, of_map[last], f"remainder over the noise, frame {frames[last]}", cmap="magma", vmin=0)
+    field(figure, axes[1], h5, numpy.linalg.norm(own["remainder/mode"][:], axis=1), f"first mode [{unit(own['remainder/mode'])}]", cmap="magma", vmin=0)
+    axes[2].plot(frames, loop["remainder/time"][:], "o-", ms=3, color=AFTER)
+    axes[2].set_xlabel("frame")
+    axes[2].set_title("first mode over the frames [noise]", fontsize=9)
+    figure.savefig(folder / f"remainder{name_of_face}.png", dpi=110)
 
 
 def main():
@@ -78,24 +102,8 @@ def main():
             axis.legend()
             figure.savefig(folder / "force.png", dpi=110)
 
-        both = [loop[f"{name}/displacement"][worst] for name in ("before", "after")]
-        largest = max(numpy.abs(both[0]).max(), 1e-300)
-        figure, axes = plt.subplots(2, 2, figsize=(9, 9), constrained_layout=True)
-        for row, (name, values) in enumerate(zip(("before", "after"), both)):
-            for k, component in enumerate("xy"):
-                field(figure, axes[row, k], h5, values[:, k], f"{name}: u_{component}, frame {frames[worst]} [{unit(loop['before/displacement'])}]", cmap="RdBu", vmin=-largest, vmax=largest)
-        figure.savefig(folder / "residual.png", dpi=110)
-
-        if "remainder" in loop:
-            of_map = loop["remainder/map"][:]
-            last = int(numpy.argmax(of_map.max(axis=1)))
-            figure, axes = plt.subplots(1, 3, figsize=(14, 5), constrained_layout=True)
-            field(figure, axes[0], h5, of_map[last], f"remainder over the noise, frame {frames[last]}", cmap="magma", vmin=0)
-            field(figure, axes[1], h5, numpy.linalg.norm(loop["remainder/mode"][:], axis=1), f"first mode [{unit(loop['remainder/mode'])}]", cmap="magma", vmin=0)
-            axes[2].plot(frames, loop["remainder/time"][:], "o-", ms=3, color=AFTER)
-            axes[2].set_xlabel("frame")
-            axes[2].set_title("first mode over the frames [noise]", fontsize=9)
-            figure.savefig(folder / "remainder.png", dpi=110)
+        for name, face in {"": h5}.items() if "surface" in h5 else [(f"_{name}", h5[name]) for name in ("front", "back")]:
+            draw_face(folder, face, loop, name, frames, worst)
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ void effects(const Communicator& world, const CommandOptions& options) {
       fmt::print("    {:24} null {:<4g} [{}]  {}\n", q.name, q.null, unit_in(q.unit, units), q.description);
     if (!description.confused_with.empty())
       fmt::print("    confused with {}; told apart by {}\n", description.confused_with, description.separated_by);
+    if (effect->of_each_camera()) fmt::print("    with cameras on both faces: front_{0}, back_{0}\n", loop::key_of(description.name));
   }
   fmt::print("Every parameter of the material's law that has a null value, and Poisson's ratio where it is not free, is a candidate too.\n");
 }

@@ -90,6 +90,8 @@ class VirtualIdentification {
  public:
   VirtualIdentification(const Communicator& world, const io::Case& test, const Material& material, const std::vector<double>& truth)
       : world_(world), test_(test), material_(material), truth_(truth), specimen_(make_specimen(test)) {
+    if (specimen_.projection.rows() != 2 * specimen_.surface.mesh.nodes.rows() || specimen_.faces.size() > 1)
+      throw InputError("cameras", "cameras on both faces, or several that see the motion along z", "one camera for imic3d explain");
     Material with = material;
     with.values = truth;
     const auto frames = static_cast<Eigen::Index>(test.simulate->value.size()) - 1;
@@ -100,7 +102,7 @@ class VirtualIdentification {
       data_.force[frame - 1] = force;
     });
     data_.driving = data_.displacement;
-    data_.surface = specimen_.surface.mesh;
+    data_.faces = {{.surface = specimen_.surface.mesh, .M = {}}};
     data_.smooth = [](Eigen::MatrixXd field) { return field; };
     for (Eigen::Index t = 0; t < frames; ++t) data_.frames.push_back(static_cast<int>(t) + 1);
     data_.time = Eigen::Map<const Eigen::VectorXd>(test.simulate->time.data() + 1, frames);
@@ -140,7 +142,8 @@ class VirtualIdentification {
   /// Of the images it is only known how large a pixel is and, from the declared noise, how a displacement's noise compares with
   /// that of the force: M is that of a speckle whose gradient is 8 % of the dynamics per pixel in each direction.
   void place_camera() {
-    const auto& surface = data_.surface;
+    loop::FieldFace& face = data_.faces.front();
+    const auto& surface = face.surface;
     const double pixel = test_.cameras.empty() || test_.cameras.front().pixel_size <= 0.0
                              ? 1e-3 * (surface.nodes.colwise().maxCoeff() - surface.nodes.colwise().minCoeff()).maxCoeff()
                              : test_.cameras.front().pixel_size;
@@ -164,11 +167,11 @@ class VirtualIdentification {
     images_.evaluate = [this](int, const Eigen::VectorXd& u, const Communicator&) {
       return id::ImageEvaluation{.b = Eigen::VectorXd::Zero(u.size()), .squares = 0.0, .pixels = 1.0, .element_rms = {}};
     };
-    data_.M = images_.M;
+    face.M = images_.M;
     data_.noise = noise_;
-    data_.pixels = Eigen::Vector2d(1.0, -1.0).asDiagonal();
-    data_.pixels /= pixel;
-    data_.axis_of_lens = 0.5 * (surface.nodes.colwise().maxCoeff() + surface.nodes.colwise().minCoeff()).head<2>().transpose();
+    face.pixels = Eigen::Vector2d(1.0, -1.0).asDiagonal();
+    face.pixels /= pixel;
+    face.axis_of_lens = 0.5 * (surface.nodes.colwise().maxCoeff() + surface.nodes.colwise().minCoeff()).head<2>().transpose();
   }
 
   void make_stages() {

@@ -148,8 +148,7 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
   for (const auto& d : points.displacement) nodal.emplace_back((*squares)(d));
 
   loop::FieldData data;
-  data.surface = face;
-  data.M = identification::two_components(squares->M);
+  data.faces = {{.surface = face, .M = identification::two_components(squares->M)}};
   data.references = 1;
   // Numbers of a component that the nodes take from the points; what holds the shortest waves takes the others.
   const double followed = squares->factor.solve(Eigen::MatrixXd(points.N.transpose() * points.N / squares->inflation)).trace();
@@ -199,7 +198,7 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
   data.force_noise = test.loads.records.empty() ? INFINITY : test.loads.noise.value_or(1e-3 * data.force.cwiseAbs().maxCoeff());
 
   // What drives the ends is smoothed as far as the noise allows; neighbouring frames alike.
-  auto measure = std::make_shared<correlation::Measure>(correlation::Measure{.surface = face, .dofs_per_node = 2, .M = data.M, .smoothing_weight = weight});
+  auto measure = std::make_shared<correlation::Measure>(correlation::Measure{.surface = face, .dofs_per_node = 2, .M = data.faces.front().M, .smoothing_weight = weight});
   double low = INFINITY, high = -INFINITY;
   for (int node : specimen.loaded) {
     const double across = specimen.volume.nodes(node, 1 - specimen.axis);
@@ -216,16 +215,16 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
   data.driving = data.smooth(data.displacement);
 
   const Points at = points.at;
-  data.correlate = [squares, at](const mesh::Mesh& surface, const Eigen::MatrixXd& U) {
-    const Eigen::SparseMatrix<double> sample = identification::interpolation(surface, at);
+  data.correlate = [squares, at](const identification::Specimen& made, const Eigen::MatrixXd& U) {
+    const Eigen::SparseMatrix<double> sample = identification::interpolation(made.surface.mesh, at);
     Eigen::MatrixXd seen(2 * squares->N.cols(), U.cols());
     for (Eigen::Index t = 0; t < U.cols(); ++t) seen.col(t) = interleaved((*squares)(sample * columns_of(U.col(t))));
     return seen;
   };
   data.images = false;
-  data.pixels = Axes(fields).linear.inverse();
-  if (!fields.y_down) data.pixels.row(1) *= -1.0;  // pictures have their rows downwards
-  data.axis_of_lens = 0.5 * (at.colwise().minCoeff() + at.colwise().maxCoeff()).transpose();
+  data.faces.front().pixels = Axes(fields).linear.inverse();
+  if (!fields.y_down) data.faces.front().pixels.row(1) *= -1.0;  // pictures have their rows downwards
+  data.faces.front().axis_of_lens = 0.5 * (at.colwise().minCoeff() + at.colwise().maxCoeff()).transpose();
   return data;
 }
 

@@ -14,7 +14,6 @@
 #include "imic3d/app/program.hpp"
 #include "imic3d/app/setup.hpp"
 #include "imic3d/core/log.hpp"
-#include "imic3d/imaging/image.hpp"
 #include "imic3d/io/run_results.hpp"
 #include "imic3d/loop/closing.hpp"
 #include "imic3d/io/loop_page.hpp"
@@ -24,7 +23,6 @@
 #include "loop_report.hpp"
 #include "loop_test.hpp"
 #include "rig.hpp"
-#include "several_cameras.hpp"
 #include "synthetic_images.hpp"
 #include "test_effects.hpp"
 
@@ -32,8 +30,19 @@ namespace imic3d::app {
 
 namespace {
 
-const imaging::TelecentricCamera& telecentric(const Observation& seen) {
-  return dynamic_cast<const imaging::TelecentricCamera&>(*seen.faces.front().rig->views.front().camera);
+/// What the loop knows of a rig.
+loop::FieldFace field_face(const ObservedFace& seen, const identification::Face& face, const Eigen::SparseMatrix<double>& M) {
+  const auto& view = seen.rig->views.front();
+  const Eigen::RowVector3d middle = seen.rig->surface.nodes.colwise().mean();
+  loop::FieldFace result{.name = face.back ? "back" : "front", .surface = face.surface.mesh, .components = face.components, .M = M.block(face.first_unknown, face.first_unknown, face.unknowns(), face.unknowns())};
+  if (const auto held = seen.dic->held(); held.size() > 0) result.M += held;
+  result.pixels = view.camera->jacobian(middle.transpose()).leftCols<2>();
+  result.axis_of_lens = middle.head<2>().transpose();
+  if (const auto* camera = dynamic_cast<const imaging::TelecentricCamera*>(view.camera.get())) {
+    const Eigen::Vector2d centre(0.5 * (view.reference.width - 1), 0.5 * (view.reference.height - 1));
+    result.axis_of_lens = result.pixels.inverse() * (centre - camera->offset);
+  }
+  return result;
 }
 
 /// The frames that some stage uses, and those between them.
@@ -50,26 +59,21 @@ loop::FieldData field_data(const Communicator& world, Observation& seen, const i
   const auto images = make_image_data(seen, test);
   const int frames = 1 + last_frame(test, record);
   loop::FieldData data;
-  data.surface = specimen.surface.mesh;
-  data.M = images.M;
+  for (std::size_t k = 0; k < seen.faces.size(); ++k) data.faces.push_back(field_face(seen.faces[k], specimen.faces[k], images.M));
   data.noise = images.noise;
   data.references = seen.references;
   data.displacement = record.surface_displacement.leftCols(frames);
-  seen.faces.front().driving_cut_off = loop::alike(seen.faces.front().driving_cut_off);
+  for (auto& face : seen.faces) face.driving_cut_off = loop::alike(face.driving_cut_off);
   data.driving = driving_displacement(seen, data.displacement);
   data.smooth = [&seen](Eigen::MatrixXd field) { return driving_displacement(seen, std::move(field)); };
-  data.correlate = [&seen, &test, &world, frames](const mesh::Mesh& surface, const Eigen::MatrixXd& U) {
-    return correlated_images(seen, test, world, telecentric(seen), surface, U.leftCols(frames));
+  data.correlate = [&seen, &test, &world, frames](const identification::Specimen& made, const Eigen::MatrixXd& U) {
+    return correlated_images(seen, test, world, made, U.leftCols(frames));
   };
   data.frames.assign(record.frames.begin(), record.frames.begin() + frames);
   data.time = record.time.head(frames);
   data.force = record.force.head(frames);
   data.start_time = record.start_time;
   data.force_noise = force_noise(seen, test);
-  data.pixels = telecentric(seen).linear.leftCols<2>();
-  const auto& reference = test.cameras.front().images.front();
-  const auto image = imaging::read_image(reference);
-  data.axis_of_lens = data.pixels.inverse() * (Eigen::Vector2d(0.5 * (image.width - 1), 0.5 * (image.height - 1)) - telecentric(seen).offset);
   return data;
 }
 
@@ -101,6 +105,8 @@ loop::DeclaredModel declared_model(const io::Case& test, const Material& materia
 class FieldTest final : public LoopTest {
  public:
   FieldTest(const Communicator& world, const io::Case& test) : world_(world), test_(test), material_(make_material(test)), specimen_(make_specimen(test)) {
+    if (specimen_.faces.size() > 1 && specimen_.section_factor != 1.0)
+      throw InputError("specimen.mid_plane_symmetry", "true with cameras on both faces", "false for imic3d loop, which looks for what makes the faces differ");
     if (!test.fields) seen_ = observe(test, specimen_);
     spdlog::info("{}: {} frames, {} surface nodes", test.title, seen_ ? seen_->places.size() : test.frames.size(), specimen_.surface.mesh.nodes.rows());
     if (seen_) correlate(*seen_, test, world);
@@ -141,8 +147,12 @@ std::unique_ptr<LoopTest> make_test(const Communicator& world, const io::Case& t
 /// What would else be said after the tests before have been correlated.
 void check_law_and_cameras(const io::Case& test) {
   if (!test.experiments.empty()) static_cast<void>(make_extended_material(test));
-  if (test.tests.empty() && test.experiments.empty() && !test.fields && several_cameras(test))
-    throw InputError("cameras", fmt::format("{} cameras, the first is {}", test.cameras.size(), test.cameras.front().model), "one telecentric camera for imic3d loop");
+  for (const char* face : {"front", "back"}) {
+    int telecentric = 0, pinhole = 0;
+    for (const auto& camera : test.cameras)
+      if (camera.face == face) ++(camera.model == "pinhole" ? pinhole : telecentric);
+    if (telecentric == 0 && pinhole == 1) throw InputError("cameras", fmt::format("one perspective camera on the {}", face), "for imic3d loop a telecentric camera, or several perspective ones, on each face");
+  }
 }
 
 /// The cases of the tests, read and checked together.

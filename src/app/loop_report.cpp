@@ -52,6 +52,7 @@ nlohmann::json loop_summary(const loop::Experiment& experiment, const loop::Repo
     json["chi"] = {{"fitted", model.misfit.fitted}, {"held_out", model.misfit.held_out}, {"null_fitted", model.misfit.null_fitted}, {"null_held_out", model.misfit.null_held_out},
                    {"frames", numbers(model.misfit.frames)}, {"null_frames", numbers(model.misfit.null_frames)}};
     if (model.misfit.null_checkerboard > 0.0) json["chi"]["checkerboard"] = model.misfit.checkerboard, json["chi"]["null_checkerboard"] = model.misfit.null_checkerboard;
+    for (const auto& one : model.misfit.cameras) json["chi"]["cameras"][experiment.channel_name(one.channel)] = {{"left_out", one.chi}, {"null", one.null}};
     json["omnibus"] = {{"deviations", model.scores.omnibus}, {"threshold", model.scores.omnibus_threshold}, {"p", model.scores.omnibus_p}};
     json["threshold"] = model.scores.threshold, json["largest_p"] = model.scores.largest_p;
     json["converged"] = model.fit.converged;
@@ -131,32 +132,40 @@ nlohmann::json companions(const loop::Scene& scene, const Eigen::VectorXd& curve
 void write_loop_fields(const std::filesystem::path& file, const loop::FieldExperiment& experiment, const loop::Report& report, const LoopFields& fields, const io::Units& units) {
   auto h5 = io::ResultsFile::create(file);
   const auto& measured = experiment.measured();
-  const auto nodes = static_cast<std::size_t>(measured.surface.nodes.rows()), frames = measured.frames.size();
+  const auto frames = measured.frames.size();
   const auto row_major = [](const auto& matrix) {
     using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
     const Matrix copy = matrix;
     return std::vector<double>(copy.data(), copy.data() + copy.size());
   };
   const auto list = [](const Eigen::MatrixXd& columns) { return std::vector<double>(columns.data(), columns.data() + columns.size()); };
-  h5.store("surface/nodes", {nodes, 3}, row_major(measured.surface.nodes), units.length, "nodes of the surface");
-  const Eigen::Matrix<int, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> cells = measured.surface.cells.leftCols(4);
-  h5.store("surface/cells", {static_cast<std::size_t>(cells.rows()), 4}, std::vector<int>(cells.data(), cells.data() + cells.size()), "-", "nodes of the quadrilaterals, from 0");
+  Eigen::Index first = 0, first_node = 0;
+  for (const auto& face : measured.faces) {
+    const std::string at = measured.faces.size() == 1 ? "" : face.name + "/";
+    const auto n = face.surface.nodes.rows(), unknowns = face.unknowns();
+    const auto nodes = static_cast<std::size_t>(n), components = static_cast<std::size_t>(face.components);
+    h5.store(at + "surface/nodes", {nodes, 3}, row_major(face.surface.nodes), units.length, "nodes of the surface");
+    const Eigen::Matrix<int, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> cells = face.surface.cells.leftCols(4);
+    h5.store(at + "surface/cells", {static_cast<std::size_t>(cells.rows()), 4}, std::vector<int>(cells.data(), cells.data() + cells.size()), "-", "nodes of the quadrilaterals, from 0");
+    for (const auto& [name, U] : {std::pair("before", &fields.displacement_before), std::pair("after", &fields.displacement_after)})
+      h5.store(fmt::format("{}loop/{}/displacement", at, name), {frames, nodes, components}, list(U->middleRows(first, unknowns)), units.length, "measured - predicted displacement of the nodes");
+    if (report.remainder.map.size() > 0) {
+      h5.store(at + "loop/remainder/map", {frames, nodes}, list(report.remainder.map.middleRows(first_node, n)), "noise", "length of the residual displacement over its rms under the null");
+      h5.store(at + "loop/remainder/mode", {nodes, components}, list(report.remainder.mode.segment(first, unknowns)), units.length, "displacement of the first mode");
+    }
+    first += unknowns, first_node += n;
+  }
   h5.store("loop/frames", {frames}, measured.frames, "-", "numbers of the frames");
   h5.store("loop/held_out", {frames}, std::vector<int>(report.held_out.begin(), report.held_out.end()), "-", "1: never fitted");
   h5.store("loop/time", {frames}, list(measured.time), units.time, "time");
   if (std::isfinite(measured.force_noise)) h5.store("loop/force", {frames}, list(measured.force), units.force, "measured force");
-  for (const auto& [name, U, F, model] : {std::tuple("before", &fields.displacement_before, &fields.force_before, &report.declared), std::tuple("after", &fields.displacement_after, &fields.force_after, &report.final)}) {
+  for (const auto& [name, F, model] : {std::tuple("before", &fields.force_before, &report.declared), std::tuple("after", &fields.force_after, &report.final)}) {
     const std::string group = fmt::format("loop/{}/", name);
-    h5.store(group + "displacement", {frames, nodes, 2}, list(*U), units.length, "measured - predicted displacement of the nodes");
     if (std::isfinite(measured.force_noise)) h5.store(group + "force", {frames}, list(*F), units.force, "measured - predicted force");
     h5.store(group + "chi", {frames}, list(model->misfit.frames), "noise", "residual of each frame");
     h5.store(group + "null_chi", {frames}, list(model->misfit.null_frames), "noise", "its 95 % quantile under the null");
   }
-  if (report.remainder.map.size() > 0) {
-    h5.store("loop/remainder/map", {frames, nodes}, list(report.remainder.map), "noise", "length of the residual displacement over its rms under the null");
-    h5.store("loop/remainder/mode", {nodes, 2}, list(report.remainder.mode), units.length, "displacement of the first mode");
-    h5.store("loop/remainder/time", {frames}, list(report.remainder.time), "noise", "first mode over the frames");
-  }
+  if (report.remainder.map.size() > 0) h5.store("loop/remainder/time", {frames}, list(report.remainder.time), "noise", "first mode over the frames");
   h5.start();
 }
 
@@ -174,9 +183,13 @@ void write_loop_report(const std::filesystem::path& folder, const io::Case& test
   if (map.size() > 0) {
     Eigen::Index node = 0, frame = 0;
     const double largest = map.maxCoeff(&node, &frame);
-    const auto& at = experiment.measured().surface.nodes;
-    json["remainder"]["map"] = {{"largest", largest}, {"limit", report.remainder.limit}, {"frame", experiment.measured().frames[static_cast<std::size_t>(frame)]}, {"place", {at(node, 0), at(node, 1)}},
+    Eigen::Index own = node;
+    const auto* face = experiment.measured().faces.data();
+    for (; own >= face->surface.nodes.rows(); ++face) own -= face->surface.nodes.rows();
+    const auto& at = face->surface.nodes;
+    json["remainder"]["map"] = {{"largest", largest}, {"limit", report.remainder.limit}, {"frame", experiment.measured().frames[static_cast<std::size_t>(frame)]}, {"place", {at(own, 0), at(own, 1)}},
                                 {"share_beyond_limit", (map.array() > report.remainder.limit).cast<double>().mean()}};
+    if (experiment.measured().faces.size() > 1) json["remainder"]["map"]["face"] = face->name;
   }
   io::write_json(folder / "result.json", json);
   write_loop_fields(folder / "results.h5", experiment, report, fields, test.units);
@@ -184,33 +197,42 @@ void write_loop_report(const std::filesystem::path& folder, const io::Case& test
   Eigen::Index worst = 0;
   report.declared.misfit.frames.maxCoeff(&worst);
   const auto& measured = experiment.measured();
-  const double scale = std::sqrt(std::abs(measured.pixels.determinant()));
-  std::vector<double> positions;
-  for (Eigen::Index i = 0; i < measured.surface.nodes.rows(); ++i) {
-    const Eigen::Vector2d at = measured.pixels * measured.surface.nodes.row(i).head<2>().transpose();
-    positions.insert(positions.end(), {at[0], at[1]});
-  }
   const int axis = experiment.scene().axis;
-  const auto field = [&](const Eigen::MatrixXd& all) {
-    std::vector<double> values;
-    for (Eigen::Index i = 0; i < measured.surface.nodes.rows(); ++i) values.push_back(scale * all(2 * i + axis, worst));
-    return values;
-  };
-  double largest = 0.0;
-  for (double value : field(fields.displacement_before)) largest = std::max(largest, std::abs(value));
   std::vector<io::ReportPicture> pictures;
-  for (const auto& [name, all] : {std::pair("before", &fields.displacement_before), std::pair("after", &fields.displacement_after)}) {
-    const auto picture = folder / fmt::format("residual_{}.png", name);
-    io::draw_field(picture, measured.surface, positions, field(*all), {.legend = "measured - predicted [px]", .lower = -largest, .upper = largest});
-    pictures.push_back({picture, fmt::format("displacement along the load, measured − predicted, {}; frame {}", name, measured.frames[static_cast<std::size_t>(worst)])});
-  }
-  if (map.size() > 0) {
-    Eigen::Index node = 0, frame = 0;
-    map.maxCoeff(&node, &frame);
-    const std::vector<double> of_frame(map.col(frame).begin(), map.col(frame).end());
-    io::draw_field(folder / "remainder.png", measured.surface, positions, of_frame, {.legend = "remainder [rms of the noise]", .lower = 0.0, .upper = std::max(map.maxCoeff(), report.remainder.limit), .diverging = false});
-    pictures.push_back({folder / "remainder.png", fmt::format("what the final model leaves, over what noise leaves (one null test of a hundred exceeds {:.1f} somewhere); frame {}", report.remainder.limit,
-                                                             measured.frames[static_cast<std::size_t>(frame)])});
+  Eigen::Index first = 0, first_node = 0;
+  for (const auto& face : measured.faces) {
+    const bool alone = measured.faces.size() == 1;
+    const std::string file = alone ? "" : "_" + face.name, where = alone ? "" : face.name + " face; ";
+    const double scale = std::sqrt(std::abs(face.pixels.determinant()));
+    const auto nodes = face.surface.nodes.rows();
+    std::vector<double> positions;
+    for (Eigen::Index i = 0; i < nodes; ++i) {
+      const Eigen::Vector2d at = face.pixels * face.surface.nodes.row(i).head<2>().transpose();
+      positions.insert(positions.end(), {at[0], at[1]});
+    }
+    const auto field = [&](const Eigen::MatrixXd& all) {
+      std::vector<double> values;
+      for (Eigen::Index i = 0; i < nodes; ++i) values.push_back(scale * all(first + face.components * i + axis, worst));
+      return values;
+    };
+    double largest = 0.0;
+    for (double value : field(fields.displacement_before)) largest = std::max(largest, std::abs(value));
+    for (const auto& [name, all] : {std::pair("before", &fields.displacement_before), std::pair("after", &fields.displacement_after)}) {
+      const auto picture = folder / fmt::format("residual_{}{}.png", name, file);
+      io::draw_field(picture, face.surface, positions, field(*all), {.legend = "measured - predicted [px]", .lower = -largest, .upper = largest});
+      pictures.push_back({picture, fmt::format("{}displacement along the load, measured − predicted, {}; frame {}", where, name, measured.frames[static_cast<std::size_t>(worst)])});
+    }
+    if (map.size() > 0) {
+      Eigen::Index node = 0, frame = 0;
+      const Eigen::MatrixXd own = map.middleRows(first_node, nodes);
+      own.maxCoeff(&node, &frame);
+      const std::vector<double> of_frame(own.col(frame).begin(), own.col(frame).end());
+      const auto picture = folder / fmt::format("remainder{}.png", file);
+      io::draw_field(picture, face.surface, positions, of_frame, {.legend = "remainder [rms of the noise]", .lower = 0.0, .upper = std::max(own.maxCoeff(), report.remainder.limit), .diverging = false});
+      pictures.push_back({picture, fmt::format("{}what the final model leaves, over what noise leaves (one null test of a hundred exceeds {:.1f} somewhere); frame {}", where, report.remainder.limit,
+                                               measured.frames[static_cast<std::size_t>(frame)])});
+    }
+    first += face.unknowns(), first_node += nodes;
   }
   io::write_loop_page(folder / "report.html", json, pictures);
   fmt::print("\n{}\n  {}: {}\n", test.title, name(report.verdict), report.sentence);

@@ -12,7 +12,7 @@ namespace imic3d::app {
 
 /// Residual fields before and after.
 struct LoopFields {
-  Eigen::MatrixXd displacement_before, displacement_after;  ///< measured - predicted [2n x frames, length]
+  Eigen::MatrixXd displacement_before, displacement_after;  ///< measured - predicted [unknowns x frames, length]
   Eigen::VectorXd force_before, force_after;                ///< [frames, force]
 };
 

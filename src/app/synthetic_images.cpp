@@ -7,7 +7,9 @@
 #include <map>
 
 #include "imic3d/core/error.hpp"
+#include "imic3d/imaging/camera.hpp"
 #include "imic3d/imaging/synthesis.hpp"
+#include "rig.hpp"
 
 namespace imic3d::app {
 
@@ -65,23 +67,24 @@ class Continued {
 
   [[nodiscard]] const mesh::Mesh& surface() const { return surface_; }
 
-  /// [2 nodes of the cut surface] -> [2 nodes].
+  /// [components * nodes of the cut surface] -> [components * nodes].
   [[nodiscard]] Eigen::VectorXd operator()(const Eigen::VectorXd& U) const {
-    Eigen::VectorXd all(2 * surface_.nodes.rows());
+    const Eigen::Index c = U.size() / (surface_.nodes.rows() - static_cast<Eigen::Index>(nodes_.size()));
+    Eigen::VectorXd all(c * surface_.nodes.rows());
     all.head(U.size()) = U;
     double strain = 0.0;
     if (ends_.size() == 2) {
       double way[2] = {0.0, 0.0}, place[2] = {0.0, 0.0};
       for (std::size_t k = 0; k < 2; ++k)
         for (int node : ends_[k]) {
-          way[k] += U[2 * node + axis_] / static_cast<double>(ends_[k].size());
+          way[k] += U[c * node + axis_] / static_cast<double>(ends_[k].size());
           place[k] += surface_.nodes(node, axis_) / static_cast<double>(ends_[k].size());
         }
       strain = (way[1] - way[0]) / (place[1] - place[0]);
     }
     for (std::size_t i = 0; i < nodes_.size(); ++i) {
-      const Eigen::Index row = U.size() + 2 * static_cast<Eigen::Index>(i);
-      all.segment<2>(row) = U.segment<2>(2 * nodes_[i].from);
+      const Eigen::Index row = U.size() + c * static_cast<Eigen::Index>(i);
+      all.segment(row, c) = U.segment(c * nodes_[i].from, c);
       all[row + axis_] += strain * nodes_[i].distance;
     }
     return all;
@@ -105,38 +108,59 @@ class Continued {
   std::vector<std::array<int, 4>> cells_;
 };
 
+/// What a camera sees of a face: its reference with the face, and what moves with it, elsewhere.
+class Photographer {
+ public:
+  Photographer(const correlation::View& view, const mesh::Mesh& cut, const io::Case& test)
+      : camera_(view.camera), whole_(cut, test, strip / scale(view, cut), rim / scale(view, cut)), at_rest_(pixels(Eigen::VectorXd::Zero(2 * whole_.surface().nodes.rows()))), texture_(view.reference),
+        surroundings_(imaging::without(view.reference, imaging::InverseMapping(at_rest_, at_rest_, whole_.surface().cells), static_cast<int>(rim))) {
+    options_.width = view.reference.width, options_.height = view.reference.height;
+    options_.depth = view.reference.depth, options_.supersampling = 1;
+  }
+  /// The face has moved by U [components * nodes of the cut surface].
+  [[nodiscard]] imaging::Image operator()(const Eigen::VectorXd& U) const {
+    return imaging::render(imaging::InverseMapping(at_rest_, pixels(whole_(U)), whole_.surface().cells), texture_, surroundings_, options_);
+  }
+
+ private:
+  static constexpr double strip = 30.0, rim = 6.0;  // [px]
+  static double scale(const correlation::View& view, const mesh::Mesh& cut) {
+    return std::sqrt(std::abs(view.camera->jacobian(cut.nodes.colwise().mean().transpose()).leftCols<2>().determinant()));
+  }
+  [[nodiscard]] imaging::PixelPoints pixels(const Eigen::VectorXd& displacement) const {
+    const auto& nodes = whole_.surface().nodes;
+    const Eigen::Index c = displacement.size() / nodes.rows();
+    imaging::PixelPoints points(nodes.rows(), 2);
+    for (Eigen::Index i = 0; i < points.rows(); ++i)
+      points.row(i) = camera_->project(nodes.row(i).transpose() + Eigen::Vector3d(displacement[c * i], displacement[c * i + 1], c == 3 ? displacement[c * i + 2] : 0.0)).transpose();
+    return points;
+  }
+
+  std::shared_ptr<const imaging::Camera> camera_;
+  Continued whole_;
+  imaging::PixelPoints at_rest_;
+  imaging::ImageTexture texture_, surroundings_;
+  imaging::SynthesisOptions options_;
+};
+
 }  // namespace
 
-Eigen::MatrixXd correlated_images(const Observation& seen, const io::Case& test, const Communicator& world, const imaging::TelecentricCamera& camera,
-                                  const mesh::Mesh& cut, const Eigen::MatrixXd& U) {
-  constexpr double strip = 30.0, rim = 6.0;  // [px]
-  const double scale = std::sqrt(std::abs(camera.linear.leftCols<2>().determinant()));
-  const Continued whole(cut, test, strip / scale, rim / scale);
-  const mesh::Mesh& surface = whole.surface();
-  const auto& declared = test.cameras.front();
-  std::vector<imaging::Image> references;
-  for (int number : declared.reference) references.push_back(imaging::read_image(declared.images[static_cast<std::size_t>(test.index_of(number))]));
-  const imaging::Image reference = imaging::average(references);
-  imaging::SynthesisOptions options;
-  options.width = reference.width, options.height = reference.height;
-  options.depth = reference.depth, options.supersampling = 1;
-  const auto pixels = [&](const Eigen::VectorXd& displacement) {
-    imaging::PixelPoints points(surface.nodes.rows(), 2);
-    for (Eigen::Index i = 0; i < points.rows(); ++i)
-      points.row(i) = camera.project(surface.nodes.row(i).transpose() + Eigen::Vector3d(displacement[2 * i], displacement[2 * i + 1], 0.0)).transpose();
-    return points;
-  };
-  const imaging::PixelPoints at_rest = pixels(Eigen::VectorXd::Zero(2 * surface.nodes.rows()));
-  const imaging::ImageTexture texture(reference);
-  const imaging::ImageTexture surroundings(imaging::without(reference, imaging::InverseMapping(at_rest, at_rest, surface.cells), static_cast<int>(rim)));
-  const auto source = [&](int t) {
-    return imaging::render(imaging::InverseMapping(at_rest, pixels(whole(U.col(t))), surface.cells), texture, surroundings, options);
-  };
-  const auto frames = seen.faces.front().dic->run(world, static_cast<int>(U.cols()), source);
-  Eigen::MatrixXd measured(frames.front().displacement.size(), U.cols());
-  for (Eigen::Index t = 0; t < U.cols(); ++t) {
-    if (frames[static_cast<std::size_t>(t)].lost) throw ConvergenceError("the images of a synthetic test could not be correlated");
-    measured.col(t) = frames[static_cast<std::size_t>(t)].displacement;
+Eigen::MatrixXd correlated_images(const Observation& seen, const io::Case& test, const Communicator& world, const identification::Specimen& specimen, const Eigen::MatrixXd& U) {
+  Eigen::MatrixXd measured(0, U.cols());
+  for (std::size_t k = 0; k < seen.faces.size(); ++k) {
+    const auto& face = seen.faces[k];
+    const auto& made = specimen.faces[k];
+    std::vector<Photographer> cameras;
+    mesh::Mesh cut = made.surface.mesh;
+    if (face.rig->placed) cut.nodes.col(2) = identification::interpolation(face.rig->surface, cut.nodes.leftCols<2>()) * face.rig->surface.nodes.col(2);  // its measured shape
+    for (const auto& view : face.rig->views) cameras.emplace_back(view, cut, test);
+    const auto frames = face.dic->run(world, static_cast<int>(U.cols()), [&](int t, int camera) { return cameras[static_cast<std::size_t>(camera)](U.col(t).segment(made.first_unknown, made.unknowns())); });
+    const auto before = measured.rows(), own = frames.front().displacement.size();
+    measured.conservativeResize(before + own, U.cols());
+    for (Eigen::Index t = 0; t < U.cols(); ++t) {
+      if (frames[static_cast<std::size_t>(t)].lost) throw ConvergenceError("the images of a synthetic test could not be correlated");
+      measured.col(t).tail(own) = frames[static_cast<std::size_t>(t)].displacement;
+    }
   }
   return measured;
 }

@@ -4,16 +4,14 @@
 #include <Eigen/Core>
 
 #include "imic3d/app/observation.hpp"
-#include "imic3d/imaging/camera.hpp"
 #include "imic3d/io/case.hpp"
-#include "imic3d/mesh/mesh.hpp"
 
 namespace imic3d::app {
 
-/// Images of a surface [quad4] that moves by U [2 nodes x frames, length], made of the reference of the only camera and correlated like the
-/// measured ones, without noise: [2n x frames, length]. The rim of what surrounds the surface moves with it, what lies farther off stands still.
+/// Images of faces, of a specimen with another mesh, that move by U [its unknowns x frames, length], made of the references of all cameras and correlated
+/// like the measured ones, without noise: [unknowns x frames, length]. The rim of what surrounds a face moves with it, what lies farther off stands still.
 /// Collective. Throws ConvergenceError if a frame cannot be correlated.
-[[nodiscard]] Eigen::MatrixXd correlated_images(const Observation& seen, const io::Case& test, const Communicator& world, const imaging::TelecentricCamera& camera,
-                                                const mesh::Mesh& surface, const Eigen::MatrixXd& U);
+[[nodiscard]] Eigen::MatrixXd correlated_images(const Observation& seen, const io::Case& test, const Communicator& world, const identification::Specimen& specimen,
+                                                const Eigen::MatrixXd& U);
 
 }  // namespace imic3d::app

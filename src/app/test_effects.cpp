@@ -19,7 +19,11 @@ std::map<std::string, std::vector<std::string>> effect_quantities() {
   std::map<std::string, std::vector<std::string>> quantities;
   for (const auto& effect : loop::effects()) {
     const auto description = effect->describe(unit_scene());
-    for (const auto& q : description.quantities) quantities[loop::key_of(description.name)].push_back(q.name);
+    for (const auto& q : description.quantities) {
+      quantities[loop::key_of(description.name)].push_back(q.name);
+      if (!effect->of_each_camera()) continue;  // where cameras look at both faces
+      for (const char* face : {"front_", "back_"}) quantities[face + loop::key_of(description.name)].push_back(q.name);
+    }
   }
   return quantities;
 }
@@ -59,30 +63,42 @@ PlantedEffects::PlantedEffects(const io::Case& test) : test_(test) {
   // A bent end is a share of the elongation between the ends, whatever the distance between them.
   scene_.elongation = Eigen::Map<const Eigen::VectorXd>(simulate.value.data() + 1, frames);
 
+  const bool both = std::any_of(test.cameras.begin(), test.cameras.end(), [&](const auto& camera) { return camera.face != test.cameras.front().face; });
   for (const auto& effect : loop::effects()) {
-    const auto description = effect->describe(scene_);
-    const std::string key = loop::key_of(description.name);
-    const auto its = test.effects.find(key);
-    if (its == test.effects.end()) continue;
-    if (description.link == loop::Link::numerics)
-      throw InputError("effects." + key, "an effect of the numerics, for imic3d virtual",
-                       "effects of the test; a virtual test's own mesh and increments are its specimen and simulate sections");
-    if (!effect->applies(scene_))
-      throw InputError("effects." + key, "declared for a specimen that lacks what it acts on", "an effect that this test can have");
-    if (description.link == loop::Link::loading && (test.specimen.mid_plane_symmetry || simulate.control == "force"))
-      throw InputError("effects." + key,
-                       test.specimen.mid_plane_symmetry ? "with specimen.mid_plane_symmetry, which holds the middle of the thickness straight"
-                                                        : "with simulate.control: force",
-                       "mid_plane_symmetry: false and control: displacement");
-    Planted planted{effect, key, {}};
-    for (const auto& q : description.quantities) {
-      const auto one = its->second.find(q.name);
-      if (one != its->second.end() && !one->second.value) throw InputError("effects." + key + "." + q.name, "no value", "the value to be planted");
-      planted.values.push_back(one == its->second.end() ? q.null : *one->second.value);
-    }
-    planted_.push_back(std::move(planted));
+    if (!effect->of_each_camera() || !both)
+      plant(effect, "");
+    else
+      for (const char* face : {"front", "back"}) plant(effect, face);
   }
+  for (const auto& [key, quantities] : test.effects)
+    if (std::none_of(planted_.begin(), planted_.end(), [&](const Planted& one) { return one.key == key; }))
+      throw InputError("effects." + key, both ? "with cameras on both faces" : "with cameras on one face", both ? fmt::format("front_{0} or back_{0}", key) : "its name without the face");
   check_bounds(simulate.control == "force");
+}
+
+void PlantedEffects::plant(const std::shared_ptr<const loop::Effect>& effect, const std::string& face) {
+  const io::Case& test = test_;
+  const auto description = effect->describe(scene_);
+  const std::string key = (face.empty() ? "" : face + "_") + loop::key_of(description.name);
+  const auto its = test.effects.find(key);
+  if (its == test.effects.end()) return;
+  if (description.link == loop::Link::numerics)
+    throw InputError("effects." + key, "an effect of the numerics, for imic3d virtual",
+                     "effects of the test; a virtual test's own mesh and increments are its specimen and simulate sections");
+  if (!effect->applies(scene_))
+    throw InputError("effects." + key, "declared for a specimen that lacks what it acts on", "an effect that this test can have");
+  if (description.link == loop::Link::loading && (test.specimen.mid_plane_symmetry || test.simulate->control == "force"))
+    throw InputError("effects." + key,
+                     test.specimen.mid_plane_symmetry ? "with specimen.mid_plane_symmetry, which holds the middle of the thickness straight"
+                                                      : "with simulate.control: force",
+                     "mid_plane_symmetry: false and control: displacement");
+  Planted planted{effect, key, face, {}};
+  for (const auto& q : description.quantities) {
+    const auto one = its->second.find(q.name);
+    if (one != its->second.end() && !one->second.value) throw InputError("effects." + key + "." + q.name, "no value", "the value to be planted");
+    planted.values.push_back(one == its->second.end() ? q.null : *one->second.value);
+  }
+  planted_.push_back(std::move(planted));
 }
 
 void PlantedEffects::check_bounds(bool with_force) const {
@@ -135,31 +151,38 @@ std::function<double(int, double)> PlantedEffects::beyond() const {
   };
 }
 
-void PlantedEffects::simulated(const mesh::Mesh& face, const Eigen::MatrixXd& displacement, const Eigen::VectorXd& force,
-                               const Eigen::Matrix2d& pixels, const Eigen::Vector2d& axis_of_lens) {
+void PlantedEffects::simulated(const Eigen::VectorXd& force) {
   if (planted_.empty()) return;
-  face_ = face;
-  scene_.surface = &face_;
-  scene_.force = force, scene_.pixels = pixels, scene_.axis_of_lens = axis_of_lens;
+  scene_.force = force;
   check_bounds(true);
-  // The last frame before the force reaches 0.3 of its largest is taken for elastic, as in FieldExperiment.
-  Eigen::Index elastic = 0;
-  for (Eigen::Index t = 0; t < force.size() && std::abs(force[t]) < 0.3 * force.cwiseAbs().maxCoeff(); ++t) elastic = t;
-  scene_.elastic = displacement.col(elastic) / force[elastic];
 }
 
-std::string PlantedEffects::seen() const {
+std::string PlantedEffects::seen(const std::string& face) const {
   for (const auto& one : planted_) {
     const loop::Link link = one.effect->describe(scene_).link;
-    if (link == loop::Link::camera || (link == loop::Link::initial && !one.effect->changes_simulation())) return one.key;
+    const bool before = link == loop::Link::initial && !one.effect->changes_simulation();
+    if (before || (link == loop::Link::camera && (one.face.empty() || one.face == face))) return one.key;
   }
   return "";
 }
 
-Eigen::VectorXd PlantedEffects::seen_beyond(int frame, const Eigen::VectorXd& U) const {
-  Eigen::VectorXd error = Eigen::VectorXd::Zero(U.size());
-  for (const auto& one : planted_) one.effect->see(one.values, scene_, frame, U, error);
-  return error;
+Eigen::MatrixXd PlantedEffects::seen_beyond(const std::string& face, const mesh::Mesh& mesh, const Eigen::MatrixXd& displacement, const Eigen::Matrix2d& pixels,
+                                            const Eigen::Vector2d& axis_of_lens) const {
+  loop::Scene scene = scene_;
+  scene.surface = &mesh;
+  scene.pixels = pixels, scene.axis_of_lens = axis_of_lens;
+  // The last frame before the force reaches 0.3 of its largest is taken for elastic, as in FieldExperiment.
+  Eigen::Index elastic = 0;
+  for (Eigen::Index t = 0; t < scene.force.size() && std::abs(scene.force[t]) < 0.3 * scene.force.cwiseAbs().maxCoeff(); ++t) elastic = t;
+  scene.elastic = displacement.col(elastic) / scene.force[elastic];
+  Eigen::MatrixXd beyond = Eigen::MatrixXd::Zero(displacement.rows(), displacement.cols());
+  for (Eigen::Index t = 0; t < displacement.cols(); ++t) {
+    Eigen::VectorXd error = Eigen::VectorXd::Zero(displacement.rows());
+    for (const auto& one : planted_)
+      if (one.face.empty() || one.face == face) one.effect->see(one.values, scene, static_cast<int>(t), displacement.col(t), error);
+    beyond.col(t) = error;
+  }
+  return beyond;
 }
 
 Eigen::VectorXd PlantedEffects::recorded(Eigen::VectorXd force) const {

@@ -35,14 +35,13 @@ class PlantedEffects {
   /// [length]; empty if nothing is.
   [[nodiscard]] std::function<double(int frame, double z)> beyond() const;
 
-  /// Once it is simulated: the front face [quad4] that the camera sees, its displacement in the plane [2n x frames, length] and the
-  /// force [frames]. Checks bounds that depend on the force.
-  void simulated(const mesh::Mesh& face, const Eigen::MatrixXd& displacement, const Eigen::VectorXd& force, const Eigen::Matrix2d& pixels,
-                 const Eigen::Vector2d& axis_of_lens);
-  /// The key of an effect on what the camera shows of the displacement; empty if there is none.
-  [[nodiscard]] std::string seen() const;
-  /// What the camera shows of the front face beyond its displacement U in a frame [2n, length].
-  [[nodiscard]] Eigen::VectorXd seen_beyond(int frame, const Eigen::VectorXd& U) const;
+  /// Once it is simulated: the force [frames]. Checks bounds that depend on it.
+  void simulated(const Eigen::VectorXd& force);
+  /// The key of an effect on what cameras of a face (front, back; empty: the only one) show of the displacement; empty if there is none.
+  [[nodiscard]] std::string seen(const std::string& face) const;
+  /// What a telecentric camera shows of its face [quad4] beyond the displacement in the plane [2n x frames, length].
+  [[nodiscard]] Eigen::MatrixXd seen_beyond(const std::string& face, const mesh::Mesh& mesh, const Eigen::MatrixXd& displacement, const Eigen::Matrix2d& pixels,
+                                            const Eigen::Vector2d& axis_of_lens) const;
   /// The force as it is recorded [frames, force], and in the frames before loading, where it is `still`.
   [[nodiscard]] Eigen::VectorXd recorded(Eigen::VectorXd force) const;
   [[nodiscard]] double recorded_still(double still) const;
@@ -52,14 +51,15 @@ class PlantedEffects {
  private:
   struct Planted {
     std::shared_ptr<const loop::Effect> effect;
-    std::string key;
+    std::string key, face;  // of whose cameras it is: front, back; empty: of all
     std::vector<double> values;
   };
+  void plant(const std::shared_ptr<const loop::Effect>& effect, const std::string& face);
   void check_bounds(bool with_force) const;
 
   const io::Case& test_;
   loop::Scene scene_;
-  mesh::Mesh declared_, face_;  // that the scene points to
+  mesh::Mesh declared_;  // that the scene points to
   std::vector<Planted> planted_;
 };
 

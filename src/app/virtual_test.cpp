@@ -46,6 +46,7 @@ struct VirtualCamera {
   std::shared_ptr<const imaging::Texture> texture;  // of the face, that of its other cameras too
   imaging::PixelPoints texture_points;              // of the face's nodes
   std::shared_ptr<const imaging::Speckle> background;
+  Eigen::MatrixXd displacement;                     // of the face as this camera shows it [3n x 1 + frames, length]
 };
 
 /// Where a declared pinhole camera is: it looks from `from` at `at`, y upwards but for its roll.
@@ -165,27 +166,27 @@ nlohmann::json write_calibrations(const io::Case& test, const std::vector<Virtua
   return places;
 }
 
-/// Puts what the record and the camera add into the simulated displacement [unknowns x 1 + frames] and force [1 + frames].
-void see_effects(PlantedEffects& planted, const std::vector<VirtualCamera>& cameras, Eigen::MatrixXd& displacement, Eigen::VectorXd& force) {
-  const auto* camera = dynamic_cast<const imaging::TelecentricCamera*>(cameras.front().camera.get());
-  if (const auto key = planted.seen(); !key.empty() && (cameras.size() > 1 || camera == nullptr))
-    throw InputError("effects." + key, "with several cameras, or a pinhole one", "one telecentric camera");
+/// What each camera shows of the simulated displacement [unknowns x 1 + frames]; puts what the record adds into the force [1 + frames].
+void see_effects(PlantedEffects& planted, std::vector<VirtualCamera>& cameras, const Eigen::MatrixXd& displacement, Eigen::VectorXd& force) {
   const auto frames = force.size() - 1;
-  const auto& face = *cameras.front().face;
-  const auto in_plane = [&](Eigen::Index frame) {
-    Eigen::VectorXd U(2 * face.nodes());
-    for (Eigen::Index i = 0; i < face.nodes(); ++i) U.segment<2>(2 * i) = displacement.col(frame).segment<2>(face.first_unknown + 3 * i);
-    return U;
-  };
-  Eigen::MatrixXd seen(2 * face.nodes(), frames);
-  for (Eigen::Index t = 0; t < frames; ++t) seen.col(t) = in_plane(t + 1) - in_plane(0);
-  const Eigen::Matrix2d pixels = camera == nullptr ? Eigen::Matrix2d::Identity() : Eigen::Matrix2d(camera->linear.leftCols<2>());
-  const Eigen::Vector2d middle(0.5 * (cameras.front().image.width - 1), 0.5 * (cameras.front().image.height - 1));
-  const Eigen::Vector2d axis = camera == nullptr ? Eigen::Vector2d(0.0, 0.0) : Eigen::Vector2d(pixels.inverse() * (middle - camera->offset));
-  planted.simulated(face.surface.mesh, seen, force.tail(frames), pixels, axis);
-  for (Eigen::Index t = 0; t < frames; ++t) {
-    const Eigen::VectorXd beyond = planted.seen_beyond(static_cast<int>(t), seen.col(t));
-    for (Eigen::Index i = 0; i < face.nodes(); ++i) displacement.col(t + 1).segment<2>(face.first_unknown + 3 * i) += beyond.segment<2>(2 * i);
+  const bool both = std::any_of(cameras.begin(), cameras.end(), [&](const auto& camera) { return camera.face != cameras.front().face; });
+  planted.simulated(force.tail(frames));
+  for (auto& camera : cameras) {
+    const auto& face = *camera.face;
+    camera.displacement = displacement.middleRows(face.first_unknown, 3 * face.nodes());
+    const std::string side = !both ? "" : face.back ? "back" : "front";
+    const auto key = planted.seen(side);
+    if (key.empty()) continue;
+    const auto* telecentric = dynamic_cast<const imaging::TelecentricCamera*>(camera.camera.get());
+    if (telecentric == nullptr) throw InputError("effects." + key, "with a pinhole camera", "telecentric cameras");
+    Eigen::MatrixXd seen(2 * face.nodes(), frames);
+    for (Eigen::Index t = 0; t < frames; ++t)
+      for (Eigen::Index i = 0; i < face.nodes(); ++i) seen.col(t).segment<2>(2 * i) = camera.displacement.col(t + 1).segment<2>(3 * i) - camera.displacement.col(0).segment<2>(3 * i);
+    const Eigen::Matrix2d pixels = telecentric->linear.leftCols<2>();
+    const Eigen::Vector2d middle(0.5 * (camera.image.width - 1), 0.5 * (camera.image.height - 1));
+    const Eigen::MatrixXd beyond = planted.seen_beyond(side, face.surface.mesh, seen, pixels, pixels.inverse() * (middle - telecentric->offset));
+    for (Eigen::Index t = 0; t < frames; ++t)
+      for (Eigen::Index i = 0; i < face.nodes(); ++i) camera.displacement.col(t + 1).segment<2>(3 * i) += beyond.col(t).segment<2>(2 * i);
   }
   force[0] = planted.recorded_still(force[0]);
   force.tail(frames) = planted.recorded(force.tail(frames));
@@ -200,7 +201,7 @@ void virtual_test(const Communicator& world, const CommandOptions& options) {
   PlantedEffects planted(test);
   const identification::Specimen specimen = make_specimen(test, true, planted.change());
   const auto folder = options.output.empty() ? declared.directory : options.output;
-  const std::vector<VirtualCamera> cameras = make_cameras(test, specimen, folder);
+  std::vector<VirtualCamera> cameras = make_cameras(test, specimen, folder);
   collectively(world, [&] {
     for (const auto& camera : cameras)
       if (world.is_root()) std::filesystem::create_directories(camera.folder);
@@ -232,7 +233,7 @@ void virtual_test(const Communicator& world, const CommandOptions& options) {
     for (const auto& camera : cameras) {
       if (turn++ % world.size() != world.rank()) continue;
       const mesh::Mesh& surface = camera.face->surface.mesh;
-      const Points moved = surface.nodes + Eigen::Map<const Points>(displacement.col(frame).data() + camera.face->first_unknown, surface.nodes.rows(), 3);
+      const Points moved = surface.nodes + Eigen::Map<const Points>(camera.displacement.col(frame).data(), surface.nodes.rows(), 3);
       const imaging::InverseMapping mapping(*camera.camera, camera.texture_points, moved, surface.cells);
       imaging::write_image(imaging::record(imaging::render(mapping, *camera.texture, *camera.background, camera.image), images, camera.image),
                            camera.folder / fmt::format("frame_{:03}.png", images));

@@ -99,6 +99,11 @@ void write_loop_page(const std::filesystem::path& page, const json& summary, con
   if (before["chi"].contains("checkerboard"))
     out += fmt::format("<tr><td>χ of the white squares, from the black ones</td><td>{}</td><td>{}</td><td>{}</td></tr>\n", shown(before["chi"]["checkerboard"], 4), shown(after["chi"]["checkerboard"], 4),
                        shown(after["chi"]["null_checkerboard"], 4));
+  if (before["chi"].contains("cameras"))
+    for (const auto& [name, was] : before["chi"]["cameras"].items()) {
+      const auto& now = after["chi"]["cameras"][name];
+      out += fmt::format("<tr><td>χ of the {} cameras, from the others</td><td>{}</td><td>{}</td><td>{}</td></tr>\n", escaped(name), shown(was["left_out"], 4), shown(now["left_out"], 4), shown(now["null"], 4));
+    }
   out += "</table>\n<div class=\"plots\">\n";
   out += svg({.title = "Error of each frame", .x_label = "frame", .y_label = "χ",
               .curves = {{"before", frames, numbers(before["chi"]["frames"]), "#b2182b", true, true},
@@ -116,8 +121,8 @@ void write_loop_page(const std::filesystem::path& page, const json& summary, con
     const auto& map = summary["remainder"]["map"];
     std::string with;
     for (const auto& [name, r] : summary["remainder"]["goes_with"].items()) with += fmt::format("{}{} {:.2f}", with.empty() ? "" : ", ", name, r.get<double>());
-    out += fmt::format("<p>What remains is largest at ({}, {}) in frame {}: {} times the noise there, where one null test of a hundred exceeds {} somewhere; {:.1f} % of nodes and frames are beyond that. Correlation of its first mode "
-                       "with {}.</p>\n", shown(map["place"][0], 3), shown(map["place"][1], 3), map["frame"].get<int>(), shown(map["largest"], 3), shown(map["limit"], 3), 100.0 * map["share_beyond_limit"].get<double>(), with);
+    out += fmt::format("<p>What remains is largest at ({}, {}){} in frame {}: {} times the noise there, where one null test of a hundred exceeds {} somewhere; {:.1f} % of nodes and frames are beyond that. Correlation of its first mode "
+                       "with {}.</p>\n", shown(map["place"][0], 3), shown(map["place"][1], 3), map.contains("face") ? fmt::format(" on the {}", map["face"].get<std::string>()) : std::string(), map["frame"].get<int>(), shown(map["largest"], 3), shown(map["limit"], 3), 100.0 * map["share_beyond_limit"].get<double>(), with);
   }
 
   out += "<h2>Parameters</h2>\n<table>\n<tr><th>parameter</th><th>before</th><th></th><th>after</th><th></th><th>unit</th></tr>\n";

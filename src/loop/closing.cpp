@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <random>
+#include <tuple>
 
 #include "imic3d/core/error.hpp"
 #include "imic3d/loop/statistics.hpp"
@@ -45,6 +46,7 @@ class Loop {
     for (char held : report_.held_out) fitted.push_back(held == 0 ? 1 : 0);
     rows_ = rows_of_frames(experiment.data(), fitted);
     held_rows_ = rows_of_frames(experiment.data(), report_.held_out);
+    for (const Datum& d : experiment.data()) rigs_ = std::max(rigs_, d.channel + 1);
   }
 
   Report run() {
@@ -148,6 +150,7 @@ class Loop {
     doubt_bias(null);
     ground->weight = Weight(experiment_.data(), null.leftCols(options_.draws));
     ground->null = ground->weight(null.rightCols(options_.draws));
+    if (rigs_ > 1) ground->apart = Weight(experiment_.data(), null.leftCols(options_.draws), 2, true);
     return ground;
   }
 
@@ -253,16 +256,29 @@ class Loop {
     score_others(model, prior);
   }
 
-  /// The white squares under the parameters of the black ones.
+  /// chi of the chosen rows of the residual r under the parameters of the others, and its 95 % quantile under the null; 0 where nothing is chosen.
+  std::pair<double, double> left_out(const Eigen::MatrixXd& r, const Eigen::MatrixXd& J, const Eigen::MatrixXd& null, const Known& prior, const std::function<bool(const Datum&)>& chosen) const {
+    std::vector<Eigen::Index> others, those;
+    for (Eigen::Index i : rows_) (chosen(experiment_.data()[static_cast<std::size_t>(i)]) ? those : others).push_back(i);
+    if (those.empty()) return {0.0, 0.0};
+    const Eigen::MatrixXd pull = inverse_of(stacked(J(others, Eigen::all), prior.sensitivity));
+    const auto left = [&](const Eigen::MatrixXd& rows, const Eigen::MatrixXd& of_prior) { return Eigen::MatrixXd(rows(those, Eigen::all) - J(those, Eigen::all) * (pull * stacked(rows(others, Eigen::all), of_prior))); };
+    const auto scale = 1.0 / std::sqrt(static_cast<double>(those.size()));
+    return {scale * left(r, prior.residual).norm(), quantile(scale * left(null, prior.null).colwise().norm().transpose(), 0.95)};
+  }
+
+  /// The white squares under the parameters of the black ones, and each rig under those of the others.
   void cross_validate(Model& model, const Known& prior) const {
-    std::vector<Eigen::Index> black, white;
-    for (Eigen::Index i : rows_) (experiment_.data()[static_cast<std::size_t>(i)].side == 1 ? white : black).push_back(i);
-    if (white.empty()) return;
-    const Eigen::MatrixXd &J = model.fit.sensitivity, pull = inverse_of(stacked(J(black, Eigen::all), prior.sensitivity));
-    const auto left = [&](const Eigen::MatrixXd& r, const Eigen::MatrixXd& of_prior) { return Eigen::MatrixXd(r(white, Eigen::all) - J(white, Eigen::all) * (pull * stacked(r(black, Eigen::all), of_prior))); };
-    const auto scale = 1.0 / std::sqrt(static_cast<double>(white.size()));
-    model.misfit.checkerboard = scale * left(model.fit.residual, prior.residual).norm();
-    model.misfit.null_checkerboard = quantile(scale * left(model.ground->null, prior.null).colwise().norm().transpose(), 0.95);
+    Misfit& misfit = model.misfit;
+    const Ground& ground = *model.ground;
+    std::tie(misfit.checkerboard, misfit.null_checkerboard) = left_out(model.fit.residual, model.fit.sensitivity, ground.null, prior, [](const Datum& d) { return d.side == 1; });
+    if (rigs_ < 2) return;
+    const auto apart = [&](const Eigen::MatrixXd& rows) { return ground.apart(ground.weight.undone(rows)); };
+    const Eigen::MatrixXd r = apart(model.fit.residual), J = apart(model.fit.sensitivity), null = apart(ground.null);
+    for (int k = 0; k < rigs_; ++k) {
+      const auto [chi, limit] = left_out(r, J, null, prior, [k](const Datum& d) { return d.channel == k; });
+      misfit.cameras.push_back({k, chi, limit});
+    }
   }
 
   void score_others(Model& model, const Known& prior) {
@@ -331,6 +347,7 @@ class Loop {
   void announce(const Model& model, const std::string& what) const {
     say(fmt::format("{}: chi {:.3f} (null {:.3f}), held out {:.3f} (null {:.3f}), images {:.3f}, force {:.3f}; energy {:+.1f} sd (limit {:.1f})", what, model.misfit.fitted, model.misfit.null_fitted,
                     model.misfit.held_out, model.misfit.null_held_out, model.misfit.images, model.misfit.force, model.scores.omnibus, model.scores.omnibus_threshold));
+    for (const auto& one : model.misfit.cameras) say(fmt::format("    {} under the parameters of the others: chi {:.3f} (null {:.3f})", experiment_.channel_name(one.channel), one.chi, one.null));
     std::vector<std::size_t> order(model.others.size());
     for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
     std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return model.scores.candidates[a].z > model.scores.candidates[b].z; });
@@ -456,6 +473,12 @@ class Loop {
       trial.plausible = false;
       trial.objection = fmt::format("the mesh and the correlation err by more in this model than what it explains: null chi {:.2f} after {:.2f}; a finer mesh would tell", model.misfit.null_fitted, at.misfit.null_fitted);
     }
+    for (std::size_t k = 0; k < model.misfit.cameras.size(); ++k) {
+      const auto &now = model.misfit.cameras[k], &was = at.misfit.cameras[k];
+      if (now.chi <= was.chi * 1.02 || was.chi <= was.null) continue;
+      trial.plausible = false;
+      trial.objection = fmt::format("the others explain the {} cameras worse: chi {:.3f} after {:.3f}", experiment_.channel_name(now.channel), now.chi, was.chi);
+    }
     if (model.misfit.held_out > at.misfit.held_out * 1.02 && at.misfit.held_out > at.misfit.null_held_out) {
       trial.plausible = false;
       trial.objection = fmt::format("the held-out frames are explained worse: chi {:.3f} after {:.3f}", model.misfit.held_out, at.misfit.held_out);
@@ -542,8 +565,9 @@ class Loop {
       for (int t = 0; t < frames_; ++t) {
         const Eigen::VectorXd u = experiment_.displacement_of(rows.segment(t * per_frame, per_frame));
         if (u.size() == 0) return false;
-        if (all.size() == 0) all.resize(u.size() / 2, frames_);
-        all.col(t) = Eigen::Map<const Eigen::Matrix2Xd>(u.data(), 2, u.size() / 2).colwise().norm().transpose();
+        const Eigen::VectorXd of_nodes = experiment_.lengths_of(u);
+        if (all.size() == 0) all.resize(of_nodes.size(), frames_);
+        all.col(t) = of_nodes;
       }
       return true;
     };
@@ -613,7 +637,7 @@ class Loop {
   Experiment& experiment_;
   const LoopOptions& options_;
   const std::function<void(const std::string&)>& say_;
-  int frames_;
+  int frames_, rigs_ = 0;
   std::vector<Eigen::Index> rows_, held_rows_;
   Report report_;
 };

@@ -1,6 +1,7 @@
 #include "imic3d/loop/field_experiment.hpp"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <Eigen/Dense>
 #include <Eigen/SparseCholesky>
@@ -39,9 +40,23 @@ Eigen::VectorXd elongation_of(const id::Specimen& specimen, const Eigen::MatrixX
   return result;
 }
 
+/// Motions of a rig against the specimen that its face shows [unknowns x 3, with three components 6].
+Eigen::MatrixXd rigid_motions(const FieldFace& face) {
+  const int c = face.components;
+  Eigen::MatrixXd R = Eigen::MatrixXd::Zero(face.unknowns(), c == 2 ? 3 : 6);
+  const Eigen::RowVector3d middle = face.surface.nodes.colwise().mean();
+  for (Eigen::Index i = 0; i < face.surface.nodes.rows(); ++i) {
+    const Eigen::RowVector3d X = face.surface.nodes.row(i) - middle;
+    for (int k = 0; k < c; ++k) R(c * i + k, k) = 1.0;
+    R(c * i, c) = -X[1], R(c * i + 1, c) = X[0];
+    if (c == 3) R(c * i + 2, 4) = X[1], R(c * i + 1, 4) = -X[2], R(c * i + 2, 5) = -X[0], R(c * i, 5) = X[2];
+  }
+  return R;
+}
+
 /// Gives an effect's parameter what the model declares of it; whether it declares anything.
-bool declare(Parameter& parameter, const std::string& effect, const std::vector<DeclaredEffect>& declared) {
-  const auto its = std::find_if(declared.begin(), declared.end(), [&](const auto& one) { return one.effect == key_of(effect) && one.quantity == parameter.info.name; });
+bool declare(Parameter& parameter, const std::string& key, const std::vector<DeclaredEffect>& declared) {
+  const auto its = std::find_if(declared.begin(), declared.end(), [&](const auto& one) { return one.effect == key && one.quantity == parameter.info.name; });
   if (its == declared.end()) return false;
   auto& info = parameter.info;
   info.lower = std::max(info.lower, its->lower.value_or(info.lower)), info.upper = std::min(info.upper, its->upper.value_or(info.upper));
@@ -81,59 +96,93 @@ FieldExperiment::FieldExperiment(Communicator world, FieldData data, DeclaredMod
   if (poissons_ratio) candidates_.push_back(*poissons_ratio);
   bias_ = std::make_shared<Bias>(Eigen::MatrixXd::Zero(measured_.displacement.rows(), measured_.displacement.cols()), Eigen::VectorXd::Zero(measured_.force.size()));
   make_scene();
-  std::vector<Candidate> ordered;
-  for (auto& effect : effects()) {
-    if (!effect->applies(scene_)) continue;
-    const auto description = effect->describe(scene_);
-    Candidate candidate{description.name, description.link, {}, description.sentence, description.confused_with, description.separated_by, {}};
-    first_.push_back(parameters_.size());
-    for (const auto& q : description.quantities) {
-      const int place = static_cast<int>(parameters_.size());
-      parameters_.push_back({.info = {.name = q.name, .unit = model_.unit ? model_.unit(q.unit) : q.unit, .description = q.description, .lower = q.lower, .upper = q.upper, .null_value = q.null},
-                             .value = q.null, .step = q.step, .prior = 0.0, .free = false});
-      if (!declare(parameters_.back(), description.name, model_.effects)) candidate.parameters.push_back(place);
-    }
-    if (!candidate.parameters.empty()) ordered.push_back(std::move(candidate));
-    effects_.push_back(std::move(effect));
+  make_candidates();
+  M_ = blocks(measured_.faces, [](const FieldFace& face) { return face.M; });
+  for (std::size_t k = 0; k < faces_.size(); ++k) {
+    const FieldFace& face = measured_.faces[k];
+    faces_[k].modes = SurfaceModes(face.surface, face.M, options.modes * face.components / 2, faces_.size() > 1 || face.components == 3 ? rigid_motions(face) : Eigen::MatrixXd());
   }
-  for (const auto& one : model_.effects)
-    if (std::none_of(effects_.begin(), effects_.end(), [&](const auto& effect) { return key_of(effect->describe(scene_).name) == one.effect; }))
-      throw InputError("effects." + one.effect, "declared for a specimen that lacks what it acts on", "an effect that this test can have");
-  candidates_.insert(candidates_.end(), ordered.begin(), ordered.end());
-  std::stable_sort(candidates_.begin(), candidates_.end(), [](const auto& a, const auto& b) { return a.link < b.link; });
-  modes_ = SurfaceModes(measured_.surface, measured_.M, options.modes);
   const auto frames = measured_.force.size();
   const Eigen::MatrixXd over_time = Eigen::MatrixXd::Identity(frames, frames) + Eigen::MatrixXd::Constant(frames, frames, 1.0 / measured_.references);
   over_time_ = over_time.llt().matrixL().solve(Eigen::MatrixXd::Identity(frames, frames));
   for (Eigen::Index t = 0; t < frames; ++t) {
-    for (int side : modes_.sides()) data_.push_back({static_cast<int>(t), 0, side});
+    for (std::size_t k = 0; k < faces_.size(); ++k)
+      for (int side : faces_[k].modes.sides()) data_.push_back({static_cast<int>(t), static_cast<int>(k), side});
     if (std::isfinite(measured_.force_noise)) data_.push_back({static_cast<int>(t), force_channel});
   }
 }
 
 FieldExperiment::~FieldExperiment() = default;
 
+/// Effects as candidates, but for what the model declares of them; those of cameras once for each face.
+void FieldExperiment::make_candidates() {
+  std::vector<Candidate> ordered;
+  std::vector<std::string> keys;
+  const auto add = [&](const std::shared_ptr<const Effect>& effect, int face) {
+    const std::string which = face < 0 || faces_.size() == 1 ? "" : measured_.faces[static_cast<std::size_t>(face)].name + " ";
+    const Scene& scene = faces_[static_cast<std::size_t>(std::max(0, face))].scene;
+    if (!effect->applies(scene)) return;
+    const auto description = effect->describe(scene);
+    Candidate candidate{which + description.name, description.link, {}, description.sentence + (which.empty() ? "" : ", on the " + which + "face"), description.confused_with, description.separated_by, {}};
+    keys.push_back(key_of(candidate.name));
+    first_.push_back(parameters_.size());
+    for (const auto& q : description.quantities) {
+      const int place = static_cast<int>(parameters_.size());
+      parameters_.push_back({.info = {.name = q.name, .unit = model_.unit ? model_.unit(q.unit) : q.unit, .description = q.description, .lower = q.lower, .upper = q.upper, .null_value = q.null},
+                             .value = q.null, .step = q.step, .prior = 0.0, .free = false});
+      if (!declare(parameters_.back(), keys.back(), model_.effects)) candidate.parameters.push_back(place);
+      parameters_.back().info.name = key_of(which) + q.name;
+    }
+    if (!candidate.parameters.empty()) ordered.push_back(std::move(candidate));
+    effects_.push_back(effect);
+    face_of_.push_back(face);
+  };
+  for (const auto& effect : effects()) {
+    if (!effect->of_each_camera())
+      add(effect, -1);
+    else
+      for (std::size_t k = 0; k < faces_.size(); ++k) add(effect, static_cast<int>(k));
+  }
+  for (const auto& one : model_.effects)
+    if (std::find(keys.begin(), keys.end(), one.effect) == keys.end())
+      throw InputError("effects." + one.effect, "declared for a specimen that lacks what it acts on, or for cameras that it lacks", fmt::format("one of {}", fmt::join(keys, ", ")));
+  candidates_.insert(candidates_.end(), ordered.begin(), ordered.end());
+  std::stable_sort(candidates_.begin(), candidates_.end(), [](const auto& a, const auto& b) { return a.link < b.link; });
+}
+
 void FieldExperiment::make_scene() {
-  const auto& surface = measured_.surface;
-  scene_.surface = &surface;
-  measure(scene_, surface);
-  scene_.thickness = model_.thickness;
-  scene_.time = measured_.time, scene_.force = measured_.force, scene_.start_time = measured_.start_time;
-  scene_.pixels = measured_.pixels, scene_.images = measured_.images, scene_.axis_of_lens = measured_.axis_of_lens;
+  Scene scene;
+  scene.thickness = model_.thickness;
+  scene.time = measured_.time, scene.force = measured_.force, scene.start_time = measured_.start_time;
+  scene.images = measured_.images;
   for (std::size_t j = 0; j < model_.values.size(); ++j)
-    if (model_.information[j].name == "nu") scene_.poisson = model_.values[j];
+    if (model_.information[j].name == "nu") scene.poisson = model_.values[j];
   Variant& declared = variant({});
-  scene_.axis = declared.specimen.axis;
-  scene_.plane = mesh::dimension(declared.specimen.volume.type) == 2;
-  scene_.elongation = elongation_of(declared.specimen, measured_.driving);
+  scene.axis = declared.specimen.axis;
+  scene.plane = mesh::dimension(declared.specimen.volume.type) == 2;
+  scene.elongation = elongation_of(declared.specimen, declared.to_variant * measured_.driving);
+  if (declared.specimen.section_factor == 1.0 && !scene.plane) {
+    const double depth = declared.specimen.volume.nodes.col(2).maxCoeff() - declared.specimen.volume.nodes.col(2).minCoeff();
+    scene.driven_depth = measured_.faces.size() == 2 ? 0.5 * depth : measured_.faces.front().name == "back" ? depth : 0.0;
+  }
   // The elastic field: that of the frame of largest force that is within a fifth of the largest, from the simulation.
   Eigen::Index frame = 0;
   const double largest = measured_.force.cwiseAbs().maxCoeff();
   for (Eigen::Index t = 0; t < measured_.force.size() && std::abs(measured_.force[t]) < 0.3 * largest; ++t) frame = t;
+  Eigen::Index first = 0;
+  for (const auto& face : measured_.faces) {
+    faces_.push_back({scene, {}, first});
+    Scene& own = faces_.back().scene;
+    own.surface = &face.surface, own.components = face.components;
+    measure(own, face.surface);
+    own.pixels = face.pixels, own.axis_of_lens = face.axis_of_lens;
+    first += face.unknowns();
+  }
   const auto paths = simulate({Simulation{model_.values, {}, measured_.driving, {}}});
   if (paths.front().R.size() == 0) throw ConvergenceError("the declared model cannot follow the measured displacement of the ends");
-  scene_.elastic = paths.front().U.col(frame) / paths.front().R[frame];
   motion_ = paths.front().U;
+  for (std::size_t k = 0; k < faces_.size(); ++k)
+    faces_[k].scene.elastic = motion_.col(frame).segment(faces_[k].first, measured_.faces[k].unknowns()) / paths.front().R[frame];
 }
 
 std::span<const double> FieldExperiment::values_of(std::size_t effect, const std::vector<double>& values) const {
@@ -147,12 +196,40 @@ bool FieldExperiment::takes_simulations(int parameter) const {
 }
 
 Eigen::VectorXd FieldExperiment::whitened(const Eigen::MatrixXd& displacement, const Eigen::VectorXd& force) const {
-  const Eigen::MatrixXd q = modes_.numbers(displacement) * over_time_.transpose() / measured_.noise;  // [modes x frames]
-  if (!std::isfinite(measured_.force_noise)) return q.reshaped();
-  Eigen::MatrixXd all(q.rows() + 1, q.cols());
-  all.topRows(q.rows()) = q;
-  all.bottomRows(1) = force.transpose() / measured_.force_noise;
+  const bool with_force = std::isfinite(measured_.force_noise);
+  Eigen::MatrixXd all(static_cast<Eigen::Index>(data_.size()) / displacement.cols(), displacement.cols());
+  Eigen::Index row = 0;
+  for (std::size_t k = 0; k < faces_.size(); ++k) {
+    const auto count = static_cast<Eigen::Index>(faces_[k].modes.sides().size());
+    const Eigen::MatrixXd own = displacement.middleRows(faces_[k].first, measured_.faces[k].unknowns());
+    all.middleRows(row, count) = faces_[k].modes.numbers(own) * over_time_.transpose() / measured_.noise;
+    row += count;
+  }
+  if (with_force) all.bottomRows(1) = force.transpose() / measured_.force_noise;
   return all.reshaped();
+}
+
+Eigen::VectorXd FieldExperiment::displacement_of(const Eigen::VectorXd& frame) const {
+  Eigen::VectorXd all(measured_.unknowns());
+  Eigen::Index row = 0;
+  for (std::size_t k = 0; k < faces_.size(); ++k) {
+    const auto count = static_cast<Eigen::Index>(faces_[k].modes.sides().size());
+    all.segment(faces_[k].first, measured_.faces[k].unknowns()) = measured_.noise * faces_[k].modes.displacement(frame.segment(row, count));
+    row += count;
+  }
+  return all;
+}
+
+Eigen::VectorXd FieldExperiment::lengths_of(const Eigen::VectorXd& displacement) const {
+  Eigen::VectorXd all;
+  for (std::size_t k = 0; k < faces_.size(); ++k) {
+    const auto& face = measured_.faces[k];
+    const Eigen::VectorXd own = displacement.segment(faces_[k].first, face.unknowns());
+    const auto nodes = face.surface.nodes.rows();
+    all.conservativeResize(all.size() + nodes);
+    all.tail(nodes) = face.components == 2 ? Experiment::lengths_of(own) : Eigen::VectorXd(own.reshaped(3, nodes).colwise().norm().transpose());
+  }
+  return all;
 }
 
 std::vector<Eigen::VectorXd> FieldExperiment::residuals(const std::vector<std::vector<double>>& sets) {
@@ -183,18 +260,21 @@ std::pair<Eigen::MatrixXd, Eigen::VectorXd> FieldExperiment::synthetic_test(cons
   const auto frames = measured_.force.size();
   Eigen::MatrixXd surface;
   Eigen::VectorXd force;
-  mesh::Mesh own;
+  id::Specimen own;
   collectively(world_, [&] {
     Variant& with = variant(one.variant);
     const Eigen::Index before = with.before_test ? 1 : 0;
     Eigen::MatrixXd driving = Eigen::MatrixXd::Zero(with.to_variant.rows(), frames + before);
     driving.rightCols(frames) = with.to_variant * one.driving;
-    const auto path = with.model->simulate(id::Control::displacement, {id::Run{.parameters = one.law, .driving = &driving}}, static_cast<int>(frames + before)).front();
+    const Eigen::MatrixXd beyond = driven_beyond(with, one.loading);
+    id::Run run{.parameters = one.law, .driving = &driving};
+    if (beyond.size() > 0) run.beyond = &beyond;
+    const auto path = with.model->simulate(id::Control::displacement, {run}, static_cast<int>(frames + before)).front();
     if (path.frames < frames + before) throw ConvergenceError("the model on a finer mesh cannot follow the measured displacement of the ends");
     surface = path.surface.rightCols(frames);
     if (with.before_test) surface.colwise() -= path.surface.col(0).eval();
     force = path.reaction.tail(frames);
-    own = with.specimen.surface.mesh;
+    own = with.specimen;
   });
   ++simulations_;
   world_.broadcast(std::span(surface.data(), static_cast<std::size_t>(surface.size())));
@@ -304,7 +384,7 @@ std::vector<FieldExperiment::Prediction> FieldExperiment::differences(const std:
 
 Eigen::MatrixXd FieldExperiment::noise(const std::vector<double>& values, int draws) {
   const auto frames = measured_.force.size(), unknowns = measured_.displacement.rows();
-  const Eigen::SimplicialLLT<Eigen::SparseMatrix<double>> factor(measured_.M);  // P M P^T = L L^T
+  const Eigen::SimplicialLLT<Eigen::SparseMatrix<double>> factor(M_);  // P M P^T = L L^T
   const Eigen::Index rest = measured_.noise_at_rest ? measured_.at_rest : 0;
   // Other draws for another test: the same ones would err alike in all, and no rate could be told. The same ones for the same record.
   std::uint64_t seed = 7;

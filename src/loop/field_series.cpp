@@ -9,6 +9,35 @@ namespace id = identification;
 
 namespace {
 Eigen::Matrix<double, Eigen::Dynamic, 2> in_plane(const mesh::Mesh& surface) { return surface.nodes.leftCols<2>(); }
+
+/// A nodal field of one surface at the nodes of another [components * nodes square].
+Eigen::SparseMatrix<double> between(const mesh::Mesh& from, const mesh::Mesh& to, int components) {
+  const Eigen::SparseMatrix<double> scalar = id::interpolation(from, in_plane(to));
+  std::vector<Eigen::Triplet<double>> entries;
+  for (int j = 0; j < scalar.outerSize(); ++j)
+    for (Eigen::SparseMatrix<double>::InnerIterator entry(scalar, j); entry; ++entry)
+      for (int k = 0; k < components; ++k) entries.emplace_back(components * static_cast<int>(entry.row()) + k, components * j + k, entry.value());
+  Eigen::SparseMatrix<double> matrix(components * scalar.rows(), components * scalar.cols());
+  matrix.setFromTriplets(entries.begin(), entries.end());
+  return matrix;
+}
+
+/// Of two faces: x and y of each as the mean of both at the same place [unknowns square].
+Eigen::SparseMatrix<double> mean_of(const std::vector<FieldFace>& faces) {
+  std::vector<Eigen::Triplet<double>> entries;
+  const Eigen::Index first[2] = {0, faces[0].unknowns()}, unknowns = faces[0].unknowns() + faces[1].unknowns();
+  for (std::size_t to = 0; to < 2; ++to)
+    for (std::size_t from = 0; from < 2; ++from) {
+      const Eigen::SparseMatrix<double> weights = id::interpolation(faces[from].surface, in_plane(faces[to].surface));
+      for (int j = 0; j < weights.outerSize(); ++j)
+        for (Eigen::SparseMatrix<double>::InnerIterator entry(weights, j); entry; ++entry)
+          for (int k = 0; k < 2; ++k)
+            entries.emplace_back(static_cast<int>(first[to] + faces[to].components * entry.row() + k), static_cast<int>(first[from] + faces[from].components * j + k), 0.5 * entry.value());
+    }
+  Eigen::SparseMatrix<double> mean(unknowns, unknowns);
+  mean.setFromTriplets(entries.begin(), entries.end());
+  return mean;
+}
 }  // namespace
 
 FieldExperiment::Variant& FieldExperiment::variant(const Key& wanted) {
@@ -29,17 +58,17 @@ FieldExperiment::Variant& FieldExperiment::variant(const Key& wanted) {
     before_test = key[2] > 0.5;
     const std::vector<double> values(key.begin() + 3, key.end());
     change.place = [this, values](Eigen::Vector2d& point) {
-      for (std::size_t k = 0; k < effects_.size(); ++k) effects_[k]->place(values_of(k, values), scene_, point);
+      for (std::size_t k = 0; k < effects_.size(); ++k) effects_[k]->place(values_of(k, values), scene_of(k), point);
     };
     change.section = [this, values](const Eigen::Vector3d& point) {
       double factor = 1.0;
-      for (std::size_t k = 0; k < effects_.size(); ++k) factor *= effects_[k]->section(values_of(k, values), scene_, point);
+      for (std::size_t k = 0; k < effects_.size(); ++k) factor *= effects_[k]->section(values_of(k, values), scene_of(k), point);
       return factor;
     };
     if (before_test)
       change.initial_strain = [this, values](const Eigen::Vector3d& point) {
         double strain = 0.0;
-        for (std::size_t k = 0; k < effects_.size(); ++k) strain += effects_[k]->initial_strain(values_of(k, values), scene_, point);
+        for (std::size_t k = 0; k < effects_.size(); ++k) strain += effects_[k]->initial_strain(values_of(k, values), scene_of(k), point);
         return strain;
       };
   }
@@ -47,15 +76,18 @@ FieldExperiment::Variant& FieldExperiment::variant(const Key& wanted) {
   Variant& made = variants.front().second;
   made.specimen = model_.specimen(change);
   made.before_test = before_test;
-  const auto& own = made.specimen.surface.mesh;
-  if (key.empty() && own.nodes.rows() == measured_.surface.nodes.rows()) {
-    made.to_variant.resize(2 * own.nodes.rows(), 2 * own.nodes.rows());
+  const auto unknowns = made.specimen.projection.rows();
+  if (key.empty() && unknowns == measured_.unknowns()) {
+    made.to_variant.resize(unknowns, unknowns);
     made.to_variant.setIdentity();
     made.from_variant = made.to_variant;
   } else {
-    made.to_variant = id::two_components(id::interpolation(measured_.surface, in_plane(own)));
-    made.from_variant = id::two_components(id::interpolation(own, in_plane(measured_.surface)));
+    std::size_t k = 0;
+    made.to_variant = blocks(measured_.faces, [&](const FieldFace& face) { return between(face.surface, made.specimen.faces[k++].surface.mesh, face.components); });
+    k = 0;
+    made.from_variant = blocks(measured_.faces, [&](const FieldFace& face) { return between(made.specimen.faces[k++].surface.mesh, face.surface, face.components); });
   }
+  if (measured_.faces.size() == 2) made.to_variant = (made.to_variant * mean_of(measured_.faces)).eval();
   const Eigen::Index before = before_test ? 1 : 0, frames = measured_.force.size() + before;
   id::Record record;
   record.time.resize(frames);
@@ -63,7 +95,7 @@ FieldExperiment::Variant& FieldExperiment::variant(const Key& wanted) {
   record.start_time = measured_.start_time;
   if (before_test) record.time[0] = measured_.start_time, record.start_time -= 1e-9 * (1.0 + std::abs(measured_.start_time));
   record.force = Eigen::VectorXd::Zero(frames);
-  record.surface_displacement = record.driving = Eigen::MatrixXd::Zero(2 * own.nodes.rows(), frames);
+  record.surface_displacement = record.driving = Eigen::MatrixXd::Zero(unknowns, frames);
   made.model = std::make_unique<id::ForwardModel>(groups_->layout.group(), made.specimen, wanted.law_effects.empty() ? model_.law : model_.extended(wanted.law_effects), std::move(record),
                                                   mechanics::EquilibriumOptions{.increments = model_.increments * numerics.increments_factor, .derivative_tolerance = 1e-5, .with_fields = false}, 1, 1);
   if (variants.size() > 1) {  // nearly the same series as the last one of this group, of another law or specimen
@@ -77,12 +109,28 @@ FieldExperiment::Variant& FieldExperiment::variant(const Key& wanted) {
   return made;
 }
 
+Eigen::MatrixXd FieldExperiment::driven_beyond(const Variant& with, const std::vector<double>& loading) const {
+  if (loading.empty()) return {};
+  const auto& dofs = with.specimen.displacement_dofs;
+  const double front = with.specimen.volume.nodes.col(2).maxCoeff();
+  const Eigen::Index before = with.before_test ? 1 : 0, frames = measured_.force.size();
+  Eigen::MatrixXd beyond = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(dofs.size()), frames + before);
+  for (std::size_t i = 0; i < dofs.size(); ++i) {
+    if (dofs[i] % 3 != scene().axis || !std::binary_search(with.specimen.loaded.begin(), with.specimen.loaded.end(), dofs[i] / 3)) continue;
+    const double z = with.specimen.volume.nodes(dofs[i] / 3, 2) - front;
+    for (Eigen::Index t = 0; t < frames; ++t)
+      for (std::size_t k = 0; k < effects_.size(); ++k)
+        beyond(static_cast<Eigen::Index>(i), t + before) += effects_[k]->driven(values_of(k, loading), scene_of(k), static_cast<int>(t), z);
+  }
+  return beyond;
+}
+
 std::vector<FieldExperiment::Series> FieldExperiment::simulate(const std::vector<Simulation>& wanted) {
   const auto frames = measured_.force.size();
   std::vector<Series> results(wanted.size());
   std::vector<double> done(wanted.size(), 0.0);
   for (std::size_t k = 0; k < wanted.size(); ++k) {
-    results[k].U.setZero(measured_.surface.nodes.rows() * 2, frames), results[k].R.setZero(frames);
+    results[k].U.setZero(measured_.unknowns(), frames), results[k].R.setZero(frames);
     const auto derivatives = wanted[k].free.size() + wanted[k].directions.size();
     results[k].dU.assign(derivatives, results[k].U), results[k].dR.assign(derivatives, results[k].R);
   }
@@ -103,20 +151,7 @@ std::vector<FieldExperiment::Series> FieldExperiment::simulate(const std::vector
         all.rightCols(frames) = with.to_variant * field;
         return all;
       };
-      const Eigen::MatrixXd driving = on_variant(one.driving);
-      Eigen::MatrixXd beyond;
-      if (!one.loading.empty()) {
-        const auto& dofs = with.specimen.displacement_dofs;
-        const double front = with.specimen.volume.nodes.col(2).maxCoeff();
-        beyond = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(dofs.size()), frames + before);
-        for (std::size_t i = 0; i < dofs.size(); ++i) {
-          if (dofs[i] % 3 != scene_.axis || !std::binary_search(with.specimen.loaded.begin(), with.specimen.loaded.end(), dofs[i] / 3)) continue;
-          const double z = with.specimen.volume.nodes(dofs[i] / 3, 2) - front;
-          for (Eigen::Index t = 0; t < frames; ++t)
-            for (std::size_t k = 0; k < effects_.size(); ++k)
-              beyond(static_cast<Eigen::Index>(i), t + before) += effects_[k]->driven(values_of(k, one.loading), scene_, static_cast<int>(t), z);
-        }
-      }
+      const Eigen::MatrixXd driving = on_variant(one.driving), beyond = driven_beyond(with, one.loading);
       id::Run run{.parameters = one.law, .driving = &driving, .free = one.free};
       if (beyond.size() > 0) run.beyond = &beyond;
       for (const auto& direction : one.directions) run.directions.push_back(on_variant(direction));
@@ -168,7 +203,7 @@ FieldExperiment::Simulation FieldExperiment::simulation_of(const std::vector<dou
       const std::size_t j = first_[k] + i;
       own[j] = effects_[k]->changes_simulation() ? its[i] : *parameters_[j].info.null_value;
       if (effects_[k]->changes_simulation() && its[i] != *parameters_[j].info.null_value) {
-        const Link link = effects_[k]->describe(scene_).link;
+        const Link link = effects_[k]->describe(scene_of(k)).link;
         if (link == Link::loading)
           loaded = true;
         else if (link != Link::numerics)
@@ -185,22 +220,28 @@ FieldExperiment::Simulation FieldExperiment::simulation_of(const std::vector<dou
 }
 
 Eigen::MatrixXd FieldExperiment::true_motion(const std::vector<double>& values, Eigen::MatrixXd driving) const {
-  for (Eigen::Index t = 0; t < driving.cols(); ++t) {
-    Eigen::VectorXd error = Eigen::VectorXd::Zero(driving.rows());
-    for (std::size_t k = 0; k < effects_.size(); ++k) effects_[k]->see(values_of(k, values), scene_, static_cast<int>(t), motion_.col(t), error);
-    driving.col(t) -= error;
-  }
+  for (Eigen::Index t = 0; t < driving.cols(); ++t) driving.col(t) -= seen_beyond(values, t, motion_.col(t));
   return driving;
+}
+
+Eigen::VectorXd FieldExperiment::seen_beyond(const std::vector<double>& values, Eigen::Index t, const Eigen::VectorXd& U) const {
+  Eigen::VectorXd all(U.size());
+  for (std::size_t f = 0; f < faces_.size(); ++f) {
+    const Eigen::VectorXd own = U.segment(faces_[f].first, measured_.faces[f].unknowns());
+    Eigen::VectorXd error = Eigen::VectorXd::Zero(own.size());
+    for (std::size_t k = 0; k < effects_.size(); ++k)
+      if (face_of_[k] < 0 || face_of_[k] == static_cast<int>(f)) effects_[k]->see(values_of(k, values), faces_[f].scene, static_cast<int>(t), own, error);
+    all.segment(faces_[f].first, own.size()) = error;
+  }
+  return all;
 }
 
 FieldExperiment::Prediction FieldExperiment::observed(const std::vector<double>& values, Prediction true_one) const {
   for (Eigen::Index t = 0; t < true_one.displacement.cols(); ++t) {
     const Eigen::VectorXd U = true_one.displacement.col(t);
-    Eigen::VectorXd error = Eigen::VectorXd::Zero(U.size());
-    for (std::size_t k = 0; k < effects_.size(); ++k) effects_[k]->see(values_of(k, values), scene_, static_cast<int>(t), U, error);
-    true_one.displacement.col(t) += error;
+    true_one.displacement.col(t) += seen_beyond(values, t, U);
   }
-  for (std::size_t k = 0; k < effects_.size(); ++k) effects_[k]->record(values_of(k, values), scene_, true_one.force);
+  for (std::size_t k = 0; k < effects_.size(); ++k) effects_[k]->record(values_of(k, values), scene_of(k), true_one.force);
   return true_one;
 }
 

@@ -11,6 +11,22 @@
 
 namespace imic3d::loop {
 
+/// Of each face, one after the other on the diagonal.
+template <typename Faces, typename Block>
+Eigen::SparseMatrix<double> blocks(const Faces& faces, Block&& block) {
+  std::vector<Eigen::Triplet<double>> entries;
+  Eigen::Index rows = 0, columns = 0;
+  for (const auto& face : faces) {
+    const Eigen::SparseMatrix<double> own = block(face);
+    for (int j = 0; j < own.outerSize(); ++j)
+      for (Eigen::SparseMatrix<double>::InnerIterator entry(own, j); entry; ++entry) entries.emplace_back(static_cast<int>(rows + entry.row()), static_cast<int>(columns) + j, entry.value());
+    rows += own.rows(), columns += own.cols();
+  }
+  Eigen::SparseMatrix<double> all(rows, columns);
+  all.setFromTriplets(entries.begin(), entries.end());
+  return all;
+}
+
 /// Law, geometry, numerics and ends of one series.
 struct FieldExperiment::Key {
   std::vector<double> specimen;          // values of the effects' parameters that change it or the numerics; empty: as declared
@@ -21,7 +37,7 @@ struct FieldExperiment::Key {
 struct FieldExperiment::Simulation {
   std::vector<double> law;
   Key variant;
-  Eigen::MatrixXd driving;      // [2n x frames]
+  Eigen::MatrixXd driving;      // [unknowns x frames]
   std::vector<double> loading;  // values of all effects' parameters, for what is driven beyond the surface
   std::vector<int> free{};                    // numbers of the law by which the series is differentiated
   std::vector<Eigen::MatrixXd> directions{};  // and in which `driving` moves
@@ -34,7 +50,7 @@ struct FieldExperiment::Tangent {
 };
 
 struct FieldExperiment::Series {
-  Eigen::MatrixXd U;  // of the measured surface [2n x frames]
+  Eigen::MatrixXd U;  // of the measured faces [unknowns x frames]
   Eigen::VectorXd R;  // [frames]; empty if the model could not follow
   std::vector<Eigen::MatrixXd> dU;  // by the numbers of the law, then in the directions
   std::vector<Eigen::VectorXd> dR;
@@ -42,7 +58,7 @@ struct FieldExperiment::Series {
 
 struct FieldExperiment::Variant {
   identification::Specimen specimen;
-  Eigen::SparseMatrix<double> to_variant, from_variant;  // surface nodes, two components
+  Eigen::SparseMatrix<double> to_variant, from_variant;  // what drives the ends, from the measured faces; these from its own
   std::unique_ptr<identification::ForwardModel> model;
   bool before_test = false;  // an initial strain: the first frame is the specimen at rest
 };

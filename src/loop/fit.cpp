@@ -10,10 +10,14 @@
 
 namespace imic3d::loop {
 
-Weight::Weight(const std::vector<Datum>& data, const Eigen::MatrixXd& null, int window) {
-  std::vector<std::pair<Eigen::Index, Eigen::Index>> frames;  // first row, rows
+Weight::Weight(const std::vector<Datum>& data, const Eigen::MatrixXd& null, int window, bool apart) {
+  std::vector<std::pair<Eigen::Index, Eigen::Index>> frames;  // first row, rows; apart: of a channel in a frame
+  int each = 0;                                               // of these a frame
   for (std::size_t i = 0; i < data.size(); ++i) {
-    if (i == 0 || data[i].frame != data[i - 1].frame) frames.emplace_back(static_cast<Eigen::Index>(i), 0);
+    if (i == 0 || data[i].frame != data[i - 1].frame || (apart && data[i].channel != data[i - 1].channel)) {
+      frames.emplace_back(static_cast<Eigen::Index>(i), 0);
+      if (data[i].frame == data.front().frame) ++each;
+    }
     ++frames.back().second;
   }
   if (null.cols() == 0) return;
@@ -22,7 +26,7 @@ Weight::Weight(const std::vector<Datum>& data, const Eigen::MatrixXd& null, int 
     Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(rows, rows);
     double count = 0.0;
     for (int k = -window; k <= window; ++k) {
-      const auto other = static_cast<std::ptrdiff_t>(t) + k;
+      const auto other = static_cast<std::ptrdiff_t>(t) + k * each;
       if (other < 0 || other >= static_cast<std::ptrdiff_t>(frames.size()) || frames[static_cast<std::size_t>(other)].second != rows) continue;
       const auto block = null.middleRows(frames[static_cast<std::size_t>(other)].first, rows);
       sum += block * block.transpose();

@@ -31,7 +31,14 @@ JointExperiment::JointExperiment(std::vector<Test> tests) : tests_(std::move(tes
     take_parameters(k);
     take_candidates(k);
     first_frame_.push_back(frame);
-    for (Datum datum : one.data()) datum.frame += frame, data_.push_back(datum);
+    int channels = 0;
+    for (Datum datum : one.data()) {
+      channels = std::max(channels, datum.channel + 1);
+      datum.frame += frame;
+      if (datum.channel != force_channel) datum.channel += first_channel_.back();
+      data_.push_back(datum);
+    }
+    first_channel_.push_back(first_channel_.back() + channels);
     frame += static_cast<int>(one.frame_numbers().size());
     first_row_.push_back(static_cast<Eigen::Index>(data_.size()));
   }
@@ -76,6 +83,11 @@ std::vector<int> JointExperiment::frame_numbers() const {
 std::string JointExperiment::frame_name(int frame) const {
   const auto test = static_cast<std::size_t>(std::upper_bound(first_frame_.begin(), first_frame_.end(), frame) - first_frame_.begin()) - 1;
   return tests_[test].name + ", " + tests_[test].experiment->frame_name(frame - first_frame_[test]);
+}
+
+std::string JointExperiment::channel_name(int channel) const {
+  const auto test = static_cast<std::size_t>(std::upper_bound(first_channel_.begin(), first_channel_.end(), channel) - first_channel_.begin()) - 1;
+  return with_test(tests_[test].experiment->channel_name(channel - first_channel_[test]), tests_[test].name);
 }
 
 std::vector<double> JointExperiment::values_of(std::size_t test, const std::vector<double>& values) const {
@@ -191,6 +203,7 @@ Model JointExperiment::model_of(std::size_t test, const Model& all) const {
       score.bias = score.bias(kept, Eigen::all).eval();
       model.scores.candidates.push_back(std::move(score));
     }
+  model.misfit.cameras.clear();  // counted over all tests
   const int first = first_frame_[test], frames = first_frame_[test + 1] - first;
   if (all.misfit.frames.size() > 0) model.misfit.frames = all.misfit.frames.segment(first, frames).eval(), model.misfit.null_frames = all.misfit.null_frames.segment(first, frames).eval();
   if (all.ground)

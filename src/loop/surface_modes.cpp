@@ -27,10 +27,11 @@ std::vector<int> checkerboard(const mesh::Mesh& surface) {
 
 /// Subspace iteration for the smallest eigenvalues of curvature x = lambda M x; affine motions come first. Any smooth subspace
 /// serves, the modes need not be exact.
-SurfaceModes::SurfaceModes(const mesh::Mesh& surface, const Eigen::SparseMatrix<double>& M, int wanted) {
+SurfaceModes::SurfaceModes(const mesh::Mesh& surface, const Eigen::SparseMatrix<double>& M, int wanted, const Eigen::MatrixXd& R) {
   const auto size = M.rows();
+  const auto components = size / surface.nodes.rows();
   const auto count = std::min<Eigen::Index>(std::max(1, wanted / 2), std::max<Eigen::Index>(1, size / 8));
-  const Eigen::SparseMatrix<double> K = correlation::curvature_energy(surface, 2);
+  const Eigen::SparseMatrix<double> K = correlation::curvature_energy(surface, static_cast<int>(components));
   const double shift = 1e-6 * K.diagonal().sum() / M.diagonal().sum();
   const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(K + shift * M);
   std::mt19937_64 random(1);
@@ -46,17 +47,23 @@ SurfaceModes::SurfaceModes(const mesh::Mesh& surface, const Eigen::SparseMatrix<
   const Eigen::MatrixXd smooth = M * X.leftCols(count);
   const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> inverse(M);
   const std::vector<int> colour = checkerboard(surface);
-  modes_.resize(2 * count, size), shapes_.resize(size, 2 * count);
   for (int c = 0; c < 2; ++c) {
     Eigen::MatrixXd A = smooth;
     for (Eigen::Index i = 0; i < size; ++i)
-      if (colour[static_cast<std::size_t>(i / 2)] != c) A.row(i).setZero();
+      if (colour[static_cast<std::size_t>(i / components)] != c) A.row(i).setZero();
+    if (R.size() > 0) {
+      const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> moved_by(A.transpose() * R);
+      const Eigen::MatrixXd Q = moved_by.householderQ();
+      A = (A * Q.rightCols(count - moved_by.rank())).eval();
+    }
     const Eigen::MatrixXd moved = inverse.solve(A);
     const Eigen::LLT<Eigen::MatrixXd> L(A.transpose() * moved);
-    modes_.middleRows(c * count, count) = L.matrixL().solve(A.transpose());
-    shapes_.middleCols(c * count, count) = L.matrixL().solve(moved.transpose()).transpose();
+    const auto before = modes_.rows(), own = A.cols();
+    modes_.conservativeResize(before + own, size), shapes_.conservativeResize(size, before + own);
+    modes_.bottomRows(own) = L.matrixL().solve(A.transpose());
+    shapes_.rightCols(own) = L.matrixL().solve(moved.transpose()).transpose();
+    sides_.insert(sides_.end(), static_cast<std::size_t>(own), c);
   }
-  for (Eigen::Index i = 0; i < 2 * count; ++i) sides_.push_back(i < count ? 0 : 1);
 }
 
 }  // namespace imic3d::loop

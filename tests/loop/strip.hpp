@@ -15,8 +15,7 @@ struct Strip {
 
   explicit Strip(double offset) {
     const identification::testing::Plate plate({0.002, 0.004, 0.02, 0.05});
-    data.surface = plate.specimen.surface.mesh;
-    data.M = plate.images.M;
+    data.faces = {{.surface = plate.specimen.surface.mesh, .M = plate.images.M}};
     data.displacement = data.driving = plate.record.surface_displacement;
     data.smooth = [](Eigen::MatrixXd field) { return field; };
     data.frames = plate.record.frames, data.time = plate.record.time;

@@ -62,5 +62,24 @@ TEST_F(Modes, NumbersOfAColourAreFoundAgain) {
   }
 }
 
+TEST_F(Modes, MotionsThatAreToLeaveNoTraceLeaveNone) {
+  Eigen::MatrixXd R = Eigen::MatrixXd::Zero(M.rows(), 3);
+  for (Eigen::Index i = 0; i < surface.nodes.rows(); ++i) {
+    R(2 * i, 0) = R(2 * i + 1, 1) = 1.0;
+    R(2 * i, 2) = -surface.nodes(i, 1), R(2 * i + 1, 2) = surface.nodes(i, 0);
+  }
+  const SurfaceModes blind(surface, M, 12, R);
+  EXPECT_EQ(blind.sides().size(), modes.sides().size() - 6);  // three on either colour
+  EXPECT_LT(blind.numbers(R).norm(), 1e-9 * modes.numbers(R).norm());
+  Eigen::VectorXd stretch = Eigen::VectorXd::Zero(M.rows());
+  for (Eigen::Index i = 0; i < surface.nodes.rows(); ++i) stretch[2 * i + 1] = surface.nodes(i, 1);
+  EXPECT_GT(blind.numbers(stretch).norm(), 0.1 * modes.numbers(stretch).norm());
+  const Eigen::SimplicialLLT<Eigen::SparseMatrix<double>> factor(M);
+  const Eigen::MatrixXd numbers = blind.numbers(Eigen::MatrixXd::Identity(M.rows(), M.rows()));
+  const Eigen::MatrixXd covariance = numbers * factor.solve(Eigen::MatrixXd(numbers.transpose()));
+  const auto half = covariance.rows() / 2;
+  EXPECT_LT((covariance.topLeftCorner(half, half) - Eigen::MatrixXd::Identity(half, half)).cwiseAbs().maxCoeff(), 1e-8);
+}
+
 }  // namespace
 }  // namespace imic3d::loop

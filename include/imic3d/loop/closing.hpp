@@ -30,6 +30,13 @@ struct Misfit {
   /// Of the white squares of a checkerboard on the surface when the parameters are those of the black ones (and the force), linearised at
   /// the fit, fitted frames; and its 95 % quantile under the null. 0 without a surface.
   double checkerboard = 0.0, null_checkerboard = 0.0;
+  /// The same of each rig of cameras when the parameters are those of the others. What acts on that rig alone stays as it was found with it, and the mean motion
+  /// of the ends, which drives the simulation, has its part of them. Empty where there is one rig.
+  struct LeftOut {
+    int channel = 0;
+    double chi = 0.0, null = 0.0;
+  };
+  std::vector<LeftOut> cameras;
   Eigen::VectorXd frames;                         ///< [frames]
   Eigen::VectorXd null_frames;                    ///< 95 % quantile of each frame's under the null
 };
@@ -38,6 +45,7 @@ struct Misfit {
 struct Ground {
   std::shared_ptr<const Experiment::Learned> learned;
   Weight weight{{}, {}};
+  Weight apart{{}, {}};         ///< the same of each channel by itself
   Eigen::MatrixXd null;         ///< whitened residuals of noise alone, before any fit [N x draws]
 };
 

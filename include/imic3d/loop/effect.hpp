@@ -16,11 +16,13 @@ namespace imic3d::loop {
 /// What the effects are told of the test. Positions and displacements are those of the surface's nodes in the specimen's frame.
 struct Scene {
   const mesh::Mesh* surface = nullptr;  ///< quad4 [n nodes]
+  int components = 2;                   ///< of a node's displacement: x, y; 3 where several cameras see z too
   int axis = 1;                         ///< of the load
   bool plane = false;                   ///< plane stress
   Eigen::Vector2d low, high;            ///< the surface's box [length]
   double element = 1.0;                 ///< mean size of its elements [length]
   double thickness = 1.0;               ///< [length]
+  double driven_depth = 0.0;            ///< below the front where what drives the ends was measured: of cameras on both faces the middle [length]
   bool has_hole = false;
   Eigen::Vector2d hole;                 ///< centre of the hole [length]
   double radius = 0.0;                  ///< of the hole [length]
@@ -30,7 +32,7 @@ struct Scene {
   Eigen::Vector2d axis_of_lens;         ///< where the optical axis meets the specimen: the image's centre [length]
   double poisson = 0.3;                 ///< declared
   Eigen::VectorXd elongation;           ///< of the surface between its ends [frames, length]
-  Eigen::VectorXd elastic;              ///< elastic displacement for a force of one [2n, length/force]
+  Eigen::VectorXd elastic;              ///< elastic displacement for a force of one [components * n, length/force]
   bool images = true;                   ///< the displacement comes of images that this program interpolates
 
   [[nodiscard]] Eigen::Vector2d middle() const { return 0.5 * (low + high); }
@@ -79,10 +81,12 @@ class Effect {
   [[nodiscard]] virtual double section(Values, const Scene&, const Eigen::Vector3d& /*point*/) const { return 1.0; }
   /// Initial state: the elastic strain (axial, in the direction of the load) of a cell before the test.
   [[nodiscard]] virtual double initial_strain(Values, const Scene&, const Eigen::Vector3d& /*point*/) const { return 0.0; }
-  /// Loading: displacement along the axis of a point of the loaded end at depth z, beyond what the cameras' face shows [length].
+  /// Loading: displacement along the axis of a point of the loaded end, z above the front (below: negative), beyond what the cameras show at `driven_depth` [length].
   [[nodiscard]] virtual double driven(Values, const Scene&, int /*frame*/, double /*z*/) const { return 0.0; }
-  /// Camera: adds to `error` [2n, length] what the camera shows of the displacement beyond the truth: measured - true, at the
-  /// displacement `U` [2n, length] of frame t.
+  /// Whether each rig of cameras has it for itself, on its face.
+  [[nodiscard]] virtual bool of_each_camera() const { return false; }
+  /// Camera: adds to `error` [components * n, length] what the camera shows of the displacement beyond the truth: measured - true, at the
+  /// displacement `U` [components * n, length] of frame t.
   virtual void see(Values, const Scene&, int /*frame*/, const Eigen::VectorXd& /*U*/, Eigen::VectorXd& /*error*/) const {}
   /// Record: turns the force on the specimen [frames] into the one that is recorded.
   virtual void record(Values, const Scene&, Eigen::VectorXd& /*force*/) const {}

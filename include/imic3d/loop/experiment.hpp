@@ -40,7 +40,7 @@ constexpr int force_channel = -1;
 /// What one number of the residual belongs to.
 struct Datum {
   int frame = 0;                ///< place in the record
-  int channel = force_channel;  ///< camera from 0, or the force
+  int channel = force_channel;  ///< rig of cameras from 0, or the force
   int side = -1;                ///< of the checkerboard on the surface that it belongs to: 0, 1; -1: to none
 };
 
@@ -81,6 +81,11 @@ class Experiment {
   /// The numbers of one frame, in units of the noise, as the displacement of the surface's nodes that has them [unknowns, length]; empty where
   /// there is no surface.
   [[nodiscard]] virtual Eigen::VectorXd displacement_of(const Eigen::VectorXd& /*frame*/) const { return {}; }
+  /// The length of each node's displacement [nodes, length] of such a one.
+  [[nodiscard]] virtual Eigen::VectorXd lengths_of(const Eigen::VectorXd& displacement) const {
+    return Eigen::Map<const Eigen::Matrix2Xd>(displacement.data(), 2, displacement.size() / 2).colwise().norm().transpose();
+  }
+  [[nodiscard]] virtual std::string channel_name(int channel) const { return "camera " + std::to_string(channel); }
   /// Residuals of a complete model with these values: random draws of all noise, that of the inputs propagated through the
   /// model [N x draws]. The same on every rank. Collective.
   [[nodiscard]] virtual Eigen::MatrixXd noise(const std::vector<double>& values, int draws) = 0;

@@ -13,29 +13,43 @@
 
 namespace imic3d::loop {
 
-/// What was measured, whatever program correlated the images.
-struct FieldData {
+/// A face of the specimen and the rig, one camera or several, that looks at it.
+struct FieldFace {
+  std::string name = "front";     ///< or back
   mesh::Mesh surface;             ///< quad4 [n nodes]
-  Eigen::SparseMatrix<double> M;  ///< the covariance of a displacement is noise^2 M^-1 (Eq. 14) [2n x 2n]
+  int components = 2;             ///< of a node's displacement that the rig sees: x, y, with several directions of sight z
+  Eigen::SparseMatrix<double> M;  ///< the covariance of its displacement is noise^2 M^-1 (Eq. 14) [components * n square]
+  Eigen::Matrix2d pixels = Eigen::Matrix2d::Identity();    ///< d(pixel)/d(displacement) [px/length]
+  Eigen::Vector2d axis_of_lens = Eigen::Vector2d::Zero();  ///< where the optical axis meets the specimen [length]
+  [[nodiscard]] Eigen::Index unknowns() const { return components * surface.nodes.rows(); }
+};
+
+/// What was measured, whatever program correlated the images. Displacements are those of the faces one after the other, node by node [unknowns]: with one
+/// face and two components [2n].
+struct FieldData {
+  std::vector<FieldFace> faces;   ///< as Specimen::faces
   double noise = 1.0;             ///< of one frame, in the unit that goes with M
   int references = 1;             ///< images averaged to the reference, whose noise all frames have in common
-  Eigen::MatrixXd displacement;   ///< [2n x frames, length]
+  Eigen::MatrixXd displacement;   ///< [unknowns x frames, length]
   Eigen::MatrixXd driving;        ///< the same, smoothed: prescribed on the ends
-  std::function<Eigen::MatrixXd(Eigen::MatrixXd)> smooth;  ///< what made `driving` of `displacement`, linear [2n x first frames]
-  /// What the correlation would measure [2n x frames] if the surface moved by U [2 nodes of `surface` x frames]: images are made
-  /// of the reference and correlated, without noise. Collective. Not given: no bias is learned.
-  std::function<Eigen::MatrixXd(const mesh::Mesh& surface, const Eigen::MatrixXd& U)> correlate;
+  std::function<Eigen::MatrixXd(Eigen::MatrixXd)> smooth;  ///< what made `driving` of `displacement`, linear [unknowns x first frames]
+  /// What the correlation would measure [unknowns x frames] if the faces of a specimen, of another mesh, moved by U [its unknowns x frames]: images are
+  /// made of the references and correlated, without noise. Collective. Not given: no bias is learned.
+  std::function<Eigen::MatrixXd(const identification::Specimen& specimen, const Eigen::MatrixXd& U)> correlate;
   std::vector<int> frames;        ///< numbers, as the user knows them
   Eigen::VectorXd time, force;    ///< [frames]
   double start_time = 0.0;
   double force_noise = 1.0;       ///< standard deviation of the load record [force]; infinity: there is none
-  Eigen::Matrix2d pixels = Eigen::Matrix2d::Identity();  ///< d(pixel)/d(displacement) [px/length]
-  Eigen::Vector2d axis_of_lens = Eigen::Vector2d::Zero();  ///< where the optical axis meets the specimen [length]
   bool images = true;             ///< this program correlated the images, and interpolated their grey levels
-  /// What made `noise` of the displacement of the frames at rest [2n x at_rest]: few numbers of a coarse mesh tell it to some percent only, which is
+  /// What made `noise` of the displacement of the frames at rest [unknowns x at_rest]: few numbers of a coarse mesh tell it to some percent only, which is
   /// part of the null. Not given: `noise` is known.
   std::function<double(const Eigen::MatrixXd& U)> noise_at_rest;
   int at_rest = 0;
+  [[nodiscard]] Eigen::Index unknowns() const {
+    Eigen::Index all = 0;
+    for (const auto& face : faces) all += face.unknowns();
+    return all;
+  }
 };
 
 /// Frames next to each other are to be smoothed alike (noise alone makes their cut-offs differ, and with it their own noise): the running median of
@@ -80,6 +94,9 @@ struct FieldOptions {
 /// The residual of each frame: the measured minus the simulated displacement in smooth modes on the two colours of a checkerboard (SurfaceModes), and
 /// the measured force minus the reaction before any scaling (the dual residual). What lies beyond the modes is left out. The noise of the reference,
 /// common to all frames, is whitened over time.
+///
+/// Cameras on both faces: each face has its own modes, blind to rigid motions of its rig, and its own channel. The ends move alike at every depth, by the mean of
+/// the faces: in what they differ they are data. What a camera adds is a candidate for each face.
 class FieldExperiment final : public Experiment {
  public:
   FieldExperiment(Communicator world, FieldData data, DeclaredModel model, const FieldOptions& options = {});
@@ -99,13 +116,14 @@ class FieldExperiment final : public Experiment {
     if (const auto bias = std::dynamic_pointer_cast<const Bias>(learned)) bias_ = bias;
   }
   [[nodiscard]] Eigen::MatrixXd noise(const std::vector<double>& values, int draws) override;
-  [[nodiscard]] Eigen::VectorXd displacement_of(const Eigen::VectorXd& frame) const override {
-    return measured_.noise * modes_.displacement(frame.head(static_cast<Eigen::Index>(modes_.sides().size())));
-  }
+  [[nodiscard]] Eigen::VectorXd displacement_of(const Eigen::VectorXd& frame) const override;
+  [[nodiscard]] Eigen::VectorXd lengths_of(const Eigen::VectorXd& displacement) const override;
+  [[nodiscard]] std::string channel_name(int channel) const override { return measured_.faces[static_cast<std::size_t>(channel)].name; }
 
   [[nodiscard]] const FieldData& measured() const { return measured_; }
-  [[nodiscard]] const Scene& scene() const { return scene_; }
-  /// Measured - predicted displacement [2n x frames, length] and force [frames] with these values, not whitened.
+  /// Of the first face.
+  [[nodiscard]] const Scene& scene() const { return faces_.front().scene; }
+  /// Measured - predicted displacement [unknowns x frames, length] and force [frames] with these values, not whitened.
   [[nodiscard]] std::pair<Eigen::MatrixXd, Eigen::VectorXd> unwhitened(const std::vector<double>& values);
   /// Simulations made so far, in series of all frames.
   [[nodiscard]] int simulations() const { return simulations_; }
@@ -132,10 +150,12 @@ class FieldExperiment final : public Experiment {
   [[nodiscard]] Eigen::MatrixXd true_motion(const std::vector<double>& values, Eigen::MatrixXd driving) const;
   /// What camera and load cell make of displacement and force.
   [[nodiscard]] Prediction observed(const std::vector<double>& values, Prediction true_one) const;
+  /// What effects of the loading with these values add to the prescribed displacement of the ends [prescribed x frames]; empty without them.
+  [[nodiscard]] Eigen::MatrixXd driven_beyond(const Variant& with, const std::vector<double>& loading) const;
   struct Tangent;     // what a series is differentiated by
   /// The prediction without camera and load cell, and its derivatives. Without forces where the model could not follow.
   [[nodiscard]] std::pair<Prediction, std::vector<Prediction>> differentiate(const std::vector<double>& values, const std::vector<Tangent>& tangents);
-  /// How the prediction moves with the displacement that drives the ends [2n x frames]: by the derivatives of the simulation; by simulations.
+  /// How the prediction moves with the displacement that drives the ends [unknowns x frames]: by the derivatives of the simulation; by simulations.
   [[nodiscard]] std::vector<Prediction> responses(const std::vector<double>& values, const std::vector<Eigen::MatrixXd>& changes);
   [[nodiscard]] std::vector<Prediction> differences(const std::vector<double>& values, const std::vector<Eigen::MatrixXd>& changes);
   [[nodiscard]] std::vector<Prediction> predict(const std::vector<std::vector<double>>& sets, const std::vector<const Eigen::MatrixXd*>& drivings);
@@ -143,18 +163,30 @@ class FieldExperiment final : public Experiment {
   [[nodiscard]] Eigen::VectorXd whitened(const Eigen::MatrixXd& displacement, const Eigen::VectorXd& force) const;
   [[nodiscard]] std::span<const double> values_of(std::size_t effect, const std::vector<double>& values) const;
   void make_scene();
+  void make_candidates();
+  /// The scene that an effect is told of.
+  [[nodiscard]] const Scene& scene_of(std::size_t effect) const { return faces_[static_cast<std::size_t>(std::max(0, face_of_[effect]))].scene; }
+  /// What the cameras show in frame t beyond a displacement U of all faces [unknowns].
+  [[nodiscard]] Eigen::VectorXd seen_beyond(const std::vector<double>& values, Eigen::Index t, const Eigen::VectorXd& U) const;
+
+  struct Side {
+    Scene scene;
+    SurfaceModes modes;
+    Eigen::Index first = 0;         // unknown
+  };
 
   Communicator world_;
   FieldData measured_;
   DeclaredModel model_;
-  Scene scene_;
+  std::vector<Side> faces_;
+  Eigen::SparseMatrix<double> M_;   // of all faces
   std::vector<std::shared_ptr<const Effect>> effects_;
+  std::vector<int> face_of_;        // whose rig an effect is of; -1: the specimen's, seen by all
   std::vector<std::size_t> first_;  // parameter of each effect
   std::vector<Parameter> parameters_;
   std::vector<Candidate> candidates_;
   std::vector<Datum> data_;
-  Eigen::MatrixXd motion_;          // of the surface under the declared model [2n x frames]
-  SurfaceModes modes_;
+  Eigen::MatrixXd motion_;          // of the faces under the declared model [unknowns x frames]
   Eigen::MatrixXd over_time_;       // inverse of the Cholesky factor of 1 + 11^T/references [frames x frames]
   struct Groups;
   std::unique_ptr<Groups> groups_;

@@ -29,6 +29,7 @@ class JointExperiment final : public Experiment {
   [[nodiscard]] const std::vector<Datum>& data() const override { return data_; }
   [[nodiscard]] std::vector<int> frame_numbers() const override;  ///< from 0, tests one after another
   [[nodiscard]] std::string frame_name(int frame) const override;
+  [[nodiscard]] std::string channel_name(int channel) const override;
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) override;
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) override;
   [[nodiscard]] bool takes_simulations(int parameter) const override;
@@ -61,7 +62,7 @@ class JointExperiment final : public Experiment {
   std::vector<Candidate> candidates_;
   std::vector<std::vector<std::string>> names_;  // of each test's candidates among all
   std::vector<Datum> data_;
-  std::vector<int> first_frame_;
+  std::vector<int> first_frame_, first_channel_{0};
   std::vector<Eigen::Index> first_row_;  // and the number of rows
 };
 

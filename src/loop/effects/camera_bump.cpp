@@ -20,6 +20,9 @@ class CameraBump final : public Effect {
             .confused_with = "magnification drift",
             .separated_by = "a fixed mark in the field of view"};
   }
+  /// Of one camera: several, whose directions differ, see it as a motion in space.
+  [[nodiscard]] bool applies(const Scene& scene) const override { return scene.components == 2; }
+  [[nodiscard]] bool of_each_camera() const override { return true; }
   void see(Values values, const Scene& scene, int t, const Eigen::VectorXd& U, Eigen::VectorXd& error) const override {
     if (2 * t < scene.time.size()) return;
     for (Eigen::Index i = 0; i < U.size() / 2; ++i) {

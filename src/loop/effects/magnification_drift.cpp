@@ -17,10 +17,12 @@ class MagnificationDrift final : public Effect {
             .confused_with = "Poisson's ratio, lens distortion",
             .separated_by = "static frames at the end, a second camera, a telecentric lens"};
   }
+  [[nodiscard]] bool of_each_camera() const override { return true; }
   void see(Values values, const Scene& scene, int t, const Eigen::VectorXd& U, Eigen::VectorXd& error) const override {
-    for (Eigen::Index i = 0; i < U.size() / 2; ++i) {
-      const Eigen::Vector2d at = scene.surface->nodes.row(i).head<2>().transpose() + U.segment<2>(2 * i) - scene.axis_of_lens;
-      error.segment<2>(2 * i) += values[0] * scene.clock(t) * at;
+    const int c = scene.components;
+    for (Eigen::Index i = 0; i < U.size() / c; ++i) {
+      const Eigen::Vector2d at = scene.surface->nodes.row(i).head<2>().transpose() + U.segment<2>(c * i) - scene.axis_of_lens;
+      error.segment<2>(c * i) += values[0] * scene.clock(t) * at;
     }
   }
 };

@@ -18,6 +18,9 @@ class Parallax final : public Effect {
             .confused_with = "Hill's ratios, magnification drift, Poisson's ratio",
             .separated_by = "a telecentric lens or a second camera"};
   }
+  /// Of one camera: several, whose directions differ, see it as a motion in space.
+  [[nodiscard]] bool applies(const Scene& scene) const override { return scene.components == 2; }
+  [[nodiscard]] bool of_each_camera() const override { return true; }
   /// The surface sinks by half the change of thickness, lambda_3 = 1/det F of plastic flow (the elastic part of it is small).
   void see(Values values, const Scene& scene, int, const Eigen::VectorXd& U, Eigen::VectorXd& error) const override {
     const auto& mesh = *scene.surface;

@@ -1,0 +1,126 @@
+#!/usr/bin/python3
+"""`imic3d loop` with a telecentric camera on each face of an elastic bar: with nothing missing nothing is found; a load that is eccentric through the thickness,
+which one camera could not see, is named; a drift of the magnification of the rear camera is named with its camera. Images of imic3d virtual: longer bar, finer
+mesh, other elements, noise, 8 bits.
+
+Usage: loop_faces.py EXECUTABLE [--stereo]      --stereo: two pinhole cameras on the back
+"""
+import json
+import pathlib
+import sys
+import tempfile
+
+from runs import bar, end, require, run
+
+CAMERAS = {
+    "front": "{{name: mono, pixel_size: 0.08, place: {{origin: [65, 170]}}, size: [131, 341]{mono}}}",
+    "back": "{{name: rear, face: back, pixel_size: 0.075, place: {{origin: [68, 180]}}, size: [137, 361]{rear}}}",
+    "left": "{{name: left, model: pinhole, face: back, size: [150, 380], {left}}}",
+    "right": "{{name: right, model: pinhole, face: back, size: [150, 380], {right}}}",
+}
+LENSES = {"left": "view: {focal: 5600, from: [-85, 0, -395], at: [0, 0, -2], distortion: [0.05, 0, 0.001]}",
+          "right": "view: {focal: 5600, from: [85, 4, -395], at: [0, 0, -2], roll: 1}"}
+VIRTUAL = """
+title: Bar seen from both sides
+specimen: {{mesh: long.msh, thickness: 2, layers: 3, element: hex20, held: bottom, loaded: top}}
+cameras: [{cameras}]
+material: {{law: elastic, parameters: {{E: 200e3, nu: 0.3}}}}
+simulate: {{value: [0, 0.008, 0.016, 0.024, 0.032, 0.04, 0.028, 0.014, 0.026, 0.04]}}
+virtual: {{noise: 0.004, load_noise: 5, static_frames: 3, directory: {name}, declared_mesh: bar.msh, seed: {seed}}}
+effects: {effects}
+output: {name}
+"""
+LOOP = """
+title: Bar seen from both sides
+specimen: {{mesh: bar.msh, thickness: 2, layers: 2, mid_plane_symmetry: {half}, held: bottom, loaded: top{place}}}
+cameras: [{cameras}]
+loads: {{file: {name}/loads.csv, noise: 5}}
+material: {{law: elastic, parameters: {{E: 190e3, nu: 0.28}}}}
+identify: {{functional: displacement_driven, stages: [{{free: [E, nu]}}]}}
+loop: {{draws: 60, modes: 30, additions: 1, rivals: 2, starts: [1.0]}}
+effects: {effects}
+output: {output}
+"""
+E, NU = 200e3, 0.3
+
+
+def main():
+    program, stereo = sys.argv[1], "--stereo" in sys.argv
+    folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_loop_faces_"))
+    bar(folder / "long.msh", -16.0, 16.0, 40, columns=10)
+    bar(folder / "bar.msh", -11.0, 11.0, 18, columns=7)
+    seen = ["front", "left", "right"] if stereo else ["front", "back"]
+
+    def make(name, seed, effects="{}"):
+        cameras = ", ".join(CAMERAS[c].format(mono="", rear="", **{k: v for k, v in LENSES.items()}) for c in seen)
+        (folder / f"{name}_virtual.yaml").write_text(VIRTUAL.format(cameras=cameras, name=name, seed=seed, effects=effects))
+        run(program, "virtual", folder / f"{name}_virtual.yaml", 2)
+
+    def loop(name, cameras=seen, half="false", effects="{}", status=0, output=None):
+        place = ""
+        images = lambda c: f"images: '{name}/images_{c}/*.png', reference: 0-2"
+        text = {"mono": ", " + images("mono"), "rear": ", " + images("rear")}
+        for side in ("left", "right"):
+            text[side] = f"calibration: {name}/calibration_back.yaml, " + images(side)
+        if "left" in cameras:
+            points = json.loads((folder / name / "truth.json").read_text())["place_points"]["left"]
+            place = f", place: {{camera: left, points: {points}}}"
+        declared = ", ".join(CAMERAS[c].format(**text) for c in cameras)
+        case = folder / f"{name}_{output or 'loop'}.yaml"
+        case.write_text(LOOP.format(half=half, place=place, cameras=declared, name=name, effects=effects, output=f"{name}/{output or 'run'}"))
+        said = run(program, "loop", case, 2 if status == 0 else 1, status=status, errors=status != 0)
+        return said if status else json.loads((folder / name / (output or "run") / "result.json").read_text())
+
+    def size_of(result, candidate, quantity):
+        return next(t for t in result["rounds"][0]["trials"] if t["candidate"] == candidate)["parameters"][quantity]
+
+    def kappa(result, name):
+        return next((one["kappa"] for one in result["before"]["candidates"] if one["name"] == name), 0.0)
+
+    def within_null(result, what, factor=1.05):
+        chi = result["after"]["chi"]
+        require(chi["held_out"] < factor * chi["null_held_out"], f"{what}: held-out chi {result['before']['chi']['held_out']:.2f} -> {chi['held_out']:.2f}, null {chi['null_held_out']:.2f}")
+        for face, one in chi["cameras"].items():
+            require(one["left_out"] < factor * one["null"], f"{what}: the {face} from the other: chi {result['before']['chi']['cameras'][face]['left_out']:.2f} -> {one['left_out']:.2f}, null {one['null']:.2f}")
+
+    make("nothing", 1)
+    both = loop("nothing")
+    found = both["before"]["parameters"]
+    require(both["verdict"] == "nothing found", f"nothing is missing: {both['sentence']}")
+    for name, truth in (("E", E), ("nu", NU)):
+        off = (found[name]["value"] - truth) / found[name]["standard_deviation"]
+        require(abs(off) < 4, f"{name} {found[name]['value']:.5g} +- {found[name]['standard_deviation']:.2g}, true {truth:g}")
+    within_null(both, "nothing missing")
+    names = [one["name"] for one in both["before"]["candidates"]] + both["invisible"]
+    require("front magnification drift" in names and "back magnification drift" in names and "magnification drift" not in names, "a drift of each face's camera is a candidate")
+    require(("back parallax" in names) == (not stereo), "parallax is one of a single camera")
+    for face in ("front", "back"):
+        require((folder / f"nothing/run/residual_after_{face}.png").stat().st_size > 500 and (folder / f"nothing/run/remainder_{face}.png").stat().st_size > 500, f"pictures of the {face}")
+    alone = loop("nothing", ["front"], output="alone")
+    require(kappa(both, "misalignment") > max(0.3, 10 * kappa(alone, "misalignment")),
+            f"misalignment: kappa {kappa(both, 'misalignment'):.3f} with both faces, {kappa(alone, 'misalignment'):.3f} with one")
+
+    share = 0.05
+    make("bent", 2, f"{{misalignment: {{bending_share: {share}}}}}")
+    result = loop("bent")
+    require(result["verdict"] in ("attributed", "ambiguous") and "misalignment" in result["set"], f"{result['verdict']}: {result['set']}")
+    size, expected = size_of(result, "misalignment", "bending_share"), share / (1 - share)  # planted: of the elongation of the front
+    require(abs(size["value"] - expected) < 4 * size["standard_deviation"] + 0.05 * expected, f"bending share {size['value']:.4f} +- {size['standard_deviation']:.1g}, true {expected:.4f}")
+    within_null(result, "bent")
+
+    if not stereo:
+        drift = 5e-4
+        make("drift", 3, f"{{back_magnification_drift: {{magnification_drift: {drift}}}}}")
+        result = loop("drift")
+        require(result["verdict"] in ("attributed", "ambiguous") and "back magnification drift" in result["set"] and "front magnification drift" not in result["set"], f"{result['verdict']}: {result['set']}")
+        size = size_of(result, "back magnification drift", "back_magnification_drift")
+        require(abs(size["value"] - drift) < 4 * size["standard_deviation"] + 0.05 * drift, f"drift of the rear camera {size['value']:.3g} +- {size['standard_deviation']:.1g}, planted {drift:g}")
+        within_null(result, "drift")
+        said = loop("nothing", half="true", status=2, output="half")
+        require("specimen.mid_plane_symmetry" in said, f"mid-plane symmetry is refused: {said.strip()}")
+        said = loop("nothing", effects="{magnification_drift: {magnification_drift: 1e-4}}", status=2, output="which")
+        require("front_magnification_drift" in said, "a drift without its face is refused")
+    end()
+
+
+main()
