@@ -108,7 +108,7 @@ class Continued {
 }  // namespace
 
 Eigen::MatrixXd correlated_images(const Observation& seen, const io::Case& test, const Communicator& world, const imaging::TelecentricCamera& camera,
-                                  const mesh::Mesh& cut, const Eigen::MatrixXd& U) {
+                                  const mesh::Mesh& cut, const Eigen::MatrixXd& U, const ImageShown& shown) {
   constexpr double strip = 30.0, rim = 6.0;  // [px]
   const double scale = std::sqrt(std::abs(camera.linear.leftCols<2>().determinant()));
   const Continued whole(cut, test, strip / scale, rim / scale);
@@ -137,6 +137,7 @@ Eigen::MatrixXd correlated_images(const Observation& seen, const io::Case& test,
   for (Eigen::Index t = 0; t < U.cols(); ++t) {
     if (frames[static_cast<std::size_t>(t)].lost) throw ConvergenceError("the images of a synthetic test could not be correlated");
     measured.col(t) = frames[static_cast<std::size_t>(t)].displacement;
+    if (shown) shown(0, 0, static_cast<int>(t), source(static_cast<int>(t)), measured.col(t));
   }
   return measured;
 }

@@ -17,7 +17,7 @@ loop::Scene unit_scene() {
 
 std::map<std::string, std::vector<std::string>> effect_quantities() {
   std::map<std::string, std::vector<std::string>> quantities;
-  for (const auto& effect : loop::effects()) {
+  for (const auto& effect : loop::all_effects()) {
     const auto description = effect->describe(unit_scene());
     for (const auto& q : description.quantities) quantities[loop::key_of(description.name)].push_back(q.name);
   }
@@ -30,11 +30,13 @@ void refuse_effects(const io::Case& test, const std::string& command) {
                    "no section effects: imic3d virtual plants them, imic3d loop has them in its model");
 }
 
-std::vector<loop::DeclaredEffect> declared_effects(const io::Case& test) {
+std::vector<loop::DeclaredEffect> declared_effects(const io::Case& test, bool of_light) {
+  std::vector<std::string> lights;
+  for (const auto& effect : loop::light_effects()) lights.push_back(loop::key_of(effect->describe(unit_scene()).name));
   std::vector<loop::DeclaredEffect> all;
   for (const auto& [effect, quantities] : test.effects)
     for (const auto& [quantity, declared] : quantities)
-      all.push_back({effect, quantity, declared.value, declared.lower, declared.upper, declared.free});
+      if ((std::find(lights.begin(), lights.end(), effect) != lights.end()) == of_light) all.push_back({effect, quantity, declared.value, declared.lower, declared.upper, declared.free});
   return all;
 }
 
@@ -56,10 +58,11 @@ PlantedEffects::PlantedEffects(const io::Case& test) : test_(test) {
   scene_.time = Eigen::Map<const Eigen::VectorXd>(simulate.time.data() + 1, frames);
   scene_.start_time = simulate.time.front();
   scene_.force = Eigen::VectorXd::Ones(frames);
+  scene_.dynamic = test.virtual_test->depth == 16 ? 65535.0 : 255.0;
   // A bent end is a share of the elongation between the ends, whatever the distance between them.
   scene_.elongation = Eigen::Map<const Eigen::VectorXd>(simulate.value.data() + 1, frames);
 
-  for (const auto& effect : loop::effects()) {
+  for (const auto& effect : loop::all_effects()) {
     const auto description = effect->describe(scene_);
     const std::string key = loop::key_of(description.name);
     const auto its = test.effects.find(key);
@@ -160,6 +163,16 @@ Eigen::VectorXd PlantedEffects::seen_beyond(int frame, const Eigen::VectorXd& U)
   Eigen::VectorXd error = Eigen::VectorXd::Zero(U.size());
   for (const auto& one : planted_) one.effect->see(one.values, scene_, frame, U, error);
   return error;
+}
+
+bool PlantedEffects::lit() const {
+  return std::any_of(planted_.begin(), planted_.end(), [&](const auto& one) { return one.effect->describe(scene_).link == loop::Link::light; });
+}
+
+loop::Light PlantedEffects::light(int frame, const Eigen::Vector2d& point, const Eigen::Vector2d& now) const {
+  loop::Light light;
+  for (const auto& one : planted_) one.effect->light(one.values, scene_, frame, point, now, light);
+  return light;
 }
 
 Eigen::VectorXd PlantedEffects::recorded(Eigen::VectorXd force) const {

@@ -17,8 +17,8 @@ namespace imic3d::app {
 /// Throws InputError if the case declares effects, which `command` would have to ignore.
 void refuse_effects(const io::Case& test, const std::string& command);
 
-/// The declared effects as the loop's model takes them.
-[[nodiscard]] std::vector<loop::DeclaredEffect> declared_effects(const io::Case& test);
+/// The declared effects as the loop's models take them: those on the grey levels, or all others.
+[[nodiscard]] std::vector<loop::DeclaredEffect> declared_effects(const io::Case& test, bool of_light = false);
 
 /// The effects that a virtual test has. Frames are those after the reference, from 0.
 class PlantedEffects {
@@ -43,6 +43,10 @@ class PlantedEffects {
   [[nodiscard]] std::string seen() const;
   /// What the camera shows of the front face beyond its displacement U in a frame [2n, length].
   [[nodiscard]] Eigen::VectorXd seen_beyond(int frame, const Eigen::VectorXd& U) const;
+  /// Whether there is an effect on the grey levels.
+  [[nodiscard]] bool lit() const;
+  /// What becomes of the grey levels of a point of the front face that is at `point` in the reference and at `now` in a frame (-1: the reference).
+  [[nodiscard]] loop::Light light(int frame, const Eigen::Vector2d& point, const Eigen::Vector2d& now) const;
   /// The force as it is recorded [frames, force], and in the frames before loading, where it is `still`.
   [[nodiscard]] Eigen::VectorXd recorded(Eigen::VectorXd force) const;
   [[nodiscard]] double recorded_still(double still) const;
