@@ -74,6 +74,23 @@ nlohmann::json map_of(const loop::LightExperiment& experiment, const loop::Repor
 
 }  // namespace
 
+void check_light_effects(const io::Case& test, const mesh::Mesh& surface) {
+  const auto declared = declared_effects(test, true);
+  if (declared.empty()) return;
+  if (test.cameras.empty()) throw InputError("effects." + declared.front().effect, "declared for a test without images", "cameras, whose grey levels it acts on");
+  loop::Scene scene;
+  scene.surface = &surface;
+  loop::measure(scene, surface);
+  scene.dynamic = imaging::read_header(test.cameras.front().images.front()).depth == 16 ? 65535.0 : 255.0;
+  for (const auto& effect : loop::light_effects()) {
+    const auto description = effect->describe(scene);
+    for (const auto& q : description.quantities)
+      for (const auto& one : declared)
+        if (one.effect == loop::key_of(description.name) && one.quantity == q.name && one.value && (*one.value < q.lower || *one.value > q.upper))
+          throw InputError("effects." + one.effect + "." + q.name, fmt::format("{:.6g}", *one.value), fmt::format("a number from {:.6g} to {:.6g} [{}]", q.lower, q.upper, unit_in(q.unit, test.units)));
+  }
+}
+
 LightFindings look_at_light(const Observation& seen, const io::Case& test, int frames, const std::function<void(const ImageShown&)>& synthetic, const loop::LoopOptions& options,
                             const std::function<void(const std::string&)>& say) {
   std::vector<loop::LightCamera> cameras;

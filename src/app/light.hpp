@@ -12,6 +12,9 @@
 
 namespace imic3d::app {
 
+/// Throws InputError: an effect on the grey levels that is declared beyond its bounds, or for a test without images.
+void check_light_effects(const io::Case& test, const mesh::Mesh& surface);
+
 struct LightFindings {
   loop::Verdict verdict = loop::Verdict::nothing_found;
   std::string sentence;

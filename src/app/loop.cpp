@@ -148,6 +148,7 @@ void loop(const Communicator& world, const CommandOptions& options) {
     throw InputError("cameras", fmt::format("{} cameras, the first is {}", test.cameras.size(), test.cameras.front().model), "one telecentric camera for imic3d loop");
   const Material material = make_material(test);
   const identification::Specimen specimen = make_specimen(test);
+  check_light_effects(test, specimen.faces.front().surface.mesh);
   std::optional<Observation> seen;
   if (!test.fields) seen = observe(test, specimen);
   const auto folder = output_folder(test, options, world);
