@@ -11,7 +11,7 @@ void effects(const Communicator& world, const CommandOptions& options) {
   const io::Units units =
       options.case_file.empty() ? io::Units{.length = "length", .force = "force", .time = "time"} : read_case(options, {}, false).units;
   if (!world.is_root()) return;
-  for (const auto& effect : loop::effects()) {
+  for (const auto& effect : loop::all_effects()) {
     const auto description = effect->describe(unit_scene());
     fmt::print("{} ({}): {}\n", loop::key_of(description.name), name(description.link), description.sentence);
     for (const auto& q : description.quantities)

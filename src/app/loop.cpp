@@ -20,6 +20,7 @@
 #include "imic3d/loop/field_experiment.hpp"
 #include "imic3d/loop/joint_experiment.hpp"
 #include "fields.hpp"
+#include "light.hpp"
 #include "loop_report.hpp"
 #include "loop_test.hpp"
 #include "rig.hpp"
@@ -102,47 +103,97 @@ loop::DeclaredModel declared_model(const io::Case& test, const Material& materia
   return model;
 }
 
+/// Shows images of the declared model's motion on a finer mesh, correlated.
+void show_synthetic(const Communicator& world, Observation& seen, const io::Case& test, const identification::Specimen& specimen, const Material& material, const ImageShown& shown) {
+  loop::FieldData data = field_data(world, seen, test, specimen);
+  data.correlate = [&](const identification::Specimen& made, const Eigen::MatrixXd& U) { return correlated_images(seen, test, world, made, U, shown); };
+  loop::FieldExperiment experiment(world, std::move(data), declared_model(test, material), {.modes = 2});
+  std::vector<double> values;
+  for (const auto& p : experiment.parameters()) values.push_back(p.value);
+  experiment.learn_bias(values);
+}
+
+/// Looks at the light; where it changes and the correlation has left it alone, the images are correlated again with gain and offset of each frame, or of each
+/// element, fitted. For result.json.
+nlohmann::json settle_light(const Communicator& world, std::optional<Observation>& seen, io::Case& test, const identification::Specimen& specimen, const Material& material,
+                            const loop::LoopOptions& options, const std::function<void(const std::string&)>& say) {
+  const auto look = [&] {
+    identification::Record record;
+    for (int place : seen->places) record.frames.push_back(test.frames[static_cast<std::size_t>(place)]);
+    return look_at_light(*seen, test, 1 + last_frame(test, record), [&](const ImageShown& shown) { show_synthetic(world, *seen, test, specimen, material, shown); }, options,
+                         [&](const std::string& line) { say("light: " + line); });
+  };
+  auto found = look();
+  if (!found.gain_or_offset && !found.gradient) return std::move(found.json);
+  bool& option = found.gradient ? test.dic.local_brightness : test.dic.brightness;
+  option = true;
+  const std::string name = found.gradient ? "dic.local_brightness" : "dic.brightness";
+  say(fmt::format("light: {}; the images are correlated again with {}", found.sentence, name));
+  seen.reset();
+  seen = observe(test, specimen);
+  correlate(*seen, test, world);
+  const auto after = look();
+  const double worst_before = found.rms, now = after.rms;
+  say(fmt::format("light: grey levels left {:.3f} -> {:.3f}; {}", worst_before, now, after.sentence));
+  found.json["corrected"] = {{"option", name}, {"rms_before", worst_before}, {"rms_after", now}, {"unit", "grey level"}, {"after", after.json}};
+  found.json["sentence"] = fmt::format("{} The images were correlated again with {}: grey levels left {:.2f} -> {:.2f}. {}", found.sentence, name, worst_before, now, after.sentence);
+  return std::move(found.json);
+}
+
+loop::LoopOptions how(const io::Case& test, std::vector<int> held_out) {
+  return {.draws = test.loop.draws, .additions = test.loop.additions, .rivals = test.loop.rivals, .starts = test.loop.starts, .held_out = std::move(held_out)};
+}
+
 class FieldTest final : public LoopTest {
  public:
-  FieldTest(const Communicator& world, const io::Case& test) : world_(world), test_(test), material_(make_material(test)), specimen_(make_specimen(test)) {
+  FieldTest(const Communicator& world, const io::Case& test, const std::function<void(const std::string&)>& say) : world_(world), test_(test), material_(make_material(test_)), specimen_(make_specimen(test_)) {
     if (specimen_.faces.size() > 1 && specimen_.section_factor != 1.0)
       throw InputError("specimen.mid_plane_symmetry", "true with cameras on both faces", "false for imic3d loop, which looks for what makes the faces differ");
-    if (!test.fields) seen_ = observe(test, specimen_);
-    spdlog::info("{}: {} frames, {} surface nodes", test.title, seen_ ? seen_->places.size() : test.frames.size(), specimen_.surface.mesh.nodes.rows());
-    if (seen_) correlate(*seen_, test, world);
-    experiment_ = std::make_unique<loop::FieldExperiment>(world, seen_ ? field_data(world, *seen_, test, specimen_) : imported_fields(test, specimen_), declared_model(test, material_), loop::FieldOptions{.modes = test.loop.modes});
+    check_light_effects(test_, specimen_.faces.front().surface.mesh);
+    if (!test_.fields) seen_ = observe(test_, specimen_);
+    spdlog::info("{}: {} frames, {} surface nodes", test_.title, seen_ ? seen_->places.size() : test_.frames.size(), specimen_.surface.mesh.nodes.rows());
+    if (seen_) {
+      correlate(*seen_, test_, world);
+      std::vector<int> frames;
+      for (int place : seen_->places) frames.push_back(test_.frames[static_cast<std::size_t>(place)]);
+      auto of_light = how(test_, places_held_out(frames));
+      of_light.starts = {1.0};
+      light_ = settle_light(world, seen_, test_, specimen_, material_, of_light, say);
+    }
+    experiment_ = std::make_unique<loop::FieldExperiment>(world, seen_ ? field_data(world, *seen_, test_, specimen_) : imported_fields(test_, specimen_), declared_model(test_, material_), loop::FieldOptions{.modes = test_.loop.modes});
     if (seen_)
-      spdlog::info("noise: {:.3f} grey levels{}", seen_->noise, std::isfinite(experiment_->measured().force_noise) ? fmt::format(", {:.4g} {} of the force", experiment_->measured().force_noise, test.units.force) : "");
+      spdlog::info("noise: {:.3f} grey levels{}", seen_->noise, std::isfinite(experiment_->measured().force_noise) ? fmt::format(", {:.4g} {} of the force", experiment_->measured().force_noise, test_.units.force) : "");
   }
   loop::Experiment& experiment() override { return *experiment_; }
-  std::vector<int> held_out() const override {
-    std::vector<int> held;
-    for (std::size_t t = 0; t < experiment_->measured().frames.size(); ++t)
-      if (std::binary_search(test_.identify.held_out.begin(), test_.identify.held_out.end(), experiment_->measured().frames[t])) held.push_back(static_cast<int>(t));
-    return held;
-  }
+  std::vector<int> held_out() const override { return places_held_out(experiment_->measured().frames); }
   int simulations() const override { return experiment_->simulations(); }
   void write(const std::filesystem::path& folder, const loop::Report& report, double seconds) override {
     const LoopFields fields = loop_fields(*experiment_, report);  // collective
     collectively(world_, [&] {
-      if (world_.is_root()) write_loop_report(folder, test_, *experiment_, report, fields, seconds);
+      if (world_.is_root()) write_loop_report(folder, test_, *experiment_, report, fields, light_, seconds);
     });
   }
 
  private:
+  [[nodiscard]] std::vector<int> places_held_out(const std::vector<int>& frames) const {
+    std::vector<int> held;
+    for (std::size_t t = 0; t < frames.size(); ++t)
+      if (std::binary_search(test_.identify.held_out.begin(), test_.identify.held_out.end(), frames[t])) held.push_back(static_cast<int>(t));
+    return held;
+  }
+
   const Communicator& world_;
-  const io::Case& test_;
+  io::Case test_;  // with what the light asks of the correlation
+  nlohmann::json light_;
   Material material_;
   identification::Specimen specimen_;
   std::optional<Observation> seen_;
   std::unique_ptr<loop::FieldExperiment> experiment_;
 };
 
-loop::LoopOptions how(const io::Case& test, std::vector<int> held_out) {
-  return {.draws = test.loop.draws, .additions = test.loop.additions, .rivals = test.loop.rivals, .starts = test.loop.starts, .held_out = std::move(held_out)};
-}
+using Say = std::function<void(const std::string&)>;
 
-std::unique_ptr<LoopTest> make_test(const Communicator& world, const io::Case& test) { return test.experiments.empty() ? make_field_test(world, test) : make_curve_test(world, test); }
+std::unique_ptr<LoopTest> make_test(const Communicator& world, const io::Case& test, const Say& say) { return test.experiments.empty() ? make_field_test(world, test, say) : make_curve_test(world, test); }
 
 /// What would else be said after the tests before have been correlated.
 void check_law_and_cameras(const io::Case& test) {
@@ -177,19 +228,19 @@ std::vector<io::Case> cases_of_tests(const io::Case& all, const CommandOptions& 
 }
 
 /// Several tests at once: the report of all, and in a folder of each test what it shows of that.
-void loop_on_tests(const Communicator& world, const CommandOptions& options, const io::Case& all, const std::function<double()>& seconds) {
+void loop_on_tests(const Communicator& world, const CommandOptions& options, const io::Case& all, const std::function<double()>& seconds, const Say& say) {
   const std::vector<io::Case> cases = cases_of_tests(all, options);
   const auto folder = output_folder(all, options, world);
   std::vector<std::unique_ptr<LoopTest>> tests;
   std::vector<loop::JointExperiment::Test> joined;
   for (std::size_t k = 0; k < cases.size(); ++k) {
-    tests.push_back(make_test(world, cases[k]));
+    tests.push_back(make_test(world, cases[k], say));
     auto held = tests.back()->held_out();
     if (held.empty() && cases[k].experiments.empty()) held = loop::held_out_blocks(static_cast<int>(tests.back()->experiment().frame_numbers().size()));
     joined.push_back({all.tests[k].name, &tests.back()->experiment(), std::move(held)});
   }
   loop::JointExperiment experiment(std::move(joined));
-  const auto report = loop::close_loop(experiment, how(all, experiment.held_out()), [&](const std::string& line) { spdlog::info("{:6.0f} s  {}", seconds(), line); });
+  const auto report = loop::close_loop(experiment, how(all, experiment.held_out()), say);
   for (std::size_t k = 0; k < tests.size(); ++k) {
     const auto own = folder / all.tests[k].name;
     collectively(world, [&] {
@@ -213,20 +264,21 @@ void loop_on_tests(const Communicator& world, const CommandOptions& options, con
 
 }  // namespace
 
-std::unique_ptr<LoopTest> make_field_test(const Communicator& world, const io::Case& test) { return std::make_unique<FieldTest>(world, test); }
+std::unique_ptr<LoopTest> make_field_test(const Communicator& world, const io::Case& test, const std::function<void(const std::string&)>& say) { return std::make_unique<FieldTest>(world, test, say); }
 
 void loop(const Communicator& world, const CommandOptions& options) {
   const auto start = std::chrono::steady_clock::now();
   const auto seconds = [&] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(); };
   const io::Case test = read_case(options, {"cameras", "material", "identify"}, true, true, true);
+  const Say say = [&](const std::string& line) { spdlog::info("{:6.0f} s  {}", seconds(), line); };
   if (!test.tests.empty()) {
-    loop_on_tests(world, options, test, seconds);
+    loop_on_tests(world, options, test, seconds, say);
     return;
   }
   check_law_and_cameras(test);
   const auto folder = output_folder(test, options, world);
-  const auto one = make_test(world, test);
-  const auto report = loop::close_loop(one->experiment(), how(test, one->held_out()), [&](const std::string& line) { spdlog::info("{:6.0f} s  {}", seconds(), line); });
+  const auto one = make_test(world, test, say);
+  const auto report = loop::close_loop(one->experiment(), how(test, one->held_out()), say);
   one->write(folder, report, seconds());
 }
 

@@ -172,11 +172,13 @@ void write_loop_fields(const std::filesystem::path& file, const loop::FieldExper
 }  // namespace
 
 void write_loop_report(const std::filesystem::path& folder, const io::Case& test, const loop::FieldExperiment& experiment, const loop::Report& report,
-                       const LoopFields& fields, double seconds) {
+                       const LoopFields& fields, const nlohmann::json& light, double seconds) {
   nlohmann::json json = loop_summary(experiment, report);
   json["title"] = test.title;
   json["time"] = io::quantity(seconds, "s");
   json["simulations"] = experiment.simulations();
+  if (!light.is_null()) json["light"] = light;
+  if (!light.is_null() && light["verdict"] != "nothing found") json["sentence"] = fmt::format("{} The light: {}", report.sentence, light["sentence"].get<std::string>());
   if (std::isfinite(experiment.measured().force_noise)) json["force_residual"] = {{"before", numbers(fields.force_before)}, {"after", numbers(fields.force_after)}, {"unit", test.units.force}};
   if (report.remainder.time.size() > 0) json["remainder"]["goes_with"] = companions(experiment.scene(), report.remainder.time);
   const Eigen::MatrixXd& map = report.remainder.map;
@@ -236,6 +238,7 @@ void write_loop_report(const std::filesystem::path& folder, const io::Case& test
   }
   io::write_loop_page(folder / "report.html", json, pictures);
   fmt::print("\n{}\n  {}: {}\n", test.title, name(report.verdict), report.sentence);
+  if (!light.is_null()) fmt::print("  light: {}: {}\n", light["verdict"].get<std::string>(), light["sentence"].get<std::string>());
   fmt::print("  {:.0f} s, {} simulations; {}\n", seconds, experiment.simulations(), (folder / "report.html").string());
 }
 

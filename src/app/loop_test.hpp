@@ -1,6 +1,7 @@
 #pragma once
 // A test that imic3d loop works on, whatever was measured.
 
+#include <functional>
 #include <memory>
 
 #include "imic3d/core/parallel.hpp"
@@ -21,9 +22,9 @@ class LoopTest {
   virtual void write(const std::filesystem::path& folder, const loop::Report& report, double seconds) = 0;
 };
 
-/// Images, correlated, or displacement fields. `world` and `test` outlive it. Collective.
-[[nodiscard]] std::unique_ptr<LoopTest> make_field_test(const Communicator& world, const io::Case& test);
-/// Stress-strain curves of bars. The same.
+/// Images, correlated, whose light has been looked at, or displacement fields. `world` outlives it. Collective.
+[[nodiscard]] std::unique_ptr<LoopTest> make_field_test(const Communicator& world, const io::Case& test, const std::function<void(const std::string&)>& say);
+/// Stress-strain curves of bars. `world` and `test` outlive it.
 [[nodiscard]] std::unique_ptr<LoopTest> make_curve_test(const Communicator& world, const io::Case& test);
 
 }  // namespace imic3d::app

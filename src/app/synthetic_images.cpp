@@ -145,7 +145,8 @@ class Photographer {
 
 }  // namespace
 
-Eigen::MatrixXd correlated_images(const Observation& seen, const io::Case& test, const Communicator& world, const identification::Specimen& specimen, const Eigen::MatrixXd& U) {
+Eigen::MatrixXd correlated_images(const Observation& seen, const io::Case& test, const Communicator& world, const identification::Specimen& specimen, const Eigen::MatrixXd& U,
+                                  const ImageShown& shown) {
   Eigen::MatrixXd measured(0, U.cols());
   for (std::size_t k = 0; k < seen.faces.size(); ++k) {
     const auto& face = seen.faces[k];
@@ -154,12 +155,14 @@ Eigen::MatrixXd correlated_images(const Observation& seen, const io::Case& test,
     mesh::Mesh cut = made.surface.mesh;
     if (face.rig->placed) cut.nodes.col(2) = identification::interpolation(face.rig->surface, cut.nodes.leftCols<2>()) * face.rig->surface.nodes.col(2);  // its measured shape
     for (const auto& view : face.rig->views) cameras.emplace_back(view, cut, test);
-    const auto frames = face.dic->run(world, static_cast<int>(U.cols()), [&](int t, int camera) { return cameras[static_cast<std::size_t>(camera)](U.col(t).segment(made.first_unknown, made.unknowns())); });
+    const auto photograph = [&](Eigen::Index t, int camera) { return cameras[static_cast<std::size_t>(camera)](U.col(t).segment(made.first_unknown, made.unknowns())); };
+    const auto frames = face.dic->run(world, static_cast<int>(U.cols()), photograph);
     const auto before = measured.rows(), own = frames.front().displacement.size();
     measured.conservativeResize(before + own, U.cols());
     for (Eigen::Index t = 0; t < U.cols(); ++t) {
       if (frames[static_cast<std::size_t>(t)].lost) throw ConvergenceError("the images of a synthetic test could not be correlated");
       measured.col(t).tail(own) = frames[static_cast<std::size_t>(t)].displacement;
+      for (std::size_t c = 0; shown && c < cameras.size(); ++c) shown(k, static_cast<int>(c), static_cast<int>(t), photograph(t, static_cast<int>(c)), frames[static_cast<std::size_t>(t)].displacement);
     }
   }
   return measured;

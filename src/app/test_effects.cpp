@@ -17,7 +17,7 @@ loop::Scene unit_scene() {
 
 std::map<std::string, std::vector<std::string>> effect_quantities() {
   std::map<std::string, std::vector<std::string>> quantities;
-  for (const auto& effect : loop::effects()) {
+  for (const auto& effect : loop::all_effects()) {
     const auto description = effect->describe(unit_scene());
     for (const auto& q : description.quantities) {
       quantities[loop::key_of(description.name)].push_back(q.name);
@@ -34,11 +34,13 @@ void refuse_effects(const io::Case& test, const std::string& command) {
                    "no section effects: imic3d virtual plants them, imic3d loop has them in its model");
 }
 
-std::vector<loop::DeclaredEffect> declared_effects(const io::Case& test) {
+std::vector<loop::DeclaredEffect> declared_effects(const io::Case& test, bool of_light) {
+  std::vector<std::string> lights;
+  for (const auto& effect : loop::light_effects()) lights.push_back(loop::key_of(effect->describe(unit_scene()).name));
   std::vector<loop::DeclaredEffect> all;
   for (const auto& [effect, quantities] : test.effects)
     for (const auto& [quantity, declared] : quantities)
-      all.push_back({effect, quantity, declared.value, declared.lower, declared.upper, declared.free});
+      if ((std::find(lights.begin(), lights.end(), effect) != lights.end()) == of_light) all.push_back({effect, quantity, declared.value, declared.lower, declared.upper, declared.free});
   return all;
 }
 
@@ -60,11 +62,12 @@ PlantedEffects::PlantedEffects(const io::Case& test) : test_(test) {
   scene_.time = Eigen::Map<const Eigen::VectorXd>(simulate.time.data() + 1, frames);
   scene_.start_time = simulate.time.front();
   scene_.force = Eigen::VectorXd::Ones(frames);
+  scene_.dynamic = test.virtual_test->depth == 16 ? 65535.0 : 255.0;
   // A bent end is a share of the elongation between the ends, whatever the distance between them.
   scene_.elongation = Eigen::Map<const Eigen::VectorXd>(simulate.value.data() + 1, frames);
 
   const bool both = std::any_of(test.cameras.begin(), test.cameras.end(), [&](const auto& camera) { return camera.face != test.cameras.front().face; });
-  for (const auto& effect : loop::effects()) {
+  for (const auto& effect : loop::all_effects()) {
     if (!effect->of_each_camera() || !both)
       plant(effect, "");
     else
@@ -183,6 +186,16 @@ Eigen::MatrixXd PlantedEffects::seen_beyond(const std::string& face, const mesh:
     beyond.col(t) = error;
   }
   return beyond;
+}
+
+bool PlantedEffects::lit() const {
+  return std::any_of(planted_.begin(), planted_.end(), [&](const auto& one) { return one.effect->describe(scene_).link == loop::Link::light; });
+}
+
+loop::Light PlantedEffects::light(int frame, const Eigen::Vector2d& point, const Eigen::Vector2d& now) const {
+  loop::Light light;
+  for (const auto& one : planted_) one.effect->light(one.values, scene_, frame, point, now, light);
+  return light;
 }
 
 Eigen::VectorXd PlantedEffects::recorded(Eigen::VectorXd force) const {

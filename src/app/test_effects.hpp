@@ -17,8 +17,8 @@ namespace imic3d::app {
 /// Throws InputError if the case declares effects, which `command` would have to ignore.
 void refuse_effects(const io::Case& test, const std::string& command);
 
-/// The declared effects as the loop's model takes them.
-[[nodiscard]] std::vector<loop::DeclaredEffect> declared_effects(const io::Case& test);
+/// The declared effects as the loop's models take them: those on the grey levels, or all others.
+[[nodiscard]] std::vector<loop::DeclaredEffect> declared_effects(const io::Case& test, bool of_light = false);
 
 /// The effects that a virtual test has. Frames are those after the reference, from 0.
 class PlantedEffects {
@@ -42,6 +42,10 @@ class PlantedEffects {
   /// What a telecentric camera shows of its face [quad4] beyond the displacement in the plane [2n x frames, length].
   [[nodiscard]] Eigen::MatrixXd seen_beyond(const std::string& face, const mesh::Mesh& mesh, const Eigen::MatrixXd& displacement, const Eigen::Matrix2d& pixels,
                                             const Eigen::Vector2d& axis_of_lens) const;
+  /// Whether there is an effect on the grey levels.
+  [[nodiscard]] bool lit() const;
+  /// What becomes of the grey levels of a point of the front face that is at `point` in the reference and at `now` in a frame (-1: the reference).
+  [[nodiscard]] loop::Light light(int frame, const Eigen::Vector2d& point, const Eigen::Vector2d& now) const;
   /// The force as it is recorded [frames, force], and in the frames before loading, where it is `still`.
   [[nodiscard]] Eigen::VectorXd recorded(Eigen::VectorXd force) const;
   [[nodiscard]] double recorded_still(double still) const;

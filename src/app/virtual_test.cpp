@@ -17,6 +17,7 @@
 #include "imic3d/imaging/synthesis.hpp"
 #include "calibration_error.hpp"
 #include "test_effects.hpp"
+#include "virtual_light.hpp"
 
 namespace imic3d::app {
 
@@ -223,6 +224,17 @@ void virtual_test(const Communicator& world, const CommandOptions& options) {
   output.finish();
   see_effects(planted, cameras, displacement, force);
 
+  std::vector<VirtualLight> lights;
+  for (const auto& camera : cameras) {
+    if (!planted.lit()) break;
+    const mesh::Mesh& surface = camera.face->surface.mesh;
+    const imaging::InverseMapping mapping(*camera.camera, camera.texture_points, Points(surface.nodes), surface.cells);
+    const double dynamic = declared.depth == 16 ? 65535.0 : 255.0;
+    const auto other = std::make_shared<imaging::Speckle>(Eigen::Vector2d(0.0, 0.0), Eigen::Vector2d(camera.image.width, camera.image.height),
+                                                          imaging::SpeckleOptions{.diameter = declared.speckle_size, .paint = 0.75 * dynamic, .disk = 0.2 * dynamic, .seed = camera.image.seed + 77});
+    lights.emplace_back(planted, camera.camera, surface, imaging::render(mapping, *camera.texture, *camera.background, camera.image), other);
+  }
+
   // Rank 0 writes; the images of the frames are shared out over the ranks.
   Gaussian load_noise(declared.seed + 77);
   std::string loads = fmt::format("frame,time_{},force_{}\n", test.units.time, test.units.force);
@@ -235,7 +247,10 @@ void virtual_test(const Communicator& world, const CommandOptions& options) {
       const mesh::Mesh& surface = camera.face->surface.mesh;
       const Points moved = surface.nodes + Eigen::Map<const Points>(camera.displacement.col(frame).data(), surface.nodes.rows(), 3);
       const imaging::InverseMapping mapping(*camera.camera, camera.texture_points, moved, surface.cells);
-      imaging::write_image(imaging::record(imaging::render(mapping, *camera.texture, *camera.background, camera.image), images, camera.image),
+      imaging::Image clean = imaging::render(mapping, *camera.texture, *camera.background, camera.image);
+      imaging::SynthesisOptions with_noise = camera.image;
+      if (!lights.empty()) with_noise.noise *= lights[static_cast<std::size_t>(&camera - cameras.data())](static_cast<int>(frame) - 1, moved, clean);
+      imaging::write_image(imaging::record(clean, images, with_noise),
                            camera.folder / fmt::format("frame_{:03}.png", images));
     }
     ++images;

@@ -84,6 +84,30 @@ std::string curves(const json& summary) {
   return out + "</div>\n";
 }
 
+/// The light: what the correlation leaves of the grey levels, and what was done about it.
+std::string light(const json& summary) {
+  std::string out = fmt::format("<h2>Light</h2>\n<p>{}: {}</p>\n", escaped(summary["verdict"].get<std::string>()), escaped(summary["sentence"].get<std::string>()));
+  out += fmt::format("<p class=\"note\">χ {} before, {} after what was added (noise alone up to {}); held-out frames {}, {} ({}).</p>\n", shown(summary["before"]["chi"]["fitted"], 3), shown(summary["after"]["chi"]["fitted"], 3),
+                     shown(summary["after"]["chi"]["null_fitted"], 3), shown(summary["before"]["chi"]["held_out"], 3), shown(summary["after"]["chi"]["held_out"], 3), shown(summary["after"]["chi"]["null_held_out"], 3));
+  if (const auto& map = summary["map"]; map.contains("place"))
+    out += fmt::format("<p>What remains is largest about ({}, {}) in frame {}, camera {}: {} times the noise, where one null test of a hundred exceeds {} somewhere; {:.1f} % of places and frames are beyond that.</p>\n",
+                       shown(map["place"][0], 3), shown(map["place"][1], 3), map["frame"].get<int>(), escaped(map["camera"].get<std::string>()), shown(map["largest"], 3), shown(map["limit"], 3),
+                       100.0 * map["share_beyond_limit"].get<double>());
+  const auto frames = numbers(summary["frames"]);
+  out += "<div class=\"plots\">\n";
+  out += svg({.title = "Light: error of each frame", .x_label = "frame", .y_label = "χ",
+              .curves = {{"before", frames, numbers(summary["before"]["chi"]["frames"]), "#b2182b", true, true},
+                         {"after", frames, numbers(summary["after"]["chi"]["frames"]), "#1f5fa8", true, true},
+                         {"noise alone, 95 %", frames, numbers(summary["after"]["chi"]["null_frames"]), "#888888", true, false}}});
+  for (const auto& [name, camera] : summary["cameras"].items()) {
+    std::vector<Curve> curves = {{"as correlated", frames, numbers(camera["rms"]), "#b2182b", true, true}};
+    if (summary.contains("corrected")) curves.push_back({"with the light fitted", frames, numbers(summary["corrected"]["after"]["cameras"][name]["rms"]), "#1f5fa8", true, true});
+    out += svg({.title = "Grey levels left, " + name, .x_label = "frame", .y_label = "rms [grey level]", .curves = curves});
+  }
+  out += "</div>\n" + candidates(summary["before"]);
+  return out;
+}
+
 }  // namespace
 
 void write_loop_page(const std::filesystem::path& page, const json& summary, const std::vector<ReportPicture>& pictures) {
@@ -151,6 +175,7 @@ void write_loop_page(const std::filesystem::path& page, const json& summary, con
   out += fmt::format("<h2>What this test cannot see</h2>\n<p>{}</p>\n", escaped(joined(summary["invisible"])));
   out += "<p class=\"note\">These may be there, of any size; the column of the smallest size found says what each would have to be to be noticed.</p>\n";
 
+  if (summary.contains("light")) out += light(summary["light"]);
   if (summary.contains("curves")) out += curves(summary);
   if (!pictures.empty()) out += "<h2>Pictures</h2>\n<div class=\"pictures\">\n";
   for (const auto& picture : pictures) {

@@ -598,6 +598,7 @@ class Loop {
       const auto place = std::find(model.fit.free.begin(), model.fit.free.end(), j) - model.fit.free.begin();
       if (place >= static_cast<std::ptrdiff_t>(model.fit.free.size())) continue;
       const auto& info = experiment_.parameters()[static_cast<std::size_t>(j)].info;
+      if (candidate(k).parameters.size() > 6 && std::abs(model.fit.values[static_cast<std::size_t>(j)] - info.null_value.value_or(0.0)) < 3.0 * std::sqrt(model.covariance(place, place))) continue;  // of many, those that are there
       text += fmt::format("{}{} = {:.4g} +- {:.2g}{}", text.empty() ? "" : ", ", info.name, model.fit.values[static_cast<std::size_t>(j)], std::sqrt(model.covariance(place, place)),
                           info.unit == "-" ? "" : " " + info.unit);
     }

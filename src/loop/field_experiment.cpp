@@ -14,6 +14,7 @@
 
 #include "imic3d/core/error.hpp"
 #include "imic3d/loop/law_effects.hpp"
+#include "declared.hpp"
 #include "field_series.hpp"
 
 namespace imic3d::loop {
@@ -52,18 +53,6 @@ Eigen::MatrixXd rigid_motions(const FieldFace& face) {
     if (c == 3) R(c * i + 2, 4) = X[1], R(c * i + 1, 4) = -X[2], R(c * i + 2, 5) = -X[0], R(c * i, 5) = X[2];
   }
   return R;
-}
-
-/// Gives an effect's parameter what the model declares of it; whether it declares anything.
-bool declare(Parameter& parameter, const std::string& key, const std::vector<DeclaredEffect>& declared) {
-  const auto its = std::find_if(declared.begin(), declared.end(), [&](const auto& one) { return one.effect == key && one.quantity == parameter.info.name; });
-  if (its == declared.end()) return false;
-  auto& info = parameter.info;
-  info.lower = std::max(info.lower, its->lower.value_or(info.lower)), info.upper = std::min(info.upper, its->upper.value_or(info.upper));
-  parameter.value = its->value.value_or(*info.null_value), parameter.free = its->free;
-  if (parameter.value < info.lower || parameter.value > info.upper)
-    throw InputError("effects." + its->effect + "." + its->quantity, fmt::format("{:.6g}", parameter.value), fmt::format("a number from {:.6g} to {:.6g} [{}]", info.lower, info.upper, info.unit));
-  return true;
 }
 
 }  // namespace

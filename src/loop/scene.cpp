@@ -39,6 +39,22 @@ void measure(Scene& scene, const mesh::Mesh& surface) {
   scene.has_hole = find_hole(surface, scene.hole, scene.radius);
 }
 
+Places::Places(const Scene& scene) : low(scene.low) {
+  double best = INFINITY;
+  for (const int n : {1, 2, 3, 4, 6, 12}) {
+    const double off = std::abs(std::log((scene.span(0) / n) / (scene.span(1) * n / 12.0)));
+    if (off < best) best = off, columns = n, rows = 12 / n;
+  }
+  size = {scene.span(0) / columns, scene.span(1) / rows};
+}
+
+int Places::of(const Eigen::Vector2d& point) const {
+  const Eigen::Vector2d at = (point - low).cwiseQuotient(size);
+  return std::clamp(static_cast<int>(std::floor(at[0])), 0, columns - 1) + columns * std::clamp(static_cast<int>(std::floor(at[1])), 0, rows - 1);
+}
+
+Eigen::Vector2d Places::middle(int place) const { return low + size.cwiseProduct(Eigen::Vector2d(place % columns + 0.5, place / columns + 0.5)); }
+
 std::string key_of(std::string name) {
   std::replace_if(name.begin(), name.end(), [](char c) { return c == ' ' || c == '-'; }, '_');
   return name;

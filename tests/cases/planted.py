@@ -117,6 +117,41 @@ def main():
         scale = numpy.sum((moved[frame] - base[frame])[inside] * elastic[inside]) / numpy.sum(elastic[inside]**2)
         require(abs(scale + 1) < 0.02, f"frame {frame}: a preload is missing in the displacement ({scale:.3f} of its elastic field)")
 
+    # Light: the same noise is drawn, so that the images differ by the effect alone. The last frame's clock is 1.
+    def grey(name, frame):
+        return numpy.asarray(Image.open(folder / f"{name}/images/frame_{frame:03}.png")).astype(float)
+
+    rows, columns = numpy.mgrid[:330, :300]
+    x, y = (columns - 149.5) * PIXEL, (164.5 - rows) * PIXEL
+    low, high = nodes.min(axis=0), nodes.max(axis=0)
+    inside = (numpy.abs(x) < high[0] - 0.5) & (numpy.abs(y) < high[1] - 0.5) & (numpy.hypot(x, y) > 3.2)
+    noise, level = 0.002 * 65535, 65535.0
+    plate("lamp", "{light_gain: {gain_drift: 0.05}}")
+    for frame, clock in ((0, 0.0), (3, 0.5), (5, 1.0)):
+        ratio = grey("lamp", frame)[inside].mean() / grey("plain", frame)[inside].mean()
+        require(abs(ratio - 1 - 0.05 * clock) < 1e-4, f"frame {frame}: the light has grown by {ratio - 1:.5f}, planted {0.05 * clock}")
+    plate("stray", "{light_offset: {offset_drift: 2000}}")
+    more = (grey("stray", 5) - grey("plain", 5))[inside]
+    require(abs(more.mean() - 2000) < 1 and more.std() < 1, f"stray light adds {more.mean():.1f} +- {more.std():.1f} grey levels, planted 2000")
+    plate("side", "{light_gradient: {gradient_x: 0.004}}")
+    more = (grey("side", 5) / grey("plain", 5))[inside]
+    slope = numpy.polyfit(x[inside], more, 1)[0]
+    require(abs(slope - 0.004) < 1e-4, f"the light grows by {slope:.5f} per mm along x, planted 0.004")
+    plate("noisy", "{noise_level: {noise_drift: 0.5}}")
+    more = (grey("noisy", 5) - grey("plain", 5))[inside]
+    require(abs(more.std() / noise - 0.5) < 0.01 and abs(more.mean()) < 0.02 * noise, f"the noise grows by {more.std() / noise:.3f}, planted 0.5")
+    plate("exposed", "{saturation: {saturated: 0.1}}")
+    specimen = (numpy.abs(x) < high[0]) & (numpy.abs(y) < 14) & (numpy.hypot(x, y) > 2.5)
+    share = numpy.mean(grey("exposed", 0)[specimen] == level)
+    require(abs(share - 0.1) < 0.03 and not numpy.any(grey("plain", 0) == level), f"{share:.3f} of the pixels are saturated, planted 0.1")
+    plate("flakes", "{speckle_debonding: {loose_1: 0.3, onset: 0.6}}")
+    changed = [numpy.abs(grey("flakes", frame) - grey("plain", frame)) > 0.02 * level for frame in range(FRAMES)]
+    place = (high - low) / (numpy.array([3, 4]) if abs(numpy.log((high - low)[0] / 3 / ((high - low)[1] / 4))) < abs(numpy.log((high - low)[0] / 2 / ((high - low)[1] / 6))) else numpy.array([2, 6]))
+    area = changed[5].sum() * PIXEL**2 / numpy.prod(place)
+    out = changed[5] & ((x > low[0] + place[0] + 0.5) | (y > low[1] + place[1] + 0.5))
+    require(not any(changed[frame].any() for frame in range(4)) and not out.any(), "speckle comes off in its place, after its time")
+    require(0.15 < area < 0.4, f"from {area:.3f} of it, planted 0.3")
+
     # Geometry: the hole's edge in the image. The mesh's hole is a polygon of 20 sides; pixels cut by it count by chance, 0.02 px of the radius.
     polygon = numpy.sqrt(numpy.sin(numpy.pi / 10) / (numpy.pi / 10))
     grown_by = 0.24
@@ -176,6 +211,8 @@ def main():
                            ("{hole_radius: {hole_radius_error: {free: true}}}", "no value"),
                            ("{hole_radius: {hole_radius_error: {lower: 0}}}", "neither a value nor free: true"),
                            ("{misalignment: {bending_share: 0.1}}", "lacks what it acts on"),
+                           ("{saturation: {saturated: 0.7}}", "a share up to 0.5"),
+                           ("{light_gain: {gain_drift: -2}}", "effects.light_gain.gain_drift"),
                            ("{coarse_mesh: {mesh_error: 1}}", "an effect of the numerics")):
         said = plate("refused", effects, status=2)
         require(words in said, f"{effects}: {said.strip()}")

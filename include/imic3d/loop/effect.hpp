@@ -34,15 +34,37 @@ struct Scene {
   Eigen::VectorXd elongation;           ///< of the surface between its ends [frames, length]
   Eigen::VectorXd elastic;              ///< elastic displacement for a force of one [components * n, length/force]
   bool images = true;                   ///< the displacement comes of images that this program interpolates
+  double dynamic = 255.0;               ///< largest grey level of the images
 
   [[nodiscard]] Eigen::Vector2d middle() const { return 0.5 * (low + high); }
   [[nodiscard]] double span(int direction) const { return high[direction] - low[direction]; }
-  /// Clock time of frame t, from 0 at the reference to 1 at the last frame.
-  [[nodiscard]] double clock(Eigen::Index t) const { return (time[t] - start_time) / std::max(1e-300, time[time.size() - 1] - start_time); }
+  /// Clock time of frame t, from 0 at the reference (t = -1) to 1 at the last frame.
+  [[nodiscard]] double clock(Eigen::Index t) const { return t < 0 ? 0.0 : (time[t] - start_time) / std::max(1e-300, time[time.size() - 1] - start_time); }
 };
 
 /// What a scene knows of the surface [quad4] alone: its box, the size of its elements and its largest hole.
 void measure(Scene& scene, const mesh::Mesh& surface);
+
+/// The coarse grid that says where on the surface something local is: the twelve places over its box that are nearest to squares.
+struct Places {
+  Eigen::Vector2d low, size;  ///< corner of the first place, size of each [length]
+  int columns = 1, rows = 1;
+  explicit Places(const Scene& scene);
+  [[nodiscard]] int count() const { return columns * rows; }
+  [[nodiscard]] int of(const Eigen::Vector2d& point) const;  ///< the nearest one for points beyond the box
+  [[nodiscard]] Eigen::Vector2d middle(int place) const;
+};
+
+/// What becomes of the grey levels about a point of the specimen in a frame: recorded = (1 - foreign) (gain grey + offset) + foreign (mean + beneath +
+/// contrast * another speckle), and noise.
+struct Light {
+  double gain = 1.0, offset = 0.0;  ///< offset [grey level]
+  double foreign = 0.0;             ///< share of the area whose speckle is another one than in the reference
+  double beneath = 0.0;             ///< what that one is brighter than the mean [grey level]
+  double contrast = 1.0;            ///< its contrast over the specimen's
+  double noise = 1.0;               ///< standard deviation of the image noise over the reference's
+  double saturated = 0.0;           ///< share of the specimen's pixels that the exposure takes to the largest grey level, in all frames and the reference
+};
 
 /// How the simulation is made; the null effect leaves it as declared.
 struct Numerics {
@@ -60,6 +82,8 @@ class Effect {
     double step = 1e-3;  ///< of a finite difference
     double size = 0.0;   ///< that an engineer would care for: one to plant
     double lower, upper;
+    bool shape = false;  ///< says how the effect acts, not how much: ParameterInfo::shape
+    double scale = 0.0;  ///< of a shape: a usual size
   };
   struct Description {
     std::string name;
@@ -88,6 +112,9 @@ class Effect {
   /// Camera: adds to `error` [components * n, length] what the camera shows of the displacement beyond the truth: measured - true, at the
   /// displacement `U` [components * n, length] of frame t.
   virtual void see(Values, const Scene&, int /*frame*/, const Eigen::VectorXd& /*U*/, Eigen::VectorXd& /*error*/) const {}
+  /// Light: changes what becomes of the grey levels about the point of the specimen that is at `point` in the reference and at `now` in a frame
+  /// (-1: the reference itself).
+  virtual void light(Values, const Scene&, int /*frame*/, const Eigen::Vector2d& /*point*/, const Eigen::Vector2d& /*now*/, Light& /*light*/) const {}
   /// Record: turns the force on the specimen [frames] into the one that is recorded.
   virtual void record(Values, const Scene&, Eigen::VectorXd& /*force*/) const {}
   /// Record of a uniform test: turns the recorded strain of a bar [rows] into that of its material; Scene::force is the recorded
@@ -104,7 +131,11 @@ class Effect {
 /// An effect's name as a key of the case file: `force zero` is `force_zero`.
 [[nodiscard]] std::string key_of(std::string name);
 
-/// All effects that act outside the law, in the order of the links.
+/// All effects that act outside the law but on the grey levels, in the order of the links.
 [[nodiscard]] std::vector<std::shared_ptr<const Effect>> effects();
+/// Those on the grey levels.
+[[nodiscard]] std::vector<std::shared_ptr<const Effect>> light_effects();
+/// Both.
+[[nodiscard]] std::vector<std::shared_ptr<const Effect>> all_effects();
 
 }  // namespace imic3d::loop

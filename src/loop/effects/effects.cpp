@@ -11,6 +11,14 @@ std::vector<std::shared_ptr<const Effect>> effects() {
           strain_gain(),  compliance()};
 }
 
+std::vector<std::shared_ptr<const Effect>> light_effects() { return {light_gain(), light_offset(), light_gradient(), saturation(), noise_level(), speckle_debonding()}; }
+
+std::vector<std::shared_ptr<const Effect>> all_effects() {
+  auto all = effects();
+  for (auto& one : light_effects()) all.push_back(std::move(one));
+  return all;
+}
+
 double near_hole(const Scene& scene, double distance) {
   const double edge = std::min({scene.hole[0] - scene.low[0], scene.high[0] - scene.hole[0], scene.hole[1] - scene.low[1], scene.high[1] - scene.hole[1]});
   const double s = std::clamp((edge - distance) / (edge - scene.radius), 0.0, 1.0);

@@ -1,0 +1,72 @@
+#pragma once
+// The light of a test: what pure correlation leaves of the grey levels, seen as an experiment of its own.
+
+#include <functional>
+#include <memory>
+
+#include "imic3d/loop/field_experiment.hpp"
+#include "imic3d/loop/light_statistics.hpp"
+
+namespace imic3d::loop {
+
+struct LightCamera {
+  LightOptics optics;
+  Scene scene;                      ///< of its face
+  std::vector<LightFrame> frames;
+};
+
+/// The numbers of every frame and camera: the linear ones (offset and gain of each cell, gradient of all), whitened; the mean square of each cell over what noise
+/// predicts, its constant level unknown to a tenth, its course to 3 % (in the null); the saturated pixels, a ten-thousandth of them allowed. The reference's noise, common to all frames, is
+/// whitened over time. Each is then z -> 10 asinh(z/10): what lies beyond ten standard deviations is judged by its ratio to the model's, as no model of
+/// light is right to better than a tenth. Free is the noise of each camera. What the correlation has fitted (gain and offset of a frame, of each
+/// element) is no data.
+class LightExperiment final : public Experiment {
+ public:
+  /// What the statistics would be of images of the declared model's motion that were made of the reference [cameras][frames]; empty if there are none.
+  using Synthetic = std::function<std::vector<std::vector<LightFrame>>()>;
+
+  /// Throws InputError: a declared effect beyond its bounds.
+  LightExperiment(std::vector<LightCamera> cameras, std::vector<int> frames, const std::vector<DeclaredEffect>& declared = {}, Synthetic synthetic = {},
+                  const std::function<std::string(std::string)>& unit = {});
+
+  [[nodiscard]] const std::vector<Parameter>& parameters() const override { return parameters_; }
+  [[nodiscard]] const std::vector<Candidate>& candidates() const override { return candidates_; }
+  [[nodiscard]] const std::vector<Datum>& data() const override { return data_; }
+  [[nodiscard]] std::vector<int> frame_numbers() const override { return frames_; }
+  [[nodiscard]] std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) override;
+  void learn_bias(const std::vector<double>& values) override;
+  [[nodiscard]] Eigen::VectorXd bias() const override;
+  [[nodiscard]] Eigen::MatrixXd noise(const std::vector<double>& values, int draws) override;
+
+  [[nodiscard]] const std::vector<LightCamera>& cameras() const { return cameras_; }
+  /// The measured numbers in standard deviations, before anything is predicted [N]: under the null without a noise of f they are N(0, 1).
+  [[nodiscard]] const Eigen::VectorXd& measured() const { return z_; }
+  /// The rows of a cell: those of its offset and gain where they are data, then that of its mean square. `frame`: place.
+  [[nodiscard]] std::vector<Eigen::Index> rows_of(std::size_t camera, Eigen::Index cell, int frame) const;
+  /// Share of the linear numbers' square beyond noise that a gain and an offset of each frame (with `gradient`: and a linear growth of
+  /// the gain over the surface) would take away; 0 where nothing is beyond it, or they are fitted.
+  [[nodiscard]] double share_of_gain_and_offset(bool gradient = false) const;
+
+ private:
+  struct Whitening;
+  [[nodiscard]] Eigen::Index linear(std::size_t camera) const { return cameras_[camera].optics.local ? 0 : 2 * cameras_[camera].optics.cells() + 2; }
+  [[nodiscard]] Eigen::Index numbers(std::size_t camera) const { return linear(camera) + cameras_[camera].optics.cells() + 1; }
+  [[nodiscard]] Eigen::VectorXd predicted(const std::vector<double>& values) const;  // z [N]
+  /// Numbers of a camera [numbers x frames] in standard deviations, put into their rows of z.
+  void put(std::size_t camera, const Eigen::MatrixXd& linear, const Eigen::MatrixXd& squares, const Eigen::VectorXd& saturated, Eigen::VectorXd& z) const;
+  void make_whitening();
+  [[nodiscard]] double plain_onset() const;
+
+  std::vector<LightCamera> cameras_;
+  std::vector<int> frames_;
+  Synthetic synthetic_;
+  std::vector<std::shared_ptr<const Effect>> effects_;
+  std::vector<std::size_t> first_;  // parameter of each effect
+  std::vector<Parameter> parameters_;
+  std::vector<Candidate> candidates_;
+  std::vector<Datum> data_;
+  std::vector<std::shared_ptr<const Whitening>> whitening_;  // of each camera
+  Eigen::VectorXd z_, bias_;        // measured; what is learned of what is no light [N]
+};
+
+}  // namespace imic3d::loop
