@@ -43,7 +43,7 @@ Places::Places(const Scene& scene) : low(scene.low) {
   double best = INFINITY;
   for (const int n : {1, 2, 3, 4, 6, 12}) {
     const double off = std::abs(std::log((scene.span(0) / n) / (scene.span(1) * n / 12.0)));
-    if (off < best) best = off, columns = n, rows = 12 / n;
+    if (off < best - 1e-6) best = off, columns = n, rows = 12 / n;  // of equals the first
   }
   size = {scene.span(0) / columns, scene.span(1) / rows};
 }

@@ -30,7 +30,7 @@ class SpeckleDebonding final : public Effect {
   }
   /// Within a good half of a frame about the onset.
   void light(Values values, const Scene& scene, int t, const Eigen::Vector2d& point, const Eigen::Vector2d&, Light& light) const override {
-    if (t < 0) return;
+    if (t < 0 || (point - scene.low).minCoeff() < 0.0 || (scene.high - point).minCoeff() < 0.0) return;  // a generator's specimen goes on beyond
     const Places places(scene);
     const auto shapes = values.last(3);
     const double since = (scene.clock(t) - shapes[0]) * static_cast<double>(scene.time.size());  // [frames]
