@@ -209,6 +209,30 @@ TEST(Equilibrium, PlasticCooksMembraneWithOnePoint) {
 }
 
 /// Past the maximum load a prescribed force has no equilibrium: the series stops there and says so.
+/// A bar with a waist, to 8 % of its length in large frames, one of which unloads: no frame is cut, and few iterations suffice where each increment goes on
+/// like the last one and steps are searched along the energy.
+TEST(Equilibrium, LargeFramesTakeFewIterations) {
+  auto mesh = mesh::quadratic(testing::box({10, 4, 1}, {20.0, 8.0, 2.0}));
+  for (auto node : mesh.nodes.rowwise()) node[1] = 4.0 + (node[1] - 4.0) * (0.5 + 0.5 * std::abs(node[0] / 10.0 - 1.0));
+  const Communicator world;
+  const mesh::Partition partition = mesh::partition(mesh, world);
+  std::vector<int> ends;
+  for (int node = 0; node < mesh.nodes.rows(); ++node)
+    if (mesh.nodes(node, 0) < 1e-9 || mesh.nodes(node, 0) > 20.0 - 1e-9) ends.push_back(node);
+  const auto dofs = all_dofs(ends);
+  std::vector<LoadStep> steps;
+  for (double length : {0.02, 0.06, 0.4, 0.8, 0.7, 1.2, 1.6}) {
+    auto& step = steps.emplace_back(LoadStep{.time = static_cast<double>(steps.size() + 1), .prescribed = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(dofs.size())), .force = {}});
+    for (std::size_t i = 0; i < dofs.size(); ++i)
+      if (dofs[i] % 3 == 0 && mesh.nodes(dofs[i] / 3, 0) > 10.0) step.prescribed[static_cast<Eigen::Index>(i)] = length;
+  }
+  Equilibrium equilibrium(partition, mesh, power_linear(), dofs, {});
+  const auto status = equilibrium.run(steps, steel, 0.0, [](int, const FrameState&) {});
+  ASSERT_EQ(status.frames, 7) << status.message;
+  EXPECT_EQ(status.increments, std::vector<int>(7, 1));
+  EXPECT_LE(status.total_iterations, 62);  // 57; from where the last increment ended 67; without the search five frames are cut, 287
+}
+
 TEST(Equilibrium, AForceBeyondTheMaximumLoadIsNoticed) {
   const auto mesh = testing::box({2, 1, 1}, {2.0, 1.0, 1.0});
   const Communicator world;
