@@ -115,7 +115,8 @@ void write_loop_page(const std::filesystem::path& page, const json& summary, con
   const auto frames = numbers(summary["frames"]);
   std::string out = fmt::format("<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>{0}</title><style>{1}</style></head><body>\n<h1>{0}</h1>\n", escaped(summary["title"].get<std::string>()), page_style);
   out += fmt::format("<p><strong>{}</strong></p>\n<p>Verdict: <strong>{}</strong>{}. Held-out frames: {}.</p>\n", escaped(summary["sentence"].get<std::string>()), escaped(summary["verdict"].get<std::string>()),
-                     summary["set"].empty() ? "" : ": " + escaped(joined(summary["set"])), escaped(summary["held_out"].dump()));
+                     (summary["set"].empty() ? "" : ": " + escaped(joined(summary["set"]))) + (summary.contains("light") ? "; of the light: <strong>" + escaped(summary["light"]["verdict"].get<std::string>()) + "</strong>" : ""),
+                     escaped(summary["held_out"].dump()));
 
   out += "<h2>Error before and after</h2>\n<table>\n<tr><th></th><th>before</th><th>after</th><th>noise alone, 95 %</th></tr>\n";
   for (const auto& [key, null, what] : {std::array{"fitted", "null_fitted", "χ of the fitted frames"}, std::array{"held_out", "null_held_out", "χ of the held-out frames"}})
