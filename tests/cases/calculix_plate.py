@@ -29,7 +29,7 @@ material:
   hardening: power_linear
   tie_initial_modulus: true
   parameters: {{E: 198e3, nu: 0.25, S_y: 284, H: 1480, delta: 0.042}}
-simulate: {{clamped: false, centred: true, steps_per_frame: 4, value: [{values}]}}
+simulate: {{clamped: false, centred: true, steps_per_frame: 2, value: [{values}]}}
 output: results
 """)
     run(sys.argv[1], "simulate", folder / "case.yaml", 2)
