@@ -31,14 +31,7 @@ JointExperiment::JointExperiment(std::vector<Test> tests) : tests_(std::move(tes
     take_parameters(k);
     take_candidates(k);
     first_frame_.push_back(frame);
-    int channels = 0;
-    for (Datum datum : one.data()) {
-      channels = std::max(channels, datum.channel + 1);
-      datum.frame += frame;
-      if (datum.channel != force_channel) datum.channel += first_channel_.back();
-      data_.push_back(datum);
-    }
-    first_channel_.push_back(first_channel_.back() + channels);
+    for (Datum datum : one.data()) datum.frame += frame, data_.push_back(datum);
     frame += static_cast<int>(one.frame_numbers().size());
     first_row_.push_back(static_cast<Eigen::Index>(data_.size()));
   }
@@ -86,8 +79,9 @@ std::string JointExperiment::frame_name(int frame) const {
 }
 
 std::string JointExperiment::channel_name(int channel) const {
-  const auto test = static_cast<std::size_t>(std::upper_bound(first_channel_.begin(), first_channel_.end(), channel) - first_channel_.begin()) - 1;
-  return with_test(tests_[test].experiment->channel_name(channel - first_channel_[test]), tests_[test].name);
+  for (const Test& test : tests_)
+    if (const auto& data = test.experiment->data(); std::any_of(data.begin(), data.end(), [channel](const Datum& d) { return d.channel == channel; })) return test.experiment->channel_name(channel);
+  return Experiment::channel_name(channel);
 }
 
 std::vector<double> JointExperiment::values_of(std::size_t test, const std::vector<double>& values) const {

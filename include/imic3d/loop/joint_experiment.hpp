@@ -13,7 +13,8 @@ namespace imic3d::loop {
 
 /// The residuals of several experiments one after another, each in units of its own noise. The numbers of the law, the declared ones and those
 /// that it may lack, are one in all of them; what belongs to a test (its record, cameras, specimen, numerics) is a candidate for each test that has it, named
-/// with the test's name. Their noise is independent.
+/// with the test's name. Their noise is independent. Cameras of the same number are one channel: leaving out a whole test would ask of the others what only it
+/// shows (its load cell's gain).
 class JointExperiment final : public Experiment {
  public:
   struct Test {
@@ -62,7 +63,7 @@ class JointExperiment final : public Experiment {
   std::vector<Candidate> candidates_;
   std::vector<std::vector<std::string>> names_;  // of each test's candidates among all
   std::vector<Datum> data_;
-  std::vector<int> first_frame_, first_channel_{0};
+  std::vector<int> first_frame_;
   std::vector<Eigen::Index> first_row_;  // and the number of rows
 };
 
