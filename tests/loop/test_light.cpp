@@ -249,9 +249,10 @@ TEST(Light, DebondingIsNamedWithItsPlaceAndOnset) {
   // Beyond its edge the correlation is led astray: up to an element around it.
   EXPECT_GT(loose(largest), 0.3 * area / place);
   EXPECT_LT(loose(largest), 3.0 * area / place);
-  for (const auto& p : experiment.parameters()) {
-    if (p.info.name == "onset") EXPECT_NEAR(p.value, (from - 0.5) / count, 1e-9);
-  }
+  for (const auto& p : experiment.parameters())
+    if (p.info.name == "onset") {
+      EXPECT_NEAR(p.value, (from - 0.5) / count, 1e-9);
+    }
 }
 
 /// With the brightness fitted by the correlation, a drift of the light is no data any more, whatever its course.
