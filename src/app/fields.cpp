@@ -148,7 +148,7 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
   for (const auto& d : points.displacement) nodal.emplace_back((*squares)(d));
 
   loop::FieldData data;
-  data.faces = {{.surface = face, .M = identification::two_components(squares->M)}};
+  data.faces = {{.surface = face, .M = identification::of_components(squares->M)}};
   data.references = 1;
   // Numbers of a component that the nodes take from the points; what holds the shortest waves takes the others.
   const double followed = squares->factor.solve(Eigen::MatrixXd(points.N.transpose() * points.N / squares->inflation)).trace();

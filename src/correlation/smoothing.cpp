@@ -22,6 +22,12 @@ void add_square(const Form& form, double weight, int dofs, std::vector<Eigen::Tr
         entries.emplace_back(i * dofs + component, j * dofs + component, weight * a * b);
 }
 
+/// What a gamma variable of mean one exceeds once in ten thousand times (Wilson and Hilferty 1931).
+double exceeded_once_in_ten_thousand(double variance) {
+  const double ninth = variance / 9.0;
+  return std::pow(1.0 - ninth + 3.719 * std::sqrt(ninth), 3);
+}
+
 }  // namespace
 
 Eigen::SparseMatrix<double> curvature_energy(const mesh::Mesh& surface, int dofs_per_node, const std::vector<char>& only) {
@@ -106,25 +112,34 @@ Eigen::MatrixXd noise_draws(const Measure& measure, double sigma, int draws) {
 
 Eigen::MatrixXd smoothed_within_noise(const Measure& measure, const Eigen::MatrixXd& U, const std::vector<int>& nodes, double sigma, double longest,
                                       std::vector<double>* cut_offs) {
-  constexpr int draws = 50;
+  using Factor = Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>>;
   const int dofs = measure.dofs_per_node;
-  const Eigen::MatrixXd noise = noise_draws(measure, sigma, draws);
   std::vector<int> unknowns;
   for (int node : nodes)
     for (int component = 0; component < dofs; ++component) unknowns.push_back(dofs * node + component);
+  const auto count = static_cast<Eigen::Index>(unknowns.size());
+  Eigen::MatrixXd at = Eigen::MatrixXd::Zero(U.rows(), count);
+  for (Eigen::Index i = 0; i < count; ++i) at(unknowns[static_cast<std::size_t>(i)], i) = 1.0;
+  const Eigen::SparseMatrix<double> energy = curvature_energy(measure.surface, dofs);
+  const Factor noise(measure.M);
   Eigen::MatrixXd result = U;
   if (cut_offs != nullptr) cut_offs->assign(static_cast<std::size_t>(U.cols()), 0.0);
   for (double cut_off = longest / 16.0; cut_off < 1.01 * longest; cut_off *= std::sqrt(2.0)) {
-    const Eigen::MatrixXd smoothed = smooth(measure, U, cut_off);
-    const Eigen::ArrayXXd lost_noise = (smooth(measure, noise, cut_off) - noise)(unknowns, Eigen::all).array().square();
+    const Eigen::SparseMatrix<double> bent = measure.smoothing_weight(cut_off) * energy;
+    const Factor smoothing(measure.M + bent);
+    const Eigen::MatrixXd lost = -smoothing.solve(bent * U);  // smoothed - U
+    // Of noise: -W^T e with e ~ sigma^2 M^-1.
+    const Eigen::MatrixXd W = bent * smoothing.solve(at);
+    const Eigen::MatrixXd covariance = sigma * sigma * W.transpose() * noise.solve(W);
     // Each unknown in units of what noise loses there: a node that is hardly seen would outweigh all others.
-    const Eigen::ArrayXd expected = lost_noise.rowwise().mean().max(1e-300);
-    const auto lost_of = [&](const Eigen::ArrayXXd& squares) -> Eigen::ArrayXd { return (squares.colwise() / expected).colwise().mean(); };
-    const Eigen::ArrayXd of_noise = lost_of(lost_noise), lost = lost_of((smoothed - U)(unknowns, Eigen::all).array().square());
-    const double limit = 1.0 + 3.0 * std::sqrt((of_noise - 1.0).square().mean());
+    const Eigen::ArrayXd variance = covariance.diagonal().cwiseMax(1e-300);
+    const Eigen::ArrayXd squares = (lost(unknowns, Eigen::all).array().square().colwise() / variance).colwise().mean();
+    const Eigen::VectorXd inverse = variance.inverse();
+    const double spread = 2.0 * inverse.dot(covariance.cwiseAbs2() * inverse) / static_cast<double>(count * count);
+    const double limit = exceeded_once_in_ten_thousand(spread);
     for (Eigen::Index t = 0; t < U.cols(); ++t) {
-      if (lost[t] > limit) continue;
-      result.col(t) = smoothed.col(t);
+      if (squares[t] > limit) continue;
+      result.col(t) = U.col(t) + lost.col(t);
       if (cut_offs != nullptr) (*cut_offs)[static_cast<std::size_t>(t)] = cut_off;
     }
   }

@@ -88,12 +88,12 @@ Eigen::SparseMatrix<double> interpolation(const mesh::Mesh& quads,
   return matrix;
 }
 
-Eigen::SparseMatrix<double> two_components(const Eigen::SparseMatrix<double>& scalar) {
+Eigen::SparseMatrix<double> of_components(const Eigen::SparseMatrix<double>& scalar, int components) {
   std::vector<Eigen::Triplet<double>> entries;
   for (int column = 0; column < scalar.outerSize(); ++column)
     for (Eigen::SparseMatrix<double>::InnerIterator entry(scalar, column); entry; ++entry)
-      for (int i = 0; i < 2; ++i) entries.emplace_back(2 * static_cast<int>(entry.row()) + i, 2 * column + i, entry.value());
-  Eigen::SparseMatrix<double> matrix(2 * scalar.rows(), 2 * scalar.cols());
+      for (int i = 0; i < components; ++i) entries.emplace_back(components * static_cast<int>(entry.row()) + i, components * column + i, entry.value());
+  Eigen::SparseMatrix<double> matrix(components * scalar.rows(), components * scalar.cols());
   matrix.setFromTriplets(entries.begin(), entries.end());
   return matrix;
 }

@@ -468,10 +468,13 @@ class Loop {
       trial.plausible = false;
       trial.objection = fmt::format("half of the surface is explained worse by the other half: chi {:.3f} after {:.3f}", model.misfit.checkerboard, at.misfit.checkerboard);
     }
-    // A model whose own error of mesh and correlation is in doubt by more than what is to be explained would explain anything.
-    if (model.misfit.null_fitted > 2.0 * at.misfit.null_fitted) {
+    // A model whose own error of mesh and correlation is in doubt by more than it explains would explain anything. Both before any weighing, in units of the noise.
+    const auto mean_square = [&](const Ground& ground, const Eigen::MatrixXd& weighed) { return Eigen::MatrixXd(ground.weight.undone(weighed)(rows_, Eigen::all)).squaredNorm() / static_cast<double>(weighed.cols()) / static_cast<double>(rows_.size()); };
+    const double grown = mean_square(*model.ground, model.ground->null) - mean_square(*at.ground, at.ground->null);
+    const double explained = mean_square(*at.ground, at.fit.residual) - mean_square(*model.ground, model.fit.residual);
+    if (model.ground != at.ground && grown > std::max(0.0, explained)) {
       trial.plausible = false;
-      trial.objection = fmt::format("the mesh and the correlation err by more in this model than what it explains: null chi {:.2f} after {:.2f}; a finer mesh would tell", model.misfit.null_fitted, at.misfit.null_fitted);
+      trial.objection = fmt::format("what the mesh and the correlation err by in this model is in doubt by more ({:.2f} of the noise) than it explains ({:.2f}); a finer mesh would tell", std::sqrt(grown), std::sqrt(std::max(0.0, explained)));
     }
     for (std::size_t k = 0; k < model.misfit.cameras.size(); ++k) {
       const auto &now = model.misfit.cameras[k], &was = at.misfit.cameras[k];

@@ -11,16 +11,7 @@ namespace {
 Eigen::Matrix<double, Eigen::Dynamic, 2> in_plane(const mesh::Mesh& surface) { return surface.nodes.leftCols<2>(); }
 
 /// A nodal field of one surface at the nodes of another [components * nodes square].
-Eigen::SparseMatrix<double> between(const mesh::Mesh& from, const mesh::Mesh& to, int components) {
-  const Eigen::SparseMatrix<double> scalar = id::interpolation(from, in_plane(to));
-  std::vector<Eigen::Triplet<double>> entries;
-  for (int j = 0; j < scalar.outerSize(); ++j)
-    for (Eigen::SparseMatrix<double>::InnerIterator entry(scalar, j); entry; ++entry)
-      for (int k = 0; k < components; ++k) entries.emplace_back(components * static_cast<int>(entry.row()) + k, components * j + k, entry.value());
-  Eigen::SparseMatrix<double> matrix(components * scalar.rows(), components * scalar.cols());
-  matrix.setFromTriplets(entries.begin(), entries.end());
-  return matrix;
-}
+Eigen::SparseMatrix<double> between(const mesh::Mesh& from, const mesh::Mesh& to, int components) { return id::of_components(id::interpolation(from, in_plane(to)), components); }
 
 /// Of two faces: x and y of each as the mean of both at the same place [unknowns square].
 Eigen::SparseMatrix<double> mean_of(const std::vector<FieldFace>& faces) {

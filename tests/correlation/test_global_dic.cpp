@@ -168,6 +168,23 @@ TEST(Smoothing, GoesAsFarAsTheNoiseHidesIt) {
   EXPECT_LT((kept.colwise() - curved).norm(), 1.1 * noise.norm());
 }
 
+/// A node of the ends that is hardly seen has most of what smoothing takes away of noise: it must not decide for the others.
+TEST(Smoothing, ANodeThatIsHardlySeenDoesNotOutweighTheOthers) {
+  const Speckle speckle(150, 150, 1.7, 5);
+  const mesh::Mesh quads = rectangle(15, 15, 135, 135, 12, 12);
+  const Cameras correlation({std::make_shared<Correlation>(quads, camera(), imaging::BSpline(photograph(speckle, 150, 150)))});
+  constexpr double sigma = 0.02 * 65535;
+  Measure measure = measured_by(correlation);
+  Eigen::VectorXd seen = Eigen::VectorXd::Ones(measure.M.rows());
+  seen.segment<2>(2 * 6).setConstant(0.05);
+  measure.M = seen.asDiagonal() * measure.M * seen.asDiagonal();
+  std::vector<int> nodes;
+  for (int i = 0; i <= 12; ++i) nodes.push_back(i), nodes.push_back(12 * 13 + i);
+  std::vector<double> cut_offs;
+  static_cast<void>(smoothed_within_noise(measure, noise_draws(measure, sigma, 1000), nodes, sigma, 60.0, &cut_offs));
+  EXPECT_LE(std::count_if(cut_offs.begin(), cut_offs.end(), [](double cut_off) { return cut_off < 59.0; }), 2) << "of 1000; one of 10000 is meant";
+}
+
 TEST(GlobalDic, FollowsAHundredPixelsAndFortyPercentStrain) {
   const Communicator world;
   constexpr int width = 400, height = 200, count = 10;

@@ -134,7 +134,7 @@ TEST(BothFaces, BendingIsNotLearnedAsBias) {
     for (std::size_t k = 0; k < with.faces.size(); ++k) {
       const auto &face = with.faces[k], &own = made.faces[k];
       seen.middleRows(face.first_unknown, face.unknowns()) =
-          identification::two_components(identification::interpolation(own.surface.mesh, face.surface.mesh.nodes.leftCols<2>())) * U.middleRows(own.first_unknown, own.unknowns());
+          identification::of_components(identification::interpolation(own.surface.mesh, face.surface.mesh.nodes.leftCols<2>())) * U.middleRows(own.first_unknown, own.unknowns());
     }
     return seen;
   };

@@ -20,7 +20,7 @@ Eigen::SparseMatrix<double> mass(const mesh::Mesh& surface) {
       for (int b = 0; b < 4; ++b) entries.emplace_back(surface.cells(cell, a), surface.cells(cell, b), a == b ? 4e6 : (a + b) % 2 == 1 ? 2e6 : 1e6);
   Eigen::SparseMatrix<double> M(surface.nodes.rows(), surface.nodes.rows());
   M.setFromTriplets(entries.begin(), entries.end());
-  return identification::two_components(M);
+  return identification::of_components(M);
 }
 
 struct Modes : ::testing::Test {

@@ -44,9 +44,10 @@ struct Measure {
 [[nodiscard]] Eigen::MatrixXd noise_draws(const Measure& measure, double sigma, int draws);
 
 /// Every frame's displacement U [unknowns x frames, length], smoothed with the longest cut-off up to `longest` at which
-/// what the smoothing takes away at `nodes` may be noise (the discrepancy principle): the mean square over their unknowns, each in units of what
-/// it takes away of noise there, is within 3 standard deviations of noise alone. `sigma`: the white noise of a frame and the reference together [in the unit that goes with M];
-/// its share is taken from draws with the covariance sigma^2 M^-1. `cut_offs` tells what was chosen.
+/// what the smoothing takes away at `nodes` may be noise (the discrepancy principle): the mean square over their unknowns,
+/// each in units of what it takes away of noise there, is not more than noise alone exceeds once in ten thousand frames.
+/// `sigma`: the white noise of a frame and the reference together [in the unit that goes with M]; its covariance is
+/// sigma^2 M^-1. `cut_offs` tells what was chosen.
 [[nodiscard]] Eigen::MatrixXd smoothed_within_noise(const Measure& measure, const Eigen::MatrixXd& U, const std::vector<int>& nodes, double sigma,
                                                     double longest, std::vector<double>* cut_offs = nullptr);
 

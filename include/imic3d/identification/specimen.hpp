@@ -75,7 +75,7 @@ struct Specimen {
 [[nodiscard]] Eigen::SparseMatrix<double> interpolation(const mesh::Mesh& quads,
                                                         const Eigen::Matrix<double, Eigen::Dynamic, 2>& points);
 
-/// A matrix for one number a node [k x n] as that for two components a node [2k x 2n].
-[[nodiscard]] Eigen::SparseMatrix<double> two_components(const Eigen::SparseMatrix<double>& scalar);
+/// A matrix for one number a node [k x n] as that for several components a node [components * k x components * n].
+[[nodiscard]] Eigen::SparseMatrix<double> of_components(const Eigen::SparseMatrix<double>& scalar, int components = 2);
 
 }  // namespace imic3d::identification
