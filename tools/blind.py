@@ -36,11 +36,11 @@ class Suite:
         return json.loads(done.read_text())
 
     def trial(self, kind, effect, multiple, planted, seed, parameter=None):
-        """kind: null, effect, pair (`a + b`), outside; `parameter`: of the size in the result, compared with what was planted first."""
+        """kind: null, effect, pair (`a + b`), outside, without (the effect, which is not among the candidates); `parameter`: of the size in the result, compared with what was planted first."""
         result = self.run(self.folder / f"{kind}_{effect}_{multiple}_{seed}".replace(" ", "_").replace("'", ""), planted, seed)
         nan = math.nan
         row = dict(kind=kind, effect=effect, multiple=multiple, seed=seed, verdict="failed", named="", set="", outcome="failed", chi=nan, null=nan, held_before=nan, held_after=nan, held_null=nan,
-                   worst_bias_before=nan, worst_bias_after=nan, size=nan, deviation=nan, planted=nan, inside=nan, kappa=nan, p=nan, seconds=nan)
+                   worst_bias_before=nan, worst_bias_after=nan, size=nan, deviation=nan, planted=nan, inside=nan, kappa=nan, p=nan, seconds=nan, chi_squared="", cosine="", bic="")
         if result is not None:
             named, chosen, verdict = result["named"], result["set"], result["verdict"]
             row |= dict(verdict=verdict, named=" + ".join(named), set=", ".join(chosen), outcome=self.outcome(kind, effect, verdict, named, chosen), chi=result["before"]["chi"]["fitted"],
@@ -49,6 +49,12 @@ class Suite:
             candidates = {one["name"]: one for one in result["before"]["candidates"]}
             if candidates:
                 row["p"] = min(1.0, len(candidates) * min(one["p"] for one in candidates.values()))
+                # What simpler methods would have said: chi^2 of white noise at 5 % and then the best cosine; forward selection by BIC.
+                cosine = max(candidates.values(), key=lambda one: one["cosine"])["name"]
+                alarm = result["before"]["baselines"]["chi_squared_p"] < 0.05
+                bic = result["before"]["baselines"]["bic"]
+                said = lambda names: self.outcome(kind, effect, "attributed" if names else "nothing found", names, names)
+                row |= dict(chi_squared="alarm" if alarm else "nothing", cosine=said([cosine] if alarm else []), bic=said(bic))
             if effect in candidates:
                 row["kappa"] = candidates[effect]["kappa"]
             found = result["after"]["parameters"].get(parameter) if parameter and row["outcome"] == "right" else None
@@ -64,7 +70,7 @@ class Suite:
     def outcome(kind, effect, verdict, named, chosen):
         if kind == "null":
             return "nothing" if verdict == "nothing found" else "false alarm"
-        if kind == "outside":
+        if kind in ("outside", "without"):
             return {"nothing found": "missed", "unexplained": "unexplained"}.get(verdict, "wrong")
         if verdict == "nothing found":
             return "missed"
@@ -89,7 +95,7 @@ class Suite:
             writer.writeheader()
             writer.writerows(self.rows)
         lines = ["| trial | n | found | right, alone | in the set, or with another | unexplained | missed | wrong | failed |", "|---|---|---|---|---|---|---|---|---|"]
-        title = lambda kind, m: {"outside": "outside the library", "pair": "two at once"}.get(kind) or {"usual": "an engineer's size", "-": "law or mesh"}.get(m, f"{m} × MDE")
+        title = lambda kind, m: {"outside": "outside the library", "pair": "two at once", "without": "10 × MDE, not among the candidates"}.get(kind) or {"usual": "an engineer's size", "-": "law or mesh"}.get(m, f"{m} × MDE")
         for kind, multiple in dict.fromkeys((r["kind"], r["multiple"]) for r in self.rows if r["kind"] != "null"):
             its = [r for r in self.rows if r["kind"] == kind and r["multiple"] == multiple]
             count = lambda *names: sum(r["outcome"] in names for r in its)
@@ -106,9 +112,46 @@ class Suite:
         big = [r for r in self.rows if r["multiple"] == "50" and r["outcome"] == "right"]
         if big:
             lines.append(f"Worst bias of a parameter at 50 × MDE, median: {100 * np.median([r['worst_bias_before'] for r in big]):.2f} % before, {100 * np.median([r['worst_bias_after'] for r in big]):.2f} % after.")
+        lines += self.targets() + self.baselines()
         text = "\n".join(lines)
         (self.folder / "table.md").write_text(text + "\n")
         print("\n" + text)
+
+    def targets(self):
+        """The targets of a whole suite, one line each: asked, found."""
+        ask = []
+        share = lambda text, good, all_, least: ask.append((text, f"{least:.0%} or more", f"{good} of {all_} ({good / all_:.0%})", good >= least * all_)) if all_ else None
+        seen = [r for r in self.rows if r["kind"] == "effect" and r["kappa"] == r["kappa"] and r["kappa"] > 0.05 and r["multiple"] in ("3", "10", "50")]
+        named = ("right", "in the set", "right and more")
+        share("truth in the set at 3 × MDE and more, κ > 0.05", sum(r["outcome"] in named for r in seen), len(seen), 0.9)
+        ten = [r for r in seen if r["multiple"] == "10"]
+        share("alone and right at 10 × MDE", sum(r["outcome"] == "right" for r in ten), len(ten), 0.8)
+        something = [r for r in self.rows if r["kind"] != "null"]
+        wrong = sum(r["outcome"] == "wrong" for r in something)
+        if something:
+            ask.append(("a wrong name", "2 % or less", f"{wrong} of {len(something)} ({wrong / len(something):.0%})", wrong <= 0.02 * len(something)))
+        attributed = [r for r in self.rows if r["kind"] != "null" and r["verdict"] == "attributed"]
+        share("held-out χ within the null's 95 % after an attribution", sum(r["held_after"] <= r["held_null"] for r in attributed), len(attributed), 0.9)
+        fifty = [r["worst_bias_before"] / max(1e-12, r["worst_bias_after"]) for r in seen if r["multiple"] == "50" and r["outcome"] in named]
+        if fifty:
+            ask.append(("worst bias of a parameter at 50 × MDE, before over after, median", "10 or more", f"{np.median(fifty):.1f}", np.median(fifty) >= 10))
+        cover = [r["inside"] for r in self.rows if r["inside"] == r["inside"]]
+        if cover:
+            ask.append(("the size's 95 % interval covers the truth", "90 to 98 %", f"{sum(cover)} of {len(cover)} ({sum(cover) / len(cover):.0%})", 0.9 <= sum(cover) / len(cover) <= 0.98))
+        pairs = [r for r in self.rows if r["kind"] == "pair"]
+        share("two at once, both named", sum(r["outcome"] in ("right", "in the set") for r in pairs), len(pairs), 0.7)
+        return ["", "| target | asked | found | met |", "|---|---|---|---|"] + [f"| {text} | {asked} | {found} | {'yes' if met else 'no'} |" for text, asked, found, met in ask]
+
+    def baselines(self):
+        """The loop beside simpler methods on the same residuals and marks."""
+        lines = ["", "| of all trials | false alarms | truth named, alone | truth among others | wrong name |", "|---|---|---|---|---|"]
+        rows = [r for r in self.rows if r["cosine"]]
+        nulls, effects = [r for r in rows if r["kind"] == "null"], [r for r in rows if r["kind"] in ("effect", "pair")]
+        something = [r for r in rows if r["kind"] != "null"]
+        for title, key in (("this loop", "outcome"), ("χ² of white noise at 5 %, then the best cosine", "cosine"), ("forward selection by BIC", "bic")):
+            lines.append(f"| {title} | {sum(r[key] == 'false alarm' for r in nulls)} of {len(nulls)} | {sum(r[key] == 'right' for r in effects)} of {len(effects)} |"
+                         f" {sum(r[key] in ('in the set', 'right and more', 'half') for r in effects)} | {sum(r[key] == 'wrong' for r in something)} of {len(something)} |")
+        return lines
 
     def fail_unless_right(self, at_most_not_alone=1):
         bad = [r for r in self.rows if r["outcome"] in ("wrong", "right and more", "failed", "false alarm") or (r["outcome"] == "missed" and r["kind"] != "outside")]

@@ -84,7 +84,8 @@ def make(folder, effect, seed):
     """The curves and the case file of one trial."""
     random = np.random.default_rng(seed)
     folder.mkdir(parents=True, exist_ok=True)
-    p = TRUTH | DEFAULT | effect
+    leave_out = effect.get("leave_out", [])
+    p = TRUTH | DEFAULT | {name: value for name, value in effect.items() if name != "leave_out"}
     lines = ["title: blind trial", "units: {length: mm, force: N, time: s}",
              "material: {law: j2, hardening: voce, parameters: {E: {value: 200e3, lower: 150e3, upper: 250e3}, nu: 0.3, S_y: {value: 230, lower: 50, upper: 900},"
              " S_inf: {value: 450, lower: 50, upper: 1500}, b: {value: 14, lower: 0.5, upper: 300}, H: {value: 600, lower: 0, upper: 5000}}}", "experiments:"]
@@ -113,7 +114,7 @@ def make(folder, effect, seed):
             np.savetxt(file, np.column_stack([time, np.round(np.expm1(strain), 6), engineering]), delimiter=",", header="time,strain,stress", comments="", fmt="%.9g")
             files.append(file.name)
         lines.append(f"  - {{name: {name}, file: [{', '.join(files)}], time: time, strain: strain, stress: stress, from: 0.0005}}")
-    lines += ["identify: {stages: [{free: [E, S_y, S_inf, b, H]}]}", "loop: {rivals: 3, additions: 2, starts: [1.0, 0.9]}", "output: run"]
+    lines += ["identify: {stages: [{free: [E, S_y, S_inf, b, H]}]}", f"loop: {{rivals: 3, additions: 2, starts: [1.0, 0.9], leave_out: {leave_out}}}", "output: run"]
     (folder / "case.yaml").write_text("\n".join(lines) + "\n")
 
 
@@ -127,11 +128,13 @@ EFFECTS = {
     "plateau": ("eps_L", {}, 0.01, 0.05),
     "damage": ("damage", dict(eps_D=0.0), 1.0, 5.0),
     "force zero": ("force_offset", {}, 8.0, 100.0),
+    "delay of the force": ("force_delay", {}, 1e-4, 2e-3),
     "strain gain": ("strain_gain", {}, 1.03, 1.3),
     "compliance": ("compliance", {}, 1e-6, 1e-5),
     "gain of fast": ("fast_gain", {}, 1.05, 1.5),
 }
 OUTSIDE = {"hum": dict(ageing=12.0), "waves of hardening": dict(twinning=12.0), "jumps": dict(slip=15.0)}
+PAIRS = [("rate", "force zero"), ("kinematic", "damage"), ("gain of fast", "kinematic"), ("delay of the force", "rate")]
 NULLS = {"strain_gain": 1.0, "fast_gain": 1.0, "force_gain": 1.0}
 
 
@@ -160,6 +163,15 @@ def main():
         for multiple, size in sizes.items():
             for seed in range(0 if size > largest else 1 if options.reduced else options.seeds):
                 suite.trial("effect", effect, multiple, {parameter: size} | shapes, 1 + seed, "gain of fast" if effect == "gain of fast" else parameter)
+    if not options.reduced:
+        at_ten = {effect: {EFFECTS[effect][0]: NULLS.get(EFFECTS[effect][0], 0.0) + 10 * detectable[effect]} | EFFECTS[effect][1] for effect in EFFECTS if effect in detectable}
+        at_ten = {effect: planted for effect, planted in at_ten.items() if planted[EFFECTS[effect][0]] <= EFFECTS[effect][3]}
+        for effect, planted in at_ten.items():
+            for seed in range(options.seeds):
+                suite.trial("without", effect, "-", planted | {"leave_out": [effect]}, 50 + seed)
+        for pair in PAIRS:
+            for seed in range(options.seeds if set(pair) <= set(at_ten) else 0):
+                suite.trial("pair", " + ".join(pair), "-", at_ten[pair[0]] | at_ten[pair[1]], 200 + seed)
     for name, planted in list(OUTSIDE.items())[2 if options.reduced else 0:]:
         for seed in range(1 if options.reduced else options.seeds):
             suite.trial("outside", name, "-", planted, 100 + seed)

@@ -141,7 +141,7 @@ nlohmann::json settle_light(const Communicator& world, std::optional<Observation
 }
 
 loop::LoopOptions how(const io::Case& test, std::vector<int> held_out) {
-  return {.draws = test.loop.draws, .additions = test.loop.additions, .rivals = test.loop.rivals, .starts = test.loop.starts, .held_out = std::move(held_out)};
+  return {.draws = test.loop.draws, .additions = test.loop.additions, .rivals = test.loop.rivals, .starts = test.loop.starts, .leave_out = test.loop.leave_out, .held_out = std::move(held_out)};
 }
 
 class FieldTest final : public LoopTest {
@@ -158,6 +158,7 @@ class FieldTest final : public LoopTest {
       for (int place : seen_->places) frames.push_back(test_.frames[static_cast<std::size_t>(place)]);
       auto of_light = how(test_, places_held_out(frames));
       of_light.starts = {1.0};
+      of_light.leave_out.clear();
       light_ = settle_light(world, seen_, test_, specimen_, material_, of_light, say);
     }
     experiment_ = std::make_unique<loop::FieldExperiment>(world, seen_ ? field_data(world, *seen_, test_, specimen_) : imported_fields(test_, specimen_), declared_model(test_, material_), loop::FieldOptions{.modes = test_.loop.modes});
@@ -194,6 +195,16 @@ class FieldTest final : public LoopTest {
 using Say = std::function<void(const std::string&)>;
 
 std::unique_ptr<LoopTest> make_test(const Communicator& world, const io::Case& test, const Say& say) { return test.experiments.empty() ? make_field_test(world, test, say) : make_curve_test(world, test); }
+
+/// Candidates that are left out are of those that there may be; which there are is known when the data are read.
+void check_left_out(const io::Case& test) {
+  std::vector<std::string> known = material::known_effects();
+  known.emplace_back("Poisson's_ratio");
+  for (const auto& [effect, quantities] : effect_quantities()) known.push_back(effect);
+  for (const auto& one : test.experiments) known.push_back("gain_of_" + loop::key_of(one.name));
+  for (const auto& name : test.loop.leave_out)
+    if (std::find(known.begin(), known.end(), loop::key_of(name)) == known.end()) throw InputError("loop.leave_out", name, fmt::format("any of {}", fmt::join(known, ", ")));
+}
 
 /// What would else be said after the tests before have been correlated.
 void check_law_and_cameras(const io::Case& test) {
@@ -276,6 +287,7 @@ void loop(const Communicator& world, const CommandOptions& options) {
     return;
   }
   check_law_and_cameras(test);
+  check_left_out(test);
   const auto folder = output_folder(test, options, world);
   const auto one = make_test(world, test, say);
   const auto report = loop::close_loop(one->experiment(), how(test, one->held_out()), say);

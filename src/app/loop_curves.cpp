@@ -15,6 +15,7 @@
 #include "imic3d/loop/curve_experiment.hpp"
 #include "loop_report.hpp"
 #include "loop_test.hpp"
+#include "test_effects.hpp"
 
 namespace imic3d::app {
 
@@ -95,7 +96,7 @@ std::unique_ptr<LoopTest> make_curve_test(const Communicator& world, const io::C
   if (!test.cameras.empty()) throw InputError("experiments", "given beside cameras", "images or experiments, each in a case of its own (both at once: tests)");
   const ExtendedMaterial material = make_extended_material(test);
   loop::CurveModel model{[&test](const std::vector<std::string>& effects) { return extended_law(test, effects); }, material.information, material.values, std::vector<double>(material.values.size(), 0.0), material.declared,
-                         std::vector<char>(material.values.size(), 0), [&test](std::string word) { return unit_in(std::move(word), test.units); }};
+                         std::vector<char>(material.values.size(), 0), declared_effects(test), [&test](std::string word) { return unit_in(std::move(word), test.units); }};
   for (const auto& stage : test.identify.stages)
     for (const auto& name : stage.free) model.free[static_cast<std::size_t>(material.index(name))] = 1;
   for (const auto& [name, deviation] : test.loop.prior) model.priors[static_cast<std::size_t>(material.index(name))] = deviation;

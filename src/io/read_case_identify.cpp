@@ -118,6 +118,7 @@ void CaseReader::read_loop() {
   section.get("additions", loop.additions);
   section.get("rivals", loop.rivals);
   section.get("starts", loop.starts);
+  section.get("leave_out", loop.leave_out);
   const auto prior = section.group("prior");
   for (const auto& [name, deviation] : prior.json().items()) {
     if (!case_.material.parameters.contains(name)) mistake(prior.path(name), "no parameter of this name", "a parameter of the material");

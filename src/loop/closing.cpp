@@ -6,10 +6,12 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <random>
 #include <tuple>
 
 #include "imic3d/core/error.hpp"
+#include "imic3d/loop/effect.hpp"
 #include "imic3d/loop/statistics.hpp"
 
 namespace imic3d::loop {
@@ -46,6 +48,7 @@ class Loop {
     for (char held : report_.held_out) fitted.push_back(held == 0 ? 1 : 0);
     rows_ = rows_of_frames(experiment.data(), fitted);
     held_rows_ = rows_of_frames(experiment.data(), report_.held_out);
+    leave_out();
     for (const Datum& d : experiment.data()) rigs_ = std::max(rigs_, d.channel + 1);
   }
 
@@ -88,6 +91,17 @@ class Loop {
   }
 
  private:
+  void leave_out() {
+    const auto& all = experiment_.candidates();
+    left_out_.assign(all.size(), 0);
+    for (const auto& name : options_.leave_out) {
+      const auto found = std::find_if(all.begin(), all.end(), [&](const Candidate& c) { return key_of(c.name) == key_of(name); });
+      std::vector<std::string> names;
+      for (const auto& one : all) names.push_back(one.name);
+      if (found == all.end()) throw InputError("loop.leave_out", name, fmt::format("any of {}", fmt::join(names, ", ")));
+      left_out_[static_cast<std::size_t>(found - all.begin())] = 1;
+    }
+  }
   const Candidate& candidate(int j) const { return experiment_.candidates()[static_cast<std::size_t>(j)]; }
   void say(const std::string& line) const {
     if (say_) say_(line);
@@ -148,9 +162,15 @@ class Loop {
     // One half of the draws says how the numbers of a frame vary together, the other what is left of them then: no draw judges itself.
     Eigen::MatrixXd null = experiment_.noise(values, 2 * options_.draws);
     doubt_bias(null);
-    ground->weight = Weight(experiment_.data(), null.leftCols(options_.draws));
+    Eigen::MatrixXd of_weight = null.leftCols(options_.draws);
+    // Numbers whose noise was estimated from themselves are whitened with that; to weigh them by it once more would be to trust it twice.
+    const Eigen::VectorXd freedom = experiment_.freedom();
+    for (Eigen::Index i = 0; i < freedom.size(); ++i)
+      if (std::isfinite(freedom[i])) of_weight.row(i).setZero();
+    ground->weight = Weight(experiment_.data(), of_weight);
     ground->null = ground->weight(null.rightCols(options_.draws));
-    if (rigs_ > 1) ground->apart = Weight(experiment_.data(), null.leftCols(options_.draws), 2, true);
+    ground->squares = ground->weight(experiment_.noise_of_squares(values, null.rightCols(options_.draws)));
+    if (rigs_ > 1) ground->apart = Weight(experiment_.data(), of_weight, 2, true);
     return ground;
   }
 
@@ -228,9 +248,11 @@ class Loop {
   void finish(Model& model) {
     const Known prior = known(model);
     const Eigen::MatrixXd& null = model.ground->null;
-    const Eigen::MatrixXd moved = inverse_of(stacked(model.fit.sensitivity(rows_, Eigen::all), prior.sensitivity)) * stacked(null(rows_, Eigen::all), prior.null);  // of the parameters by the noise
+    const Eigen::MatrixXd pull = inverse_of(stacked(model.fit.sensitivity(rows_, Eigen::all), prior.sensitivity));
+    const Eigen::MatrixXd moved = pull * stacked(null(rows_, Eigen::all), prior.null);  // of the parameters by the noise
     model.covariance = moved * moved.transpose() / static_cast<double>(moved.cols());
-    const Eigen::MatrixXd left = null - model.fit.sensitivity * moved;
+    const Eigen::MatrixXd& squares = model.ground->squares;
+    const Eigen::MatrixXd left = squares - model.fit.sensitivity * (pull * stacked(squares(rows_, Eigen::all), prior.null));
     const auto chi = [](const auto& r) { return std::sqrt(r.squaredNorm() / static_cast<double>(std::max<Eigen::Index>(1, r.size()))); };
     const auto null_of = [&](const std::vector<Eigen::Index>& rows) {
       Eigen::VectorXd all(left.cols());
@@ -283,7 +305,7 @@ class Loop {
 
   void score_others(Model& model, const Known& prior) {
     for (int k = 0; k < static_cast<int>(experiment_.candidates().size()); ++k) {
-      if (std::find(model.added.begin(), model.added.end(), k) != model.added.end() || !has_its_turn(k, model)) continue;
+      if (left_out_[static_cast<std::size_t>(k)] != 0 || std::find(model.added.begin(), model.added.end(), k) != model.added.end() || !has_its_turn(k, model)) continue;
       const auto& its = candidate(k).parameters;
       if (std::any_of(its.begin(), its.end(), [&](int j) { return std::find(model.fit.free.begin(), model.fit.free.end(), j) != model.fit.free.end(); })) continue;
       model.others.push_back(k);
@@ -292,7 +314,10 @@ class Loop {
     ScoreProblem problem;
     problem.residual = stacked(model.fit.residual(rows_), prior.residual);
     problem.sensitivity = stacked(model.fit.sensitivity(rows_, Eigen::all), prior.sensitivity);
+    if (const Eigen::VectorXd freedom = experiment_.freedom(); freedom.size() > 0)
+      problem.freedom = stacked(freedom(rows_), Eigen::VectorXd::Constant(prior.residual.size(), std::numeric_limits<double>::infinity()));
     problem.null = stacked(model.ground->null(rows_, Eigen::all), prior.null);
+    problem.squares = stacked(model.ground->squares(rows_, Eigen::all), prior.null);
     std::vector<int> kept;
     for (std::size_t i = 0; i < signatures.size(); ++i) {
       const Eigen::MatrixXd signature = signatures[i](rows_, Eigen::all);
@@ -312,6 +337,7 @@ class Loop {
       kept.erase(kept.begin() + place), problem.signatures.erase(problem.signatures.begin() + place), problem.sizes.erase(problem.sizes.begin() + place);
     }
     if (kept.size() < model.scores.candidates.size()) model.scores = score(problem);
+    model.baselines = baselines(problem);
     model.others = kept;
     for (std::size_t i = 0; i < kept.size(); ++i) hold_within_bounds(model.scores.candidates[i], kept[i], model);
   }
@@ -642,6 +668,7 @@ class Loop {
   const LoopOptions& options_;
   const std::function<void(const std::string&)>& say_;
   int frames_, rigs_ = 0;
+  std::vector<char> left_out_;
   std::vector<Eigen::Index> rows_, held_rows_;
   Report report_;
 };

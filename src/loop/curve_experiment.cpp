@@ -1,11 +1,15 @@
 #include "imic3d/loop/curve_experiment.hpp"
 
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <map>
 #include <random>
 
+#include "declared.hpp"
 #include "imic3d/core/error.hpp"
 #include "imic3d/loop/law_effects.hpp"
 
@@ -33,19 +37,25 @@ CurveExperiment::CurveExperiment(Communicator world, std::vector<id::Curve> curv
     const auto duration = [](const Scene& s) { return s.time[s.time.size() - 1] - s.start_time; };
     if (duration(scene) < duration(scenes_[shortest])) shortest = k;
   }
+  std::vector<std::string> keys;
   for (auto& effect : effects()) {
     if (!effect->acts_on_curves() || !effect->applies(scenes_[shortest])) continue;
     const auto description = effect->describe(scenes_[shortest]);
     Candidate candidate{description.name, description.link, {}, description.sentence, description.confused_with, description.separated_by, {}};
+    keys.push_back(key_of(description.name));
     first_.push_back(parameters_.size());
     for (const auto& q : description.quantities) {
-      candidate.parameters.push_back(static_cast<int>(parameters_.size()));
+      const int place = static_cast<int>(parameters_.size());
       parameters_.push_back({.info = {.name = q.name, .unit = model_.unit(q.unit == "force" ? "stress" : q.unit), .description = q.description, .lower = q.lower, .upper = q.upper, .null_value = q.null},
                              .value = q.null, .step = q.step, .prior = 0.0, .free = false});
+      if (!declare(parameters_.back(), keys.back(), model_.effects)) candidate.parameters.push_back(place);
     }
-    candidates_.push_back(std::move(candidate));
+    if (!candidate.parameters.empty()) candidates_.push_back(std::move(candidate));
     effects_.push_back(std::move(effect));
   }
+  for (const auto& one : model_.effects)
+    if (std::find(keys.begin(), keys.end(), one.effect) == keys.end())
+      throw InputError("effects." + one.effect, "declared for stress-strain curves, on which it does not act or of which too little is known", fmt::format("one of {}", fmt::join(keys, ", ")));
   first_.push_back(parameters_.size());
   std::vector<std::string> groups;
   for (const auto& curve : curves_)
@@ -62,7 +72,8 @@ CurveExperiment::CurveExperiment(Communicator world, std::vector<id::Curve> curv
   const auto law = law_candidates(model_.information, model_.declared);
   candidates_.insert(candidates_.end(), law.begin(), law.end());
   make_bins(options);
-  make_whitening();
+  find_repetitions();
+  whitening_ = whitening_of(scatter_);
 }
 
 void CurveExperiment::make_bins(const CurveLoopOptions& options) {
@@ -106,7 +117,7 @@ void CurveExperiment::make_bins(const CurveLoopOptions& options) {
       ++in_frame;
       data_.push_back({frame, force_channel});
     }
-    bin_noise_.push_back(curve.deviation);
+    scatter_.bin_noise.push_back(curve.deviation);
   }
   if (data_.empty()) throw InputError("experiments", "no row that is judged", "rows beyond `from`");
 }
@@ -229,24 +240,25 @@ Eigen::MatrixXd CurveExperiment::basis(Eigen::Index first, Eigen::Index count) c
   return B;
 }
 
-void CurveExperiment::make_whitening() {
-  whitening_.clear();
+std::vector<Eigen::MatrixXd> CurveExperiment::whitening_of(const Scatter& scatter) const {
+  std::vector<Eigen::MatrixXd> all;
   for (std::size_t k = 0; k < bars_.size(); ++k) {
     const auto [first, size] = bars_[k];
-    Eigen::MatrixXd covariance = std::pow(bin_noise_[k], 2) * Eigen::MatrixXd::Identity(size, size);
-    if (scatter_.size() > 0) {
+    Eigen::MatrixXd covariance = std::pow(scatter.bin_noise[k], 2) * Eigen::MatrixXd::Identity(size, size);
+    if (scatter.covariance.size() > 0) {
       const Eigen::MatrixXd B = basis(first, size);
-      covariance += B * scatter_ * B.transpose();
+      covariance += B * scatter.covariance * B.transpose();
     }
-    whitening_.emplace_back(covariance.llt().matrixL().solve(Eigen::MatrixXd::Identity(size, size)));
+    all.emplace_back(covariance.llt().matrixL().solve(Eigen::MatrixXd::Identity(size, size)));
   }
+  return all;
 }
 
-Eigen::VectorXd CurveExperiment::whitened(const Eigen::VectorXd& raw) const {
+Eigen::VectorXd CurveExperiment::whitened(const Eigen::VectorXd& raw, const std::vector<Eigen::MatrixXd>& whitening) const {
   Eigen::VectorXd result(raw.size());
   for (std::size_t k = 0; k < bars_.size(); ++k) {
     const auto [first, size] = bars_[k];
-    result.segment(first, size) = whitening_[k].triangularView<Eigen::Lower>() * raw.segment(first, size);
+    result.segment(first, size) = whitening[k].triangularView<Eigen::Lower>() * raw.segment(first, size);
   }
   return result;
 }
@@ -323,113 +335,152 @@ std::vector<Eigen::VectorXd> CurveExperiment::residuals_near(const std::vector<d
   return result;
 }
 
+Eigen::VectorXd CurveExperiment::freedom() const { return freedom_ > 0.0 ? Eigen::VectorXd::Constant(static_cast<Eigen::Index>(bins_.size()), std::max(3.0, freedom_ - degree)) : Eigen::VectorXd(); }
+
 double CurveExperiment::round_off() const {
   double square = 0.0;
-  for (std::size_t i = 0; i < bins_.size(); ++i) square += std::pow(1e-6 * curves_[static_cast<std::size_t>(bins_[i].curve)].stress(bins_[i].rows).mean() / bin_noise_[static_cast<std::size_t>(bins_[i].curve)], 2);
+  for (std::size_t i = 0; i < bins_.size(); ++i) square += std::pow(1e-6 * curves_[static_cast<std::size_t>(bins_[i].curve)].stress(bins_[i].rows).mean() / scatter_.bin_noise[static_cast<std::size_t>(bins_[i].curve)], 2);
   return std::sqrt(square);
 }
 
+/// Bars that have repetitions, with the bins that some other bar of their group has too.
+void CurveExperiment::find_repetitions() {
+  std::map<std::string, std::map<int, int>> bars_with;  // of a group and a bin's number
+  std::map<std::string, int> members;
+  for (std::size_t k = 0; k < bars_.size(); ++k) {
+    if (bars_[k].second == 0) continue;
+    ++members[curves_[k].group];
+    for (Eigen::Index i = bars_[k].first; i < bars_[k].first + bars_[k].second; ++i) ++bars_with[curves_[k].group][bins_[static_cast<std::size_t>(i)].number];
+  }
+  for (std::size_t k = 0; k < bars_.size(); ++k) {
+    Repeated bar{.curve = k, .rows = {}, .numbers = {}, .B = {}};
+    for (Eigen::Index i = bars_[k].first; i < bars_[k].first + bars_[k].second; ++i)
+      if (bars_with[curves_[k].group][bins_[static_cast<std::size_t>(i)].number] > 1) bar.rows.push_back(i), bar.numbers.push_back(bins_[static_cast<std::size_t>(i)].number);
+    if (bar.rows.empty()) continue;
+    std::vector<Eigen::Index> own;
+    for (Eigen::Index i : bar.rows) own.push_back(i - bars_[k].first);
+    bar.B = basis(bars_[k].first, bars_[k].second)(own, Eigen::all);
+    repeated_[curves_[k].group].push_back(std::move(bar));
+  }
+  for (const auto& [group, count] : members) freedom_ += count - 1.0;
+}
+
 /// Random-effects model of the deviations from the groups' means, by expectation-maximisation: bars that end early are in it with
-/// what they have.
-void CurveExperiment::learn_bias(const std::vector<double>& values) {
-  const auto predicted = predict(values);
-  if (predicted.empty()) throw ConvergenceError("the law cannot follow the curves");
-  const Eigen::VectorXd raw = binned(predicted);
-  std::map<std::string, std::vector<std::size_t>> groups;
-  for (std::size_t k = 0; k < curves_.size(); ++k)
-    if (bars_[k].second > 0) groups[curves_[k].group].push_back(k);
-  struct Bar {
-    std::size_t curve;
-    Eigen::MatrixXd B;
-    Eigen::VectorXd deviation;
-  };
-  std::map<std::string, std::vector<Bar>> deviations;
-  freedom_ = 0.0;
-  for (const auto& [group, members] : groups) {
-    if (members.size() < 2) continue;
-    freedom_ += static_cast<double>(members.size()) - 1.0;
+/// what they have. `raw`: measured - predicted [N].
+CurveExperiment::Scatter CurveExperiment::scatter_of(const Eigen::VectorXd& raw) const {
+  Scatter result{.covariance = {}, .bin_noise = scatter_.bin_noise, .deviations = {}, .coefficients = {}};
+  double square = 0.0, count = 0.0;
+  for (const auto& [group, bars] : repeated_) {
     std::map<int, std::pair<double, int>> means;  // of a bin: sum, bars
-    const auto bins_of = [&](std::size_t k, auto&& use) {
-      for (Eigen::Index i = bars_[k].first; i < bars_[k].first + bars_[k].second; ++i) use(i, bins_[static_cast<std::size_t>(i)].number);
-    };
-    for (std::size_t k : members) bins_of(k, [&](Eigen::Index i, int number) { means[number].first += raw[i], ++means[number].second; });
-    for (std::size_t k : members) {
-      std::vector<Eigen::Index> rows;
-      std::vector<double> deviation;
-      bins_of(k, [&](Eigen::Index i, int number) {
-        const auto& [sum, count] = means[number];
-        if (count < 2) return;
-        rows.push_back(i - bars_[k].first);
-        deviation.push_back((raw[i] - sum / count) * std::sqrt(count / (count - 1.0)));
-      });
-      if (rows.empty()) continue;
-      deviations[group].push_back({k, basis(bars_[k].first, bars_[k].second)(rows, Eigen::all), Eigen::Map<Eigen::VectorXd>(deviation.data(), static_cast<Eigen::Index>(deviation.size()))});
+    for (const auto& bar : bars)
+      for (std::size_t i = 0; i < bar.rows.size(); ++i) means[bar.numbers[i]].first += raw[bar.rows[i]], ++means[bar.numbers[i]].second;
+    for (const auto& bar : bars) {
+      Eigen::VectorXd deviation(static_cast<Eigen::Index>(bar.rows.size()));
+      for (std::size_t i = 0; i < bar.rows.size(); ++i) {
+        const auto& [sum, its] = means[bar.numbers[i]];
+        deviation[static_cast<Eigen::Index>(i)] = (raw[bar.rows[i]] - sum / its) * std::sqrt(its / (its - 1.0));
+      }
+      square += deviation.squaredNorm(), count += static_cast<double>(deviation.size());
+      result.deviations[group].push_back(std::move(deviation));
     }
   }
-  if (freedom_ < 1.0) return;  // nothing is repeated
+  if (count == 0.0) return result;  // nothing is repeated
   constexpr int size = degree + 1;
-  double square = 0.0, count = 0.0;
-  for (const auto& [group, bars] : deviations)
-    for (const auto& bar : bars) square += bar.deviation.squaredNorm(), count += static_cast<double>(bar.deviation.size());
-  Eigen::MatrixXd D = 0.5 * square / count * Eigen::MatrixXd::Identity(size, size);
+  const Eigen::Matrix<double, size, size> one = Eigen::Matrix<double, size, size>::Identity();
+  Eigen::Matrix<double, size, size> D = 0.5 * square / count * one;
   std::map<std::string, double> variance;
-  for (const auto& [group, bars] : deviations) variance[group] = 0.1 * square / count;
+  for (const auto& [group, bars] : repeated_) variance[group] = 0.1 * square / count;
   for (int iteration = 0; iteration < 200; ++iteration) {
-    Eigen::MatrixXd next = Eigen::MatrixXd::Zero(size, size);
+    Eigen::Matrix<double, size, size> next = Eigen::Matrix<double, size, size>::Zero();
     double bars_seen = 0.0;
-    const Eigen::MatrixXd D_inverse = (D + 1e-9 * D.trace() * Eigen::MatrixXd::Identity(size, size)).inverse();
-    for (const auto& [group, bars] : deviations) {
+    const Eigen::Matrix<double, size, size> D_inverse = (D + 1e-9 * D.trace() * one).inverse();
+    for (const auto& [group, bars] : repeated_) {
       double left = 0.0, numbers = 0.0;
-      for (const auto& bar : bars) {
-        const Eigen::MatrixXd V = (D_inverse + bar.B.transpose() * bar.B / variance[group]).inverse();
-        const Eigen::VectorXd c = V * bar.B.transpose() * bar.deviation / variance[group];
+      auto& coefficients = result.coefficients[group];
+      coefficients.resize(bars.size());
+      for (std::size_t k = 0; k < bars.size(); ++k) {
+        const auto& deviation = result.deviations[group][k];
+        const Eigen::Matrix<double, size, size> BB = bars[k].B.transpose() * bars[k].B, V = (D_inverse + BB / variance[group]).inverse();
+        const Eigen::VectorXd c = V * (bars[k].B.transpose() * deviation) / variance[group];
         next += c * c.transpose() + V;
         bars_seen += 1.0;
-        left += (bar.deviation - bar.B * c).squaredNorm() + (bar.B * V * bar.B.transpose()).trace();
-        numbers += static_cast<double>(bar.deviation.size());
+        left += (deviation - bars[k].B * c).squaredNorm() + BB.cwiseProduct(V).sum();
+        numbers += static_cast<double>(deviation.size());
+        coefficients[k] = c;
       }
       variance[group] = std::max(1e-12 * square / count, left / numbers);
     }
-    D = next / bars_seen;
+    next /= bars_seen;
+    const bool done = (next - D).norm() < 1e-4 * next.norm();
+    D = next;
+    if (done) break;
   }
-  scatter_ = D;
-  for (const auto& [group, members] : groups)
-    if (variance.contains(group))
-      for (std::size_t k : members) bin_noise_[k] = std::sqrt(variance[group]);
-  make_whitening();
+  result.covariance = D;
+  for (std::size_t k = 0; k < curves_.size(); ++k)
+    if (variance.contains(curves_[k].group)) result.bin_noise[k] = std::sqrt(variance[curves_[k].group]);
+  return result;
 }
 
-Eigen::MatrixXd CurveExperiment::noise(const std::vector<double>&, int draws) {
-  const auto N = static_cast<Eigen::Index>(bins_.size());
-  std::mt19937_64 random(3);
+void CurveExperiment::learn_bias(const std::vector<double>& values) {
+  const auto predicted = predict(values);
+  if (predicted.empty()) throw ConvergenceError("the law cannot follow the curves");
+  if (repeated_.empty()) return;
+  scatter_ = scatter_of(binned(predicted));
+  whitening_ = whitening_of(scatter_);
+}
+
+/// One half of their covariance is that of the model, the other that of the deviations themselves, whatever their course.
+Eigen::MatrixXd CurveExperiment::bars_like_these(int draws, double grown, unsigned seed) const {
+  std::mt19937_64 random(seed);
   std::normal_distribution<double> normal;
-  Eigen::MatrixXd result(N, draws);
-  const Eigen::MatrixXd root = scatter_.size() > 0 ? Eigen::MatrixXd(scatter_.llt().matrixL()) : Eigen::MatrixXd();
-  for (int b = 0; b < draws; ++b) {
-    // The scatter as it may be: an inverse Wishart about what was estimated.
-    Eigen::MatrixXd own = root;
-    if (root.size() > 0) {
-      const auto p = root.rows();
-      const double freedom = std::max(freedom_, static_cast<double>(p) + 2.0);
-      Eigen::MatrixXd W = Eigen::MatrixXd::Zero(p, p);
-      for (int i = 0; i < static_cast<int>(std::lround(freedom)); ++i) {
-        Eigen::VectorXd g(p);
-        for (double& x : g) x = normal(random);
-        W += g * g.transpose() / freedom;
-      }
-      own = root * Eigen::MatrixXd(W.inverse()).llt().matrixL().toDenseMatrix();
-    }
-    Eigen::VectorXd raw(N);
+  const auto drawn = [&](Eigen::Index count) {
+    Eigen::VectorXd g(count);
+    for (double& x : g) x = normal(random);
+    return g;
+  };
+  const Eigen::MatrixXd root = scatter_.covariance.size() > 0 ? Eigen::MatrixXd(grown * scatter_.covariance.llt().matrixL().toDenseMatrix()) : Eigen::MatrixXd();
+  Eigen::MatrixXd result(static_cast<Eigen::Index>(bins_.size()), draws);
+  for (auto raw : result.colwise()) {
     for (std::size_t k = 0; k < bars_.size(); ++k) {
       const auto [first, size] = bars_[k];
-      for (Eigen::Index i = first; i < first + size; ++i) raw[i] = bin_noise_[k] * normal(random);
-      if (own.size() == 0) continue;
-      Eigen::VectorXd c(own.cols());
-      for (double& x : c) x = normal(random);
-      raw.segment(first, size) += basis(first, size) * (own * c);
+      raw.segment(first, size) = scatter_.bin_noise[k] * drawn(size);
+      if (root.size() > 0) raw.segment(first, size) += basis(first, size) * (root * drawn(root.cols()));
     }
-    result.col(b) = whitened(raw);
+    if (scatter_.deviations.empty()) continue;  // nothing is learned yet
+    for (const auto& [group, bars] : repeated_) {
+      const auto& deviations = scatter_.deviations.at(group);
+      const auto& coefficients = scatter_.coefficients.at(group);
+      for (const auto& bar : bars) {
+        const Eigen::VectorXd share = drawn(static_cast<Eigen::Index>(bars.size())) / std::sqrt(static_cast<double>(bars.size()));
+        for (std::size_t i = 0; i < bar.rows.size(); ++i) {
+          double sum = 0.0;
+          for (std::size_t k = 0; k < bars.size(); ++k) {
+            const auto at = std::lower_bound(bars[k].numbers.begin(), bars[k].numbers.end(), bar.numbers[i]);
+            const bool has = at != bars[k].numbers.end() && *at == bar.numbers[i];
+            sum += share[static_cast<Eigen::Index>(k)] * (has ? deviations[k][at - bars[k].numbers.begin()] : bar.B.row(static_cast<Eigen::Index>(i)).dot(coefficients[k]));
+          }
+          raw[bar.rows[i]] = std::sqrt(0.5) * (raw[bar.rows[i]] + grown * sum);
+        }
+      }
+    }
   }
+  return result;
+}
+
+/// A score that is weighed with a covariance of p coefficients, itself estimated with n degrees of freedom, varies by n/(n - p - 1) (n - 1)/(n - p) more than that
+/// covariance says (S a Wishart matrix: s^T S^-1 d/sqrt(s^T S^-1 s)); its tails are those of Student's t with n - p + 1.
+Eigen::MatrixXd CurveExperiment::noise(const std::vector<double>&, int draws) {
+  constexpr double p = degree + 1;
+  const double n = std::max(freedom_, p + 2.0);
+  Eigen::MatrixXd result = bars_like_these(draws, std::sqrt(n / (n - p - 1.0) * (n - 1.0) / (n - p)), 3);
+  for (auto column : result.colwise()) column = whitened(column);
+  return result;
+}
+
+Eigen::MatrixXd CurveExperiment::noise_of_squares(const std::vector<double>&, const Eigen::MatrixXd& noise) {
+  if (repeated_.empty()) return noise;
+  Eigen::MatrixXd result = bars_like_these(static_cast<int>(noise.cols()), 1.0, 5);
+  for (auto column : result.colwise()) column = whitened(column, whitening_of(scatter_of(column)));
   return result;
 }
 

@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "imic3d/core/error.hpp"
-#include "imic3d/loop/field_experiment.hpp"
+#include "imic3d/loop/effect.hpp"
 
 namespace imic3d::loop {
 

@@ -32,6 +32,7 @@ Weight::Weight(const std::vector<Datum>& data, const Eigen::MatrixXd& null, int 
       sum += block * block.transpose();
       count += static_cast<double>(null.cols());
     }
+    if (sum.isZero(0.0)) sum = count * Eigen::MatrixXd::Identity(rows, rows);
     const double share = static_cast<double>(rows) / (static_cast<double>(rows) + count);
     const Eigen::MatrixXd covariance = (1.0 - share) * sum / count + share * Eigen::MatrixXd::Identity(rows, rows);
     blocks_.emplace_back(first, covariance.llt().matrixL().solve(Eigen::MatrixXd::Identity(rows, rows)));

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 
 #include "imic3d/core/error.hpp"
@@ -135,6 +136,13 @@ double JointExperiment::round_off() const {
   return std::sqrt(squares);
 }
 
+Eigen::VectorXd JointExperiment::freedom() const {
+  Eigen::VectorXd all = Eigen::VectorXd::Constant(first_row_.back(), std::numeric_limits<double>::infinity());
+  for (std::size_t k = 0; k < tests_.size(); ++k)
+    if (const Eigen::VectorXd own = tests_[k].experiment->freedom(); own.size() > 0) all.segment(first_row_[k], own.size()) = own;
+  return all;
+}
+
 void JointExperiment::learn_bias(const std::vector<double>& values) {
   for (std::size_t k = 0; k < tests_.size(); ++k) tests_[k].experiment->learn_bias(values_of(k, values));
 }
@@ -161,6 +169,15 @@ void JointExperiment::put_back(const std::shared_ptr<const Learned>& learned) {
 Eigen::MatrixXd JointExperiment::noise(const std::vector<double>& values, int draws) {
   Eigen::MatrixXd all(first_row_.back(), draws);
   for (std::size_t k = 0; k < tests_.size(); ++k) all.middleRows(first_row_[k], first_row_[k + 1] - first_row_[k]) = tests_[k].experiment->noise(values_of(k, values), draws);
+  return all;
+}
+
+Eigen::MatrixXd JointExperiment::noise_of_squares(const std::vector<double>& values, const Eigen::MatrixXd& noise) {
+  Eigen::MatrixXd all(noise.rows(), noise.cols());
+  for (std::size_t k = 0; k < tests_.size(); ++k) {
+    const auto first = first_row_[k], count = first_row_[k + 1] - first;
+    all.middleRows(first, count) = tests_[k].experiment->noise_of_squares(values_of(k, values), noise.middleRows(first, count));
+  }
   return all;
 }
 

@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <random>
 
 #include "imic3d/loop/statistics.hpp"
@@ -34,10 +35,10 @@ class Test {
     const Eigen::VectorXd v = weights_[j] * z;
     return std::max(0.0, v.dot(pseudo_inverse(information_[j]) * v));
   }
-  [[nodiscard]] double largest_z(const Eigen::VectorXd& z) const {
+  [[nodiscard]] double largest_z(const Eigen::VectorXd& z, const std::vector<char>& visible) const {
     double largest = 0.0;
     for (std::size_t j = 0; j < weights_.size(); ++j)
-      largest = std::max(largest, deviations(log_chi_squared_tail(statistic(j, z), static_cast<int>(columns_[j].count))));
+      if (visible[j] != 0) largest = std::max(largest, deviations(log_chi_squared_tail(statistic(j, z), static_cast<int>(columns_[j].count))));
     return largest;
   }
   /// Of the first `k` parameters, the rest held at null.
@@ -62,6 +63,31 @@ Eigen::MatrixXd covariance(const Eigen::MatrixXd& Z, const Eigen::MatrixXd& G) {
   return (1.0 - share) * sample + share * scale * G;
 }
 
+/// Degrees of freedom of a score's estimated variance, whose parts come of rows [N] with `freedom` each (Satterthwaite 1946); rows of equal freedom share their estimate.
+double freedom_of(const Eigen::VectorXd& freedom, const Eigen::MatrixXd& marks) {
+  std::map<double, double> parts;
+  for (Eigen::Index i = 0; i < freedom.size(); ++i) parts[freedom[i]] += marks.row(i).squaredNorm();
+  double inverse = 0.0;
+  for (const auto& [its, part] : parts) inverse += std::pow(part / std::max(1e-300, marks.squaredNorm()), 2) / its;
+  return inverse > 0.0 ? std::max(3.0, 1.0 / inverse) : 1e12;
+}
+
+/// P = I - Q Q^T: takes away what the free parameters explain.
+class Projection {
+ public:
+  explicit Projection(Eigen::MatrixXd S) : Q_(Eigen::MatrixXd::Zero(S.rows(), 0)) {
+    for (auto column : S.colwise()) column /= std::max(column.norm(), 1e-300);
+    if (S.cols() == 0) return;
+    const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(S);
+    Q_ = qr.householderQ() * Eigen::MatrixXd::Identity(S.rows(), qr.rank());
+  }
+  [[nodiscard]] Eigen::MatrixXd operator()(const Eigen::MatrixXd& X) const { return X - Q_ * (Q_.transpose() * X); }
+  [[nodiscard]] Eigen::Index rank() const { return Q_.cols(); }
+
+ private:
+  Eigen::MatrixXd Q_;
+};
+
 }  // namespace
 
 Scores score(const ScoreProblem& problem) {
@@ -71,15 +97,7 @@ Scores score(const ScoreProblem& problem) {
   Eigen::Index m = 0;
   for (const auto& signature : problem.signatures) columns.push_back({m, signature.cols()}), m += signature.cols();
 
-  // P = I - Q Q^T on the scaled sensitivities.
-  Eigen::MatrixXd S = problem.sensitivity;
-  for (auto column : S.colwise()) column /= std::max(column.norm(), 1e-300);
-  Eigen::MatrixXd Q = Eigen::MatrixXd::Zero(N, 0);
-  if (S.cols() > 0) {
-    const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(S);
-    Q = qr.householderQ() * Eigen::MatrixXd::Identity(N, qr.rank());
-  }
-  const auto projected = [&Q](const Eigen::MatrixXd& X) -> Eigen::MatrixXd { return X - Q * (Q.transpose() * X); };
+  const Projection projected(problem.sensitivity);
 
   // Columns of unit length; the scales come back with the sizes.
   Eigen::MatrixXd A(N, m);
@@ -99,10 +117,16 @@ Scores score(const ScoreProblem& problem) {
   const Eigen::MatrixXd Z = A.transpose() * PR;
   const Eigen::MatrixXd C = covariance(Z, G);
   const Test test(C, G, columns);
+  std::vector<double> visibility;
+  std::vector<char> visible;
+  for (const auto& [first, count] : columns) {
+    visibility.push_back((length.segment(first, count).array() / before.segment(first, count).array()).maxCoeff());
+    visible.push_back(visibility.back() >= least_visibility ? 1 : 0);
+  }
 
   Scores result;
   result.energy = Pr.squaredNorm();
-  const Eigen::VectorXd null_energy = PR.colwise().squaredNorm().transpose();
+  const Eigen::VectorXd null_energy = (problem.squares.size() > 0 ? projected(problem.squares) : PR).colwise().squaredNorm().transpose();
   result.null_energy = null_energy.mean();
   // The cube root of a sum of squares is all but normal (Wilson and Hilferty 1931); mean and deviation are those of the draws: Student's t.
   const Eigen::ArrayXd roots = null_energy.array().max(1e-300).pow(1.0 / 3.0);
@@ -128,20 +152,23 @@ Scores score(const ScoreProblem& problem) {
   for (Eigen::Index k = 0; k < covariances; ++k) {
     const Test other(covariance(drawn(Z.cols()), G), G, columns);
     const Eigen::MatrixXd scores = drawn(each);
-    for (Eigen::Index b = 0; b < each; ++b) result.null_largest[k * each + b] = other.largest_z(scores.col(b));
+    for (Eigen::Index b = 0; b < each; ++b) result.null_largest[k * each + b] = other.largest_z(scores.col(b), visible);
   }
   result.threshold = upper_quantile(result.null_largest, level_of_scores);
-  result.largest_p = (1.0 + static_cast<double>((result.null_largest.array() >= test.largest_z(z)).count())) / (static_cast<double>(covariances * each) + 1.0);
 
-  const Eigen::MatrixXd pull = S.cols() > 0 ? Eigen::MatrixXd(problem.sensitivity.completeOrthogonalDecomposition().pseudoInverse()) : Eigen::MatrixXd(0, N);
+  const Eigen::MatrixXd pull = problem.sensitivity.cols() > 0 ? Eigen::MatrixXd(problem.sensitivity.completeOrthogonalDecomposition().pseudoInverse()) : Eigen::MatrixXd(0, N);
+  double largest = 0.0;
   for (std::size_t j = 0; j < families; ++j) {
     const auto& [first, count] = columns[j];
     Score one;
     one.degrees = static_cast<int>(count);
     one.statistic = test.statistic(j, z);
     one.p = chi_squared_tail(one.statistic, one.degrees);
-    one.z = deviations(log_chi_squared_tail(one.statistic, one.degrees));
-    one.visibility = (length.segment(first, count).array() / before.segment(first, count).array()).maxCoeff();
+    const double freedom = freedom_of(problem.freedom, A.middleCols(first, count));
+    const double unit = std::sqrt(freedom / (freedom - 2.0));  // C holds the variance of Student's t
+    one.z = student_as_normal(unit * deviations(log_chi_squared_tail(one.statistic, one.degrees)), freedom);
+    one.visibility = visibility[j];
+    if (visible[j] != 0) largest = std::max(largest, one.z);
     const Eigen::MatrixXd own = A.middleCols(first, count);
     const Eigen::VectorXd fitted = own.completeOrthogonalDecomposition().solve(Pr);
     one.drop = (own * fitted).squaredNorm();
@@ -149,11 +176,47 @@ Scores score(const ScoreProblem& problem) {
     const Eigen::VectorXd scale = length.segment(first, sizes).cwiseInverse();
     one.size = test.size(j, sizes, z).cwiseProduct(scale);
     one.deviation = test.covariance(j, sizes).diagonal().cwiseMax(0.0).cwiseSqrt().cwiseProduct(scale);
-    one.detectable = ((result.threshold + 0.84) / test.information(j).diagonal().head(sizes).cwiseMax(1e-300).array().sqrt()).matrix().cwiseProduct(scale);
+    one.detectable = (normal_as_student(result.threshold + 0.84, freedom) / unit / test.information(j).diagonal().head(sizes).cwiseMax(1e-300).array().sqrt()).matrix().cwiseProduct(scale);
     one.bias = pull * problem.signatures[j].leftCols(sizes);
     result.candidates.push_back(std::move(one));
   }
+  result.largest_p = (1.0 + static_cast<double>((result.null_largest.array() >= largest).count())) / (static_cast<double>(covariances * each) + 1.0);
   return result;
+}
+
+Baselines baselines(const ScoreProblem& problem) {
+  const Projection projected(problem.sensitivity);
+  const Eigen::VectorXd r = projected(problem.residual);
+  std::vector<Eigen::MatrixXd> marks;
+  for (const auto& signature : problem.signatures) {
+    marks.push_back(projected(signature));
+    for (Eigen::Index c = 0; c < signature.cols(); ++c)  // what is left of an invisible mark is round-off
+      marks.back().col(c) *= marks.back().col(c).norm() > 1e-7 * signature.col(c).norm() ? 1.0 / marks.back().col(c).norm() : 0.0;
+  }
+  const auto explained = [&r](const Eigen::MatrixXd& A) { return A.cols() == 0 ? 0.0 : (A * A.completeOrthogonalDecomposition().solve(r)).squaredNorm(); };
+
+  Baselines result;
+  const double energy = r.squaredNorm(), rows = static_cast<double>(r.size());
+  result.chi_squared_p = chi_squared_tail(energy, static_cast<int>(r.size() - projected.rank()));
+  for (const auto& mark : marks) result.cosine.push_back(std::sqrt(explained(mark) / std::max(energy, 1e-300)));
+  // Forward selection: the candidate that lowers |r|^2 + columns ln N most, until none does.
+  Eigen::MatrixXd chosen(r.size(), 0);
+  double criterion = energy;
+  while (true) {
+    int best = -1;
+    for (std::size_t j = 0; j < marks.size(); ++j) {
+      if (std::find(result.bic.begin(), result.bic.end(), static_cast<int>(j)) != result.bic.end()) continue;
+      Eigen::MatrixXd with(r.size(), chosen.cols() + marks[j].cols());
+      with << chosen, marks[j];
+      const double its = energy - explained(with) + static_cast<double>(with.cols()) * std::log(rows);
+      if (its < criterion) criterion = its, best = static_cast<int>(j);
+    }
+    if (best < 0) return result;
+    const auto& mark = marks[static_cast<std::size_t>(best)];
+    chosen.conservativeResize(Eigen::NoChange, chosen.cols() + mark.cols());
+    chosen.rightCols(mark.cols()) = mark;
+    result.bic.push_back(best);
+  }
 }
 
 }  // namespace imic3d::loop

@@ -31,6 +31,11 @@ double student_as_normal(double t, double freedom) {
   return std::copysign((8.0 * freedom + 1.0) / (8.0 * freedom + 3.0) * std::sqrt(freedom * std::log1p(t * t / freedom)), t);
 }
 
+double normal_as_student(double z, double freedom) {
+  const double scaled = z * (8.0 * freedom + 3.0) / (8.0 * freedom + 1.0);
+  return std::copysign(std::sqrt(freedom * std::expm1(scaled * scaled / freedom)), z);
+}
+
 double upper_quantile(Eigen::VectorXd values, double level) {
   std::sort(values.begin(), values.end());
   const auto place = static_cast<Eigen::Index>(std::ceil((1.0 - level) * static_cast<double>(values.size() + 1) - 1e-9));  // counted from 1

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <random>
 
+#include "imic3d/core/error.hpp"
 #include "imic3d/loop/closing.hpp"
 #include "imic3d/loop/statistics.hpp"
 
@@ -153,6 +154,14 @@ double distance_from_uniform(Eigen::VectorXd p) {
 }
 
 /// 200 tests in which nothing is missing: 4 % false alarms asked of the scores and 1 % of the omnibus test.
+TEST(Statistics, StudentsTails) {
+  EXPECT_NEAR(student_as_normal(2.228, 10.0), 1.960, 3e-3);  // 2.5 %
+  EXPECT_NEAR(student_as_normal(4.144, 10.0), 3.090, 5e-3);  // 0.1 %
+  EXPECT_NEAR(normal_as_student(1.960, 10.0), 2.228, 3e-3);
+  EXPECT_NEAR(normal_as_student(student_as_normal(-3.0, 5.0), 5.0), -3.0, 1e-12);
+  EXPECT_NEAR(student_as_normal(3.0, 1e12), 3.0, 1e-9);
+}
+
 TEST(Closing, FalseAlarmsStayAtTheirLevel) {
   int alarms = 0;
   constexpr int tests = 200;
@@ -248,6 +257,44 @@ TEST(Closing, WhatIsKnownBeforehandShowsTheInvisible) {
   const Report null = loop_on(Curves(4).know(0, 10.6, 0.02));
   EXPECT_EQ(null.verdict, Verdict::nothing_found) << null.sentence;
   EXPECT_LT(std::sqrt(null.declared.covariance(0, 0)), 0.02);
+}
+
+TEST(Closing, WhatIsLeftOutIsNotNamed) {
+  Curves experiment(1, {{Curves::drift, 5.0}});
+  LoopOptions without = options;
+  without.leave_out = {"drift"};
+  const Report report = close_loop(experiment, without);
+  EXPECT_NE(report.verdict, Verdict::nothing_found);
+  EXPECT_EQ(std::count(report.named.begin(), report.named.end(), static_cast<int>(Curves::drift)), 0) << report.sentence;
+  EXPECT_EQ(std::count(report.declared.others.begin(), report.declared.others.end(), static_cast<int>(Curves::drift)), 0);
+  without.leave_out = {"twin_again", "thrift"};
+  EXPECT_THROW(static_cast<void>(close_loop(experiment, without)), InputError);
+}
+
+TEST(Baselines, SimplerMethodsOnTheSameMarks) {
+  std::mt19937_64 random(3);
+  std::normal_distribution<double> normal;
+  const auto drawn = [&](Eigen::Index rows, Eigen::Index columns) {
+    Eigen::MatrixXd all(rows, columns);
+    for (double& x : all.reshaped()) x = normal(random);
+    return all;
+  };
+  ScoreProblem problem;
+  problem.sensitivity = drawn(200, 3);
+  problem.signatures = {drawn(200, 1), drawn(200, 2), problem.sensitivity.col(1)};  // the last: what a free parameter does
+  double mean = 0.0;
+  for (int test = 0; test < 200; ++test) {
+    problem.residual = drawn(200, 1);
+    mean += baselines(problem).chi_squared_p / 200.0;
+  }
+  EXPECT_NEAR(mean, 0.5, 0.07);
+  problem.residual += problem.sensitivity * Eigen::Vector3d(3.0, -5.0, 2.0) + 2.0 * problem.signatures[1].col(1);
+  const Baselines found = baselines(problem);
+  EXPECT_LT(found.chi_squared_p, 1e-6);
+  EXPECT_EQ(found.bic, std::vector<int>{1});
+  EXPECT_GT(found.cosine[1], 0.8);
+  EXPECT_LT(found.cosine[0], 0.3);
+  EXPECT_NEAR(found.cosine[2], 0.0, 1e-6);
 }
 
 TEST(Closing, TwoEffectsAreFoundOneAfterTheOther) {

@@ -7,6 +7,7 @@
 #include <map>
 #include <random>
 
+#include "imic3d/core/error.hpp"
 #include "imic3d/loop/closing.hpp"
 #include "imic3d/loop/curve_experiment.hpp"
 #include "imic3d/loop/law_effects.hpp"
@@ -98,6 +99,62 @@ TEST(CurveExperiment, ResidualsNearAreThoseComputed) {
     const double moved = (computed[s] - computed[0]).norm();
     EXPECT_LT((near[s] - computed[s]).norm(), 1e-3 * moved + 1e-8) << experiment.parameters()[s - 1].info.name << " moves it by " << moved;
   }
+}
+
+/// What the bars' scatter makes of a score, and of the sum of squares, over many tests: as the null of each says, which was made of that test's own few bars.
+TEST(CurveExperiment, TheNullKnowsThatTheScatterIsEstimated) {
+  const auto exact = bars(1, {});
+  constexpr int tests = 400;
+  double ratio = 0.0, energy = 0.0, of_null = 0.0;
+  for (int test = 0; test < tests; ++test) {
+    auto curves = exact;
+    std::mt19937_64 random(100 + static_cast<unsigned>(test));
+    std::normal_distribution<double> normal;
+    std::vector<double> values;
+    CurveExperiment perfect(Communicator(), curves, model(truth));
+    for (const auto& p : perfect.parameters()) values.push_back(p.value);
+    static const auto predicted = perfect.predict(values);
+    for (std::size_t k = 0; k < curves.size(); ++k) {
+      curves[k].stress = predicted[k];
+      const double a = 5.0 * normal(random), b = 3.0 * normal(random), c = 2.0 * normal(random);
+      for (Eigen::Index row = 1; row < curves[k].stress.size(); ++row) {
+        const double s = 20.0 * curves[k].history.strain[row] - 1.0;
+        curves[k].stress[row] += a + b * s + c * 0.5 * (3.0 * s * s - 1.0) + 2.0 * normal(random);
+      }
+    }
+    CurveExperiment experiment(Communicator(), curves, model(truth));
+    experiment.learn_bias(values);
+    auto stronger = values;  // the bars of one group carry more
+    for (std::size_t j = 0; j < values.size(); ++j)
+      if (experiment.parameters()[j].info.name == "gain of fast") stronger[j] = 1.01;
+    const auto r = experiment.residuals({values, stronger});
+    const Eigen::VectorXd mark = (r[0] - r[1]).normalized();
+    const Eigen::MatrixXd null = experiment.noise(values, 60), squares = experiment.noise_of_squares(values, null);
+    ratio += std::pow(mark.dot(r[0]), 2) / ((mark.transpose() * null).squaredNorm() / 60.0) / tests;
+    energy += r[0].squaredNorm() / tests, of_null += squares.colwise().squaredNorm().mean() / tests;
+  }
+  // t^2 of Student's t of variance one with 7 degrees, judged by 60 draws: its mean is known to a tenth.
+  EXPECT_NEAR(ratio, 1.0, 0.3);
+  EXPECT_NEAR(energy / of_null, 1.0, 0.05);
+}
+
+TEST(CurveExperiment, DeclaredEffectsAreNoCandidates) {
+  CurveModel m = model(truth);
+  m.effects = {{.effect = "force_zero", .quantity = "force_offset", .value = 7.0, .lower = {}, .upper = {}}, {.effect = "compliance", .quantity = "compliance", .value = {}, .lower = {}, .upper = {}, .free = true}};
+  const auto curves = bars(1, {});
+  CurveExperiment with(Communicator(), curves, m), without(Communicator(), curves, model(truth));
+  const auto values_of = [](const CurveExperiment& e) {
+    std::vector<double> values;
+    for (const auto& p : e.parameters()) values.push_back(p.value);
+    return values;
+  };
+  for (const auto& candidate : with.candidates()) EXPECT_TRUE(candidate.name != "force zero" && candidate.name != "compliance");
+  EXPECT_EQ(with.candidates().size() + 2, without.candidates().size());
+  EXPECT_EQ(std::count_if(with.parameters().begin(), with.parameters().end(), [](const Parameter& p) { return p.info.name == "compliance" && p.free; }), 1);
+  const auto shown = with.predict(values_of(with)), bare = without.predict(values_of(without));
+  EXPECT_NEAR((shown[0] - bare[0]).tail(100).mean(), 7.0, 1e-9);
+  m.effects = {{.effect = "parallax", .quantity = "inverse_distance", .value = 1e-3, .lower = {}, .upper = {}}};
+  EXPECT_THROW(CurveExperiment(Communicator(), curves, m), InputError);
 }
 
 TEST(CurveExperiment, EveryFourthBarIsHeldOut) {

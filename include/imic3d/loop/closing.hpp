@@ -16,6 +16,7 @@ struct LoopOptions {
   int additions = 3;            ///< effects added at most
   int rivals = 4;               ///< candidates tried non-linearly in each round
   std::vector<double> starts = {1.0, 0.9, 1.1};  ///< factors on the free parameters' declared values
+  std::vector<std::string> leave_out{};  ///< candidates that are not considered, by their names or as `key_of` writes these
   std::vector<int> held_out;    ///< frames (places in the record) that are never fitted; chosen if empty
 };
 
@@ -47,6 +48,7 @@ struct Ground {
   Weight weight{{}, {}};
   Weight apart{{}, {}};         ///< the same of each channel by itself
   Eigen::MatrixXd null;         ///< whitened residuals of noise alone, before any fit [N x draws]
+  Eigen::MatrixXd squares;      ///< the same for sums of squares
 };
 
 /// A model: which candidates it contains, and what the data say of it.
@@ -56,7 +58,8 @@ struct Model {
   Eigen::MatrixXd covariance;   ///< of the free parameters, from the null draws [free x free]
   Misfit misfit;
   Scores scores;                ///< of all other candidates
-  std::vector<int> others;      ///< the candidates that `scores` is about
+  Baselines baselines;          ///< of the same
+  std::vector<int> others;      ///< the candidates that `scores` and `baselines` are about
   std::vector<int> too_small;   ///< candidates that are not tested: no size within their bounds would be found
   std::string message;          ///< why the model could not be fitted, if so
   std::shared_ptr<const Ground> ground;
@@ -102,9 +105,6 @@ struct Report {
 
 /// Runs the loop (LOOP 1-3). `say` gets one line for each step. Collective.
 [[nodiscard]] Report close_loop(Experiment& experiment, const LoopOptions& options, const std::function<void(const std::string&)>& say = {});
-
-/// Below this visibility an effect is one that the test cannot see.
-constexpr double least_visibility = 0.05;
 
 /// Blocks of contiguous frames that are held out: about a quarter of the frames in `blocks` blocks, none at either end.
 [[nodiscard]] std::vector<int> held_out_blocks(int frames, int blocks = 3);

@@ -2,6 +2,7 @@
 // Stress-strain curves of bars: what the loop needs of uniform tests.
 
 #include <functional>
+#include <map>
 #include <memory>
 
 #include "imic3d/core/parallel.hpp"
@@ -18,6 +19,7 @@ struct CurveModel {
   std::vector<ParameterInfo> information;                ///< of the parameters of the law with all of them, in its order
   std::vector<double> values, priors;                    ///< null values of what is not declared; priors: 0 where nothing is known
   std::vector<char> declared, free;                      ///< whether a parameter belongs to the declared law; whether it is unknown
+  std::vector<DeclaredEffect> effects{};                 ///< no candidates any more
   std::function<std::string(std::string)> unit = [](std::string word) { return word; };  ///< `stress`, `time` in the units of the test
 };
 
@@ -29,7 +31,8 @@ struct CurveLoopOptions {
 /// A frame is a bar, or a piece of a curve that has no repetition. Repeated bars are compared in bins of the way that their strain goes: the mean of
 /// measured - predicted in each. Bars of one material differ: each is off by a random cubic of that way, whose covariance all
 /// groups of repetitions share, and by what is left of it in each bin, both estimated from the bars' deviations from the mean
-/// of their group (expectation-maximisation). How little few bars tell of it is part of the null. A curve without repetitions
+/// of their group (expectation-maximisation). The null are bars that differ so, one half of their covariance being that of the deviations themselves, whatever
+/// their course, grown by what few bars tell of it; see `freedom`. A curve without repetitions
 /// has the noise of its points. Whitened with that.
 class CurveExperiment final : public Experiment {
  public:
@@ -44,8 +47,11 @@ class CurveExperiment final : public Experiment {
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) override;
   /// 1e-6 of the stress: a law with an effect at its null value solves other equations than one without it.
   [[nodiscard]] double round_off() const override;
+  /// Bars beyond one of each group, less the degree of their polynomial.
+  [[nodiscard]] Eigen::VectorXd freedom() const override;
   void learn_bias(const std::vector<double>& values) override;
   [[nodiscard]] Eigen::MatrixXd noise(const std::vector<double>& values, int draws) override;
+  [[nodiscard]] Eigen::MatrixXd noise_of_squares(const std::vector<double>& values, const Eigen::MatrixXd& noise) override;
 
   /// Frames that are held out: those that the curves say; else every fourth of the bars of a group, none where there is no group.
   [[nodiscard]] std::vector<int> held_out() const;
@@ -56,7 +62,7 @@ class CurveExperiment final : public Experiment {
   /// Stress at all rows of each curve; empty if the law cannot follow one of them.
   [[nodiscard]] std::vector<Eigen::VectorXd> predict(const std::vector<double>& values) const;
   /// Standard deviation of a number of group `group` that is not explained by the bars' cubics [stress].
-  [[nodiscard]] double bin_noise(int curve) const { return bin_noise_[static_cast<std::size_t>(curve)]; }
+  [[nodiscard]] double bin_noise(int curve) const { return scatter_.bin_noise[static_cast<std::size_t>(curve)]; }
   /// Predictions of the whole set made so far.
   [[nodiscard]] int simulations() const { return simulations_; }
 
@@ -84,9 +90,20 @@ class CurveExperiment final : public Experiment {
   /// What load cell and group make of it.
   [[nodiscard]] Eigen::VectorXd recorded(std::size_t curve, const std::vector<double>& values, Eigen::VectorXd stress) const;
   void make_bins(const CurveLoopOptions& options);
-  void make_whitening();
+  /// How bars of one material differ.
+  struct Scatter {
+    Eigen::MatrixXd covariance;     // of the bars' coefficients [degree + 1 square]; empty: none
+    std::vector<double> bin_noise;  // of each curve [stress]
+    std::map<std::string, std::vector<Eigen::VectorXd>> deviations, coefficients;  // of the repeated bars of each group, from its mean: in bins; of the cubics
+  };
+  void find_repetitions();
+  /// Bars that differ as `scatter_` says, `grown` times as much [N x draws, stress].
+  [[nodiscard]] Eigen::MatrixXd bars_like_these(int draws, double grown, unsigned seed) const;
+  [[nodiscard]] Scatter scatter_of(const Eigen::VectorXd& raw) const;
+  [[nodiscard]] std::vector<Eigen::MatrixXd> whitening_of(const Scatter& scatter) const;
   [[nodiscard]] Eigen::VectorXd binned(const std::vector<Eigen::VectorXd>& predicted) const;  // measured - predicted [N, stress]
-  [[nodiscard]] Eigen::VectorXd whitened(const Eigen::VectorXd& raw) const;
+  [[nodiscard]] Eigen::VectorXd whitened(const Eigen::VectorXd& raw, const std::vector<Eigen::MatrixXd>& whitening) const;
+  [[nodiscard]] Eigen::VectorXd whitened(const Eigen::VectorXd& raw) const { return whitened(raw, whitening_); }
   [[nodiscard]] Eigen::MatrixXd basis(Eigen::Index first, Eigen::Index count) const;
   [[nodiscard]] std::span<const double> values_of(std::size_t effect, const std::vector<double>& values) const;
 
@@ -102,8 +119,15 @@ class CurveExperiment final : public Experiment {
   std::vector<Datum> data_;
   std::vector<Bin> bins_;
   std::vector<std::pair<Eigen::Index, Eigen::Index>> bars_;  // first bin, bins of each curve
-  std::vector<double> bin_noise_;                            // of each curve [stress]
-  Eigen::MatrixXd scatter_;                                  // covariance of the bars' coefficients [degree + 1 square]; empty: none
+  /// A bar that has repetitions: its bins that others of the group have too.
+  struct Repeated {
+    std::size_t curve = 0;
+    std::vector<Eigen::Index> rows;
+    std::vector<int> numbers;
+    Eigen::MatrixXd B;
+  };
+  std::map<std::string, std::vector<Repeated>> repeated_;  // by group
+  Scatter scatter_;
   double freedom_ = 0.0;                                     // bars beyond one of each group
   std::vector<Eigen::MatrixXd> whitening_;                   // inverse Cholesky factor of each bar
   mutable int simulations_ = 0;

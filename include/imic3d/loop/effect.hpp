@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -130,6 +131,13 @@ class Effect {
 
 /// An effect's name as a key of the case file: `force zero` is `force_zero`.
 [[nodiscard]] std::string key_of(std::string name);
+
+/// A quantity of an effect that the declared model contains.
+struct DeclaredEffect {
+  std::string effect, quantity;            ///< the former as `key_of` writes it
+  std::optional<double> value, lower, upper;
+  bool free = false;
+};
 
 /// All effects that act outside the law but on the grey levels, in the order of the links.
 [[nodiscard]] std::vector<std::shared_ptr<const Effect>> effects();

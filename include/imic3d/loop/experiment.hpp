@@ -67,6 +67,8 @@ class Experiment {
   [[nodiscard]] virtual bool takes_simulations(int /*parameter*/) const { return false; }
   /// Norm of a difference of two residuals that is round-off.
   [[nodiscard]] virtual double round_off() const { return 0.0; }
+  /// Degrees of freedom that the noise of each number was estimated from, in the same data [N]; empty, or infinite, where it is known otherwise.
+  [[nodiscard]] virtual Eigen::VectorXd freedom() const { return {}; }
   /// Learns what the procedure itself errs by with these values: a synthetic test without noise is made of the model on a
   /// finer mesh and taken through the measurement; what is left of it is taken off every residual from then on. Collective.
   virtual void learn_bias(const std::vector<double>& /*values*/) {}
@@ -89,6 +91,8 @@ class Experiment {
   /// Residuals of a complete model with these values: random draws of all noise, that of the inputs propagated through the
   /// model [N x draws]. The same on every rank. Collective.
   [[nodiscard]] virtual Eigen::MatrixXd noise(const std::vector<double>& values, int draws) = 0;
+  /// The same for sums of squares, where the noise was estimated from the data: every draw in units of its own estimate. Collective.
+  [[nodiscard]] virtual Eigen::MatrixXd noise_of_squares(const std::vector<double>& /*values*/, const Eigen::MatrixXd& noise) { return noise; }
 };
 
 }  // namespace imic3d::loop

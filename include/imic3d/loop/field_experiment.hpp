@@ -64,13 +64,6 @@ struct MeshChange {
   int refinements = 0;                                             ///< beyond the declared ones
 };
 
-/// A quantity of an effect that the declared model contains.
-struct DeclaredEffect {
-  std::string effect, quantity;            ///< the former as `key_of` writes it
-  std::optional<double> value, lower, upper;
-  bool free = false;
-};
-
 struct DeclaredModel {
   std::shared_ptr<const material::FiniteStrainLaw> law;
   std::vector<ParameterInfo> information;  ///< of the law's parameters, in its order

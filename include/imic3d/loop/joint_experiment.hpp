@@ -35,11 +35,13 @@ class JointExperiment final : public Experiment {
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) override;
   [[nodiscard]] bool takes_simulations(int parameter) const override;
   [[nodiscard]] double round_off() const override;
+  [[nodiscard]] Eigen::VectorXd freedom() const override;
   void learn_bias(const std::vector<double>& values) override;
   [[nodiscard]] Eigen::VectorXd bias() const override;
   [[nodiscard]] std::shared_ptr<const Learned> learned() const override;
   void put_back(const std::shared_ptr<const Learned>& learned) override;
   [[nodiscard]] Eigen::MatrixXd noise(const std::vector<double>& values, int draws) override;
+  [[nodiscard]] Eigen::MatrixXd noise_of_squares(const std::vector<double>& values, const Eigen::MatrixXd& noise) override;
 
   /// Frames of all tests that are never fitted.
   [[nodiscard]] std::vector<int> held_out() const;

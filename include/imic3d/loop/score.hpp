@@ -12,14 +12,16 @@ struct ScoreProblem {
   Eigen::MatrixXd sensitivity;              ///< d(predicted)/d(free parameters) [N x p], prior rows included
   std::vector<Eigen::MatrixXd> signatures;  ///< of each candidate: d(predicted)/d(its sizes), then with other shapes [N x columns]
   std::vector<int> sizes;                   ///< of each candidate: the columns that are sizes [k]; empty: all
+  Eigen::VectorXd freedom;                  ///< degrees of freedom that each number's noise was estimated from [N]; empty: known
   Eigen::MatrixXd null;                     ///< residuals that noise alone makes, before the parameters are fitted [N x draws]
+  Eigen::MatrixXd squares;                  ///< the same for the energy; empty: as `null`
 };
 
 struct Score {
   double statistic = 0.0;    ///< T: chi^2 with `degrees` under the null
   int degrees = 1;
   double p = 1.0;            ///< of T alone
-  double z = 0.0;            ///< T as a number of standard deviations
+  double z = 0.0;            ///< T as a number of standard deviations of a normal distribution: Student's t where the noise was estimated from few data
   double visibility = 0.0;   ///< kappa = |P s|/|s|: what the free parameters leave of its mark
   double drop = 0.0;         ///< of the residual's square if it were added (white noise)
   Eigen::VectorXd size;      ///< estimate of its parameters - null value [k]
@@ -30,8 +32,8 @@ struct Score {
 
 struct Scores {
   std::vector<Score> candidates;
-  double threshold = 0.0;      ///< of the largest z over all candidates: one null test of 25 has more
-  double largest_p = 1.0;      ///< of the largest z: the share of null tests that have as much or more
+  double threshold = 0.0;      ///< of the largest z over all visible candidates: one null test of 25 has more
+  double largest_p = 1.0;      ///< of the largest z of these: the share of null tests that have as much or more
   double energy = 0.0;         ///< |P r|^2
   double null_energy = 0.0;    ///< its mean under the null
   double omnibus = 0.0;        ///< how far the energy lies beyond the null's, as standard deviations of a normal distribution
@@ -40,6 +42,9 @@ struct Scores {
   Eigen::VectorXd null_largest;    ///< largest z of null tests [any]
 };
 
+/// Below this visibility an effect is one that the test cannot see; its score does not count.
+constexpr double least_visibility = 0.05;
+
 /// Levels of the two tests: together one false alarm in twenty.
 constexpr double level_of_scores = 0.04, level_of_omnibus = 0.01;
 
@@ -47,5 +52,13 @@ constexpr double level_of_scores = 0.04, level_of_omnibus = 0.01;
 /// and C the covariance of z under the null. C is that of the draws, drawn towards G (the covariance of white noise) as far
 /// as their number asks for. The largest z is judged by Gaussian scores of covariance C, each tested with a covariance estimated anew from as many draws.
 [[nodiscard]] Scores score(const ScoreProblem& problem);
+
+/// What simpler methods would say of the same residual and the same marks; for comparison, no verdict rests on them.
+struct Baselines {
+  double chi_squared_p = 1.0;   ///< of |P r|^2 as a chi^2: noise taken as white and of the size that the weights say
+  std::vector<double> cosine;   ///< of each candidate: between P r and its projected marks (the best one is the name that a cosine gives)
+  std::vector<int> bic;         ///< candidates that forward selection by the Bayesian information criterion takes, in its order
+};
+[[nodiscard]] Baselines baselines(const ScoreProblem& problem);
 
 }  // namespace imic3d::loop

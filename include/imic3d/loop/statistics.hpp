@@ -13,6 +13,8 @@ namespace imic3d::loop {
 [[nodiscard]] double deviations(double log_p);
 /// The standard normal number with the tail of Student's `t` with `freedom` degrees (Wallace 1959; to 1e-3 above 5).
 [[nodiscard]] double student_as_normal(double t, double freedom);
+/// Its inverse.
+[[nodiscard]] double normal_as_student(double z, double freedom);
 /// What one more draw of the same distribution as `values` exceeds with probability `level` or less: a value of them, the largest where they are few.
 [[nodiscard]] double upper_quantile(Eigen::VectorXd values, double level);
 /// The value that the fraction `level` of the values does not exceed.
