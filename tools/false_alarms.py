@@ -101,7 +101,7 @@ def main():
         before = result["before"]
         for name, its in before["parameters"].items():
             off[name].append((its["value"] - truth[name]) / its["standard_deviation"])
-        best = max(before["candidates"], key=lambda one: one["z"], default={"name": "", "z": 0.0})
+        best = max((one for one in before["candidates"] if one["kappa"] >= 0.05), key=lambda one: one["z"], default={"name": "", "z": 0.0})
         rows.append(dict(seed=seed, verdict=result["verdict"], named=" + ".join(result["named"]), p_scores=before["largest_p"], p_energy=before["omnibus"]["p"], largest=best["name"], z=best["z"],
                          threshold=before["threshold"], chi=before["chi"]["fitted"], null_chi=before["chi"]["null_fitted"], held_out=before["chi"]["held_out"], null_held_out=before["chi"]["null_held_out"]))
         row = rows[-1]
