@@ -13,6 +13,7 @@ the exit status is 1 if more is found than 5 % (and, of 200 tests or more, if th
 whose result is there is not run again; --judge without --count judges what is there."""
 
 import argparse
+import collections
 import csv
 import shutil
 import subprocess
@@ -91,7 +92,7 @@ def main():
     folder = Path(options.out or f"runs/false_alarms/{options.kind}")
     make, truth = kinds(str(Path(options.imic3d).resolve()))[options.kind]
     suite = blind.Suite(folder, options.imic3d, make, truth)
-    rows, off = [], {name: [] for name in truth}
+    rows, off, scores = [], {name: [] for name in truth}, collections.defaultdict(list)
     for seed in range(options.first, options.first + options.count):
         where = folder / f"null_{seed}"
         where.mkdir(parents=True, exist_ok=True)
@@ -101,6 +102,10 @@ def main():
         before = result["before"]
         for name, its in before["parameters"].items():
             off[name].append((its["value"] - truth[name]) / its["standard_deviation"])
+        for one in before["candidates"]:
+            size = one["sizes"][0]
+            if size["standard_deviation"] > 0:
+                scores[one["name"]].append(size["size"] / size["standard_deviation"])
         best = max((one for one in before["candidates"] if one["kappa"] >= 0.05), key=lambda one: one["z"], default={"name": "", "z": 0.0})
         rows.append(dict(seed=seed, verdict=result["verdict"], named=" + ".join(result["named"]), p_scores=before["largest_p"], p_energy=before["omnibus"]["p"], largest=best["name"], z=best["z"],
                          threshold=before["threshold"], chi=before["chi"]["fitted"], null_chi=before["chi"]["null_fitted"], held_out=before["chi"]["held_out"], null_held_out=before["chi"]["null_held_out"]))
@@ -124,6 +129,8 @@ def main():
     for name, values in off.items():
         if values:
             print(f"{name}: (found - true)/standard deviation: mean {np.mean(values):+.2f}, rms {np.sqrt(np.mean(np.square(values))):.2f}, within 1.96: {100 * np.mean(np.abs(values) < 1.96):.0f} %")
+    for name, values in scores.items():
+        print(f"score of {name}: size/standard deviation mean {np.mean(values):+.2f}, deviation {np.std(values):.2f} (1 if the null is right)")
     plot(folder / "p_values.png", p, f"{options.kind}: {alarms} false alarms of {n}")
     if options.judge:
         # Of few tests: no more than 5 % would give in 99 of 100 cases.

@@ -8,6 +8,7 @@
 #include <chrono>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <span>
 
 #include "imic3d/app/observation.hpp"
 #include "imic3d/app/output.hpp"
@@ -196,14 +197,21 @@ using Say = std::function<void(const std::string&)>;
 
 std::unique_ptr<LoopTest> make_test(const Communicator& world, const io::Case& test, const Say& say) { return test.experiments.empty() ? make_field_test(world, test, say) : make_curve_test(world, test); }
 
-/// Candidates that are left out are of those that there may be; which there are is known when the data are read.
-void check_left_out(const io::Case& test) {
+/// Candidates that are left out are of those that there may be, in several tests with the test's name; which there are is known when the data are read.
+void check_left_out(const std::vector<std::string>& leave_out, std::span<const io::Case> cases, const std::vector<io::TestCase>& tests) {
   std::vector<std::string> known = material::known_effects();
-  known.emplace_back("Poisson's_ratio");
-  for (const auto& [effect, quantities] : effect_quantities()) known.push_back(effect);
-  for (const auto& one : test.experiments) known.push_back("gain_of_" + loop::key_of(one.name));
-  for (const auto& name : test.loop.leave_out)
-    if (std::find(known.begin(), known.end(), loop::key_of(name)) == known.end()) throw InputError("loop.leave_out", name, fmt::format("any of {}", fmt::join(known, ", ")));
+  const auto add = [&](const std::string& name) {
+    if (tests.empty()) known.push_back(name);
+    for (const auto& test : tests) known.push_back(loop::key_of(name + " (" + test.name + ")"));
+  };
+  add("Poisson's_ratio");
+  for (const auto& [effect, quantities] : effect_quantities()) add(effect);
+  for (const auto& one : cases)
+    for (const auto& group : one.experiments) add(loop::key_of("gain of " + group.name));
+  std::vector<Mistake> mistakes;
+  for (const auto& name : leave_out)
+    if (std::find(known.begin(), known.end(), loop::key_of(name)) == known.end()) mistakes.push_back({"loop.leave_out", name, fmt::format("any of {}", fmt::join(known, ", "))});
+  if (!mistakes.empty()) throw InputError(std::move(mistakes));
 }
 
 /// What would else be said after the tests before have been correlated.
@@ -241,6 +249,7 @@ std::vector<io::Case> cases_of_tests(const io::Case& all, const CommandOptions& 
 /// Several tests at once: the report of all, and in a folder of each test what it shows of that.
 void loop_on_tests(const Communicator& world, const CommandOptions& options, const io::Case& all, const std::function<double()>& seconds, const Say& say) {
   const std::vector<io::Case> cases = cases_of_tests(all, options);
+  check_left_out(all.loop.leave_out, cases, all.tests);
   const auto folder = output_folder(all, options, world);
   std::vector<std::unique_ptr<LoopTest>> tests;
   std::vector<loop::JointExperiment::Test> joined;
@@ -287,7 +296,7 @@ void loop(const Communicator& world, const CommandOptions& options) {
     return;
   }
   check_law_and_cameras(test);
-  check_left_out(test);
+  check_left_out(test.loop.leave_out, {&test, 1}, {});
   const auto folder = output_folder(test, options, world);
   const auto one = make_test(world, test, say);
   const auto report = loop::close_loop(one->experiment(), how(test, one->held_out()), say);

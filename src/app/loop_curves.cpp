@@ -95,8 +95,10 @@ class CurveTest final : public LoopTest {
 std::unique_ptr<LoopTest> make_curve_test(const Communicator& world, const io::Case& test) {
   if (!test.cameras.empty()) throw InputError("experiments", "given beside cameras", "images or experiments, each in a case of its own (both at once: tests)");
   const ExtendedMaterial material = make_extended_material(test);
+  auto declared = declared_effects(test);
+  for (auto& light : declared_effects(test, true)) declared.push_back(std::move(light));  // refused, as all that does not act on bars
   loop::CurveModel model{[&test](const std::vector<std::string>& effects) { return extended_law(test, effects); }, material.information, material.values, std::vector<double>(material.values.size(), 0.0), material.declared,
-                         std::vector<char>(material.values.size(), 0), declared_effects(test), [&test](std::string word) { return unit_in(std::move(word), test.units); }};
+                         std::vector<char>(material.values.size(), 0), std::move(declared), [&test](std::string word) { return unit_in(std::move(word), test.units); }};
   for (const auto& stage : test.identify.stages)
     for (const auto& name : stage.free) model.free[static_cast<std::size_t>(material.index(name))] = 1;
   for (const auto& [name, deviation] : test.loop.prior) model.priors[static_cast<std::size_t>(material.index(name))] = deviation;

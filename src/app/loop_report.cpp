@@ -55,8 +55,7 @@ nlohmann::json loop_summary(const loop::Experiment& experiment, const loop::Repo
     for (const auto& one : model.misfit.cameras) json["chi"]["cameras"][experiment.channel_name(one.channel)] = {{"left_out", one.chi}, {"null", one.null}};
     json["omnibus"] = {{"deviations", model.scores.omnibus}, {"threshold", model.scores.omnibus_threshold}, {"p", model.scores.omnibus_p}};
     json["threshold"] = model.scores.threshold, json["largest_p"] = model.scores.largest_p;
-    json["baselines"]["chi_squared_p"] = model.baselines.chi_squared_p;
-    json["baselines"]["bic"] = nlohmann::json::array();
+    if (model.added.empty()) json["baselines"] = {{"chi_squared_p", model.baselines.chi_squared_p}, {"bic", nlohmann::json::array()}};
     for (int i : model.baselines.bic) json["baselines"]["bic"].push_back(candidate_name(model.others[static_cast<std::size_t>(i)]));
     json["converged"] = model.fit.converged;
     json["iterations"] = model.fit.iterations;
@@ -64,7 +63,8 @@ nlohmann::json loop_summary(const loop::Experiment& experiment, const loop::Repo
     for (std::size_t i = 0; i < model.others.size(); ++i) {
       const auto& s = model.scores.candidates[i];
       nlohmann::json one = {{"name", candidate_name(model.others[i])}, {"link", std::string(name(candidates[static_cast<std::size_t>(model.others[i])].link))}, {"kappa", s.visibility},
-                            {"z", s.z}, {"p", s.p}, {"degrees", s.degrees}, {"predicted_drop", s.drop}, {"cosine", model.baselines.cosine[i]}, {"significant", s.z > model.scores.threshold}};
+                            {"z", s.z}, {"p", s.p}, {"degrees", s.degrees}, {"predicted_drop", s.drop}, {"significant", s.z > model.scores.threshold}};
+      if (!model.baselines.cosine.empty()) one["cosine"] = model.baselines.cosine[i];
       const auto& its = candidates[static_cast<std::size_t>(model.others[i])].parameters;
       for (std::size_t c = 0; c < its.size(); ++c) {
         const auto& info = parameters[static_cast<std::size_t>(its[c])].info;

@@ -13,6 +13,8 @@
 #include "imic3d/core/error.hpp"
 #include "imic3d/loop/effect.hpp"
 #include "imic3d/loop/statistics.hpp"
+#include "remainder.hpp"
+#include "sentence.hpp"
 
 namespace imic3d::loop {
 
@@ -86,7 +88,7 @@ class Loop {
     report_.final = std::move(at);
     find_invisible();
     find_remainder();
-    write_sentence();
+    report_.sentence = sentence_of(experiment_, report_);
     return std::move(report_);
   }
 
@@ -94,13 +96,17 @@ class Loop {
   void leave_out() {
     const auto& all = experiment_.candidates();
     left_out_.assign(all.size(), 0);
+    std::vector<std::string> names;
+    for (const auto& one : all) names.push_back(one.name);
+    std::vector<Mistake> mistakes;
     for (const auto& name : options_.leave_out) {
-      const auto found = std::find_if(all.begin(), all.end(), [&](const Candidate& c) { return key_of(c.name) == key_of(name); });
-      std::vector<std::string> names;
-      for (const auto& one : all) names.push_back(one.name);
-      if (found == all.end()) throw InputError("loop.leave_out", name, fmt::format("any of {}", fmt::join(names, ", ")));
-      left_out_[static_cast<std::size_t>(found - all.begin())] = 1;
+      const auto found = std::find_if(names.begin(), names.end(), [&](const std::string& other) { return key_of(other) == key_of(name); });
+      if (found == names.end())
+        mistakes.push_back({"loop.leave_out", name, fmt::format("any of {}", fmt::join(names, ", "))});
+      else
+        left_out_[static_cast<std::size_t>(found - names.begin())] = 1;
     }
+    if (!mistakes.empty()) throw InputError(std::move(mistakes));
   }
   const Candidate& candidate(int j) const { return experiment_.candidates()[static_cast<std::size_t>(j)]; }
   void say(const std::string& line) const {
@@ -244,6 +250,11 @@ class Loop {
   }
   static Eigen::MatrixXd inverse_of(const Eigen::MatrixXd& J) { return J.completeOrthogonalDecomposition().pseudoInverse(); }
 
+  /// Draws of the null less what the free parameters, fitted to them, explain [N x draws].
+  Eigen::MatrixXd fitted(const Eigen::MatrixXd& draws, const Model& model, const Eigen::MatrixXd& pull, const Known& prior) const {
+    return draws - model.fit.sensitivity * (pull * stacked(draws(rows_, Eigen::all), prior.null));
+  }
+
   /// Covariance, misfit and scores of a model whose fit is done.
   void finish(Model& model) {
     const Known prior = known(model);
@@ -251,8 +262,7 @@ class Loop {
     const Eigen::MatrixXd pull = inverse_of(stacked(model.fit.sensitivity(rows_, Eigen::all), prior.sensitivity));
     const Eigen::MatrixXd moved = pull * stacked(null(rows_, Eigen::all), prior.null);  // of the parameters by the noise
     model.covariance = moved * moved.transpose() / static_cast<double>(moved.cols());
-    const Eigen::MatrixXd& squares = model.ground->squares;
-    const Eigen::MatrixXd left = squares - model.fit.sensitivity * (pull * stacked(squares(rows_, Eigen::all), prior.null));
+    const Eigen::MatrixXd left = fitted(model.ground->squares, model, pull, prior);
     const auto chi = [](const auto& r) { return std::sqrt(r.squaredNorm() / static_cast<double>(std::max<Eigen::Index>(1, r.size()))); };
     const auto null_of = [&](const std::vector<Eigen::Index>& rows) {
       Eigen::VectorXd all(left.cols());
@@ -337,7 +347,7 @@ class Loop {
       kept.erase(kept.begin() + place), problem.signatures.erase(problem.signatures.begin() + place), problem.sizes.erase(problem.sizes.begin() + place);
     }
     if (kept.size() < model.scores.candidates.size()) model.scores = score(problem);
-    model.baselines = baselines(problem);
+    if (model.added.empty()) model.baselines = baselines(problem);
     model.others = kept;
     for (std::size_t i = 0; i < kept.size(); ++i) hold_within_bounds(model.scores.candidates[i], kept[i], model);
   }
@@ -575,93 +585,10 @@ class Loop {
   }
 
   void find_remainder() {
-    const Eigen::VectorXd& r = report_.final.fit.residual;
-    const auto per_frame = r.size() / frames_;
-    if (per_frame * frames_ != r.size()) return;
-    const Eigen::MatrixXd R = r.reshaped(per_frame, frames_);
-    const Eigen::BDCSVD<Eigen::MatrixXd> svd(R, Eigen::ComputeThinU | Eigen::ComputeThinV);
-    report_.remainder.time = svd.singularValues()[0] * svd.matrixV().col(0);
-    report_.remainder.share = std::pow(svd.singularValues()[0], 2) / std::max(1e-300, R.squaredNorm());
-    map_remainder(per_frame);
-  }
-
-  /// Where and when: the residual on the surface against that of the null draws, whose parameters are fitted too.
-  void map_remainder(Eigen::Index per_frame) {
-    const Fit& fit = report_.final.fit;
-    const Weight& weight = report_.final.ground->weight;
-    const Eigen::MatrixXd& null = report_.final.ground->null;
-    const auto lengths = [&](const Eigen::VectorXd& rows, Eigen::MatrixXd& all) {
-      for (int t = 0; t < frames_; ++t) {
-        const Eigen::VectorXd u = experiment_.displacement_of(rows.segment(t * per_frame, per_frame));
-        if (u.size() == 0) return false;
-        const Eigen::VectorXd of_nodes = experiment_.lengths_of(u);
-        if (all.size() == 0) all.resize(of_nodes.size(), frames_);
-        all.col(t) = of_nodes;
-      }
-      return true;
-    };
-    Remainder& remainder = report_.remainder;
-    if (!lengths(weight.undone(fit.residual), remainder.map)) return;
     const Known prior = known(report_.final);
+    const Fit& fit = report_.final.fit;
     const Eigen::MatrixXd pull = inverse_of(stacked(fit.sensitivity(rows_, Eigen::all), prior.sensitivity));
-    const Eigen::MatrixXd left = weight.undone(null - fit.sensitivity * (pull * stacked(null(rows_, Eigen::all), prior.null)));
-    Eigen::MatrixXd squares = Eigen::MatrixXd::Zero(remainder.map.rows(), frames_);
-    std::vector<Eigen::MatrixXd> draws(static_cast<std::size_t>(left.cols()));
-    for (Eigen::Index b = 0; b < left.cols(); ++b) {
-      lengths(left.col(b), draws[static_cast<std::size_t>(b)]);
-      squares += draws[static_cast<std::size_t>(b)].cwiseAbs2() / static_cast<double>(left.cols());
-    }
-    const Eigen::MatrixXd rms = squares.cwiseSqrt().cwiseMax(1e-300);
-    Eigen::VectorXd largest(left.cols());
-    for (Eigen::Index b = 0; b < left.cols(); ++b) largest[b] = draws[static_cast<std::size_t>(b)].cwiseQuotient(rms).maxCoeff();
-    remainder.map = remainder.map.cwiseQuotient(rms);
-    remainder.limit = quantile(largest, 0.99);
-    // The first mode again of the frames' residuals, as a displacement.
-    const Eigen::MatrixXd R = weight.undone(fit.residual).reshaped(per_frame, frames_);
-    remainder.mode = experiment_.displacement_of(R * (remainder.time / remainder.time.squaredNorm()));
-  }
-
-  std::string size_of(int k, const Model& model) const {
-    std::string text;
-    for (int j : candidate(k).parameters) {
-      const auto place = std::find(model.fit.free.begin(), model.fit.free.end(), j) - model.fit.free.begin();
-      if (place >= static_cast<std::ptrdiff_t>(model.fit.free.size())) continue;
-      const auto& info = experiment_.parameters()[static_cast<std::size_t>(j)].info;
-      if (candidate(k).parameters.size() > 6 && std::abs(model.fit.values[static_cast<std::size_t>(j)] - info.null_value.value_or(0.0)) < 3.0 * std::sqrt(model.covariance(place, place))) continue;  // of many, those that are there
-      text += fmt::format("{}{} = {:.4g} +- {:.2g}{}", text.empty() ? "" : ", ", info.name, model.fit.values[static_cast<std::size_t>(j)], std::sqrt(model.covariance(place, place)),
-                          info.unit == "-" ? "" : " " + info.unit);
-    }
-    return text;
-  }
-
-  void write_sentence() {
-    const Model &before = report_.declared, &after = report_.final;
-    const std::string change = fmt::format("Held-out error {:.2f} -> {:.2f} (null {:.2f}).", before.misfit.held_out, after.misfit.held_out, after.misfit.null_held_out);
-    std::string& text = report_.sentence;
-    if (report_.verdict == Verdict::nothing_found) {
-      text = fmt::format("Nothing is missing that this test could show (chi {:.2f}, null up to {:.2f}).", before.misfit.fitted, before.misfit.null_fitted);
-      return;
-    }
-    text = fmt::format("Something is missing (chi {:.2f}, null up to {:.2f}). ", before.misfit.fitted, before.misfit.null_fitted);
-    const auto list = [&](const std::vector<int>& which) {
-      std::string all;
-      for (int k : which) all += (all.empty() ? "" : "; ") + candidate(k).sentence + " (" + size_of(k, after) + ")";
-      return all;
-    };
-    if (report_.verdict == Verdict::attributed) {
-      text += report_.named.size() == 1 ? "One candidate alone explains it: " + list(report_.named) + ". " : "It takes " + std::to_string(report_.named.size()) + " effects: " + list(report_.named) + ". ";
-    } else if (report_.verdict == Verdict::ambiguous) {
-      std::vector<std::string> names, separators;
-      for (int k : report_.set) names.push_back(candidate(k).name), separators.push_back(candidate(k).separated_by);
-      text += fmt::format("It is one of: {}; these data cannot tell. What would: {}. ", fmt::join(names, ", "), fmt::join(separators, "; "));
-    } else {
-      text += "No known effect explains it";
-      if (!report_.named.empty()) text += ", though it helps to add: " + list(report_.named);
-      Eigen::Index worst = 0;
-      (after.misfit.frames - after.misfit.null_frames).maxCoeff(&worst);
-      text += fmt::format(". It is largest in {}. ", experiment_.frame_name(static_cast<int>(worst)));
-    }
-    text += change;
+    report_.remainder = remainder_of(experiment_, report_.final, fitted(report_.final.ground->null, report_.final, pull, prior));
   }
 
   Experiment& experiment_;

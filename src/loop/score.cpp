@@ -29,16 +29,19 @@ class Test {
     for (const auto& [first, count] : columns) {
       weights_.emplace_back(G.middleCols(first, count).transpose() * C_inverse);
       information_.emplace_back(weights_.back() * G.middleCols(first, count));
+      inverse_.emplace_back(pseudo_inverse(information_.back()));
     }
   }
   [[nodiscard]] double statistic(std::size_t j, const Eigen::VectorXd& z) const {
     const Eigen::VectorXd v = weights_[j] * z;
-    return std::max(0.0, v.dot(pseudo_inverse(information_[j]) * v));
+    return std::max(0.0, v.dot(inverse_[j] * v));
   }
   [[nodiscard]] double largest_z(const Eigen::VectorXd& z, const std::vector<char>& visible) const {
-    double largest = 0.0;
+    std::map<Eigen::Index, double> statistics;  // the largest of each number of degrees: of these it is the largest statistic
     for (std::size_t j = 0; j < weights_.size(); ++j)
-      if (visible[j] != 0) largest = std::max(largest, deviations(log_chi_squared_tail(statistic(j, z), static_cast<int>(columns_[j].count))));
+      if (visible[j] != 0) statistics[columns_[j].count] = std::max(statistics[columns_[j].count], statistic(j, z));
+    double largest = 0.0;
+    for (const auto& [degrees, its] : statistics) largest = std::max(largest, deviations(log_chi_squared_tail(its, static_cast<int>(degrees))));
     return largest;
   }
   /// Of the first `k` parameters, the rest held at null.
@@ -51,7 +54,7 @@ class Test {
     return matrix.completeOrthogonalDecomposition().pseudoInverse();
   }
   std::vector<Columns> columns_;
-  std::vector<Eigen::MatrixXd> weights_, information_;
+  std::vector<Eigen::MatrixXd> weights_, information_, inverse_;
 };
 
 /// Covariance of the scores: of the draws Z [m x draws], drawn towards s G, s the mean ratio, as their number asks for.
@@ -186,36 +189,37 @@ Scores score(const ScoreProblem& problem) {
 
 Baselines baselines(const ScoreProblem& problem) {
   const Projection projected(problem.sensitivity);
-  const Eigen::VectorXd r = projected(problem.residual);
+  Eigen::VectorXd r = projected(problem.residual);
   std::vector<Eigen::MatrixXd> marks;
   for (const auto& signature : problem.signatures) {
     marks.push_back(projected(signature));
     for (Eigen::Index c = 0; c < signature.cols(); ++c)  // what is left of an invisible mark is round-off
       marks.back().col(c) *= marks.back().col(c).norm() > 1e-7 * signature.col(c).norm() ? 1.0 / marks.back().col(c).norm() : 0.0;
   }
-  const auto explained = [&r](const Eigen::MatrixXd& A) { return A.cols() == 0 ? 0.0 : (A * A.completeOrthogonalDecomposition().solve(r)).squaredNorm(); };
+  const auto explained = [&r](const Eigen::MatrixXd& A) { return (A * A.completeOrthogonalDecomposition().solve(r)).squaredNorm(); };
 
   Baselines result;
   const double energy = r.squaredNorm(), rows = static_cast<double>(r.size());
   result.chi_squared_p = chi_squared_tail(energy, static_cast<int>(r.size() - projected.rank()));
   for (const auto& mark : marks) result.cosine.push_back(std::sqrt(explained(mark) / std::max(energy, 1e-300)));
-  // Forward selection: the candidate that lowers |r|^2 + columns ln N most, until none does.
-  Eigen::MatrixXd chosen(r.size(), 0);
-  double criterion = energy;
+  // Forward selection: the candidate that lowers |r|^2 + columns ln N most, until none does; what it explains is taken off r and off the other marks.
   while (true) {
     int best = -1;
+    double most = 0.0;
     for (std::size_t j = 0; j < marks.size(); ++j) {
       if (std::find(result.bic.begin(), result.bic.end(), static_cast<int>(j)) != result.bic.end()) continue;
-      Eigen::MatrixXd with(r.size(), chosen.cols() + marks[j].cols());
-      with << chosen, marks[j];
-      const double its = energy - explained(with) + static_cast<double>(with.cols()) * std::log(rows);
-      if (its < criterion) criterion = its, best = static_cast<int>(j);
+      const double gain = explained(marks[j]) - static_cast<double>(marks[j].cols()) * std::log(rows);
+      if (gain > most) most = gain, best = static_cast<int>(j);
     }
     if (best < 0) return result;
-    const auto& mark = marks[static_cast<std::size_t>(best)];
-    chosen.conservativeResize(Eigen::NoChange, chosen.cols() + mark.cols());
-    chosen.rightCols(mark.cols()) = mark;
     result.bic.push_back(best);
+    const Projection without(marks[static_cast<std::size_t>(best)]);
+    r = without(r);
+    for (auto& mark : marks) {
+      mark = without(mark);
+      for (auto column : mark.colwise())
+        if (column.norm() < 1e-7) column.setZero();  // the mark of a twin: round-off
+    }
   }
 }
 

@@ -90,11 +90,11 @@ def main():
         page = (folder / "rate" / "report.html").read_text()
         require("C_rate" in page and page.count("<svg") >= 6, "the report has its tables and pictures")
 
-        def mistake(change, expected):
+        def mistake(change, expected, command="check"):
             case = folder / "bad.yaml"
             case.write_text(change(CASE.format(effects="rate", more="", free="", columns=COLUMNS, output="bad")))
             import subprocess
-            done = subprocess.run([program, "check", str(case)], capture_output=True, text=True)
+            done = subprocess.run([program, command, str(case)], capture_output=True, text=True)
             require(done.returncode == 2 and expected in done.stderr, f"{expected!r} is said ({done.stderr.strip()[:200]})")
 
         mistake(lambda s: s.replace("slow_*.csv", "slaw_*.csv"), 'experiments[0].file: no file "slaw_*.csv"')
@@ -103,6 +103,9 @@ def main():
         mistake(lambda s: s.replace("b: 20, H: 0", "b: 20, H: 0, Crate: 1"), "near to C_rate")
         mistake(lambda s: s.replace("experiments:", "unknown:"), "specimen: not given; allowed: a section specimen, or experiments")
         mistake(lambda s: s.replace("name: fast", "name: slow"), "a name that no other experiment has")
+        mistake(lambda s: s + "effects: {light_gain: {gain_drift: 0.05}}\n", "effects.light_gain", "loop")
+        mistake(lambda s: s + "loop: {leave_out: [gain of fast, nonsense, sence]}\n", 'loop.leave_out: nonsense; allowed: any of ', "loop")
+        mistake(lambda s: s + "loop: {leave_out: [gain of fast, nonsense, sence]}\n", 'loop.leave_out: sence; allowed', "loop")
 
     if data() is None:
         print("skipped  steel304L_rates, steel_cyclic: no folder of measured data (IMIC3D_DATA)")

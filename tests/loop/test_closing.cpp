@@ -162,6 +162,39 @@ TEST(Statistics, StudentsTails) {
   EXPECT_NEAR(student_as_normal(3.0, 1e12), 3.0, 1e-9);
 }
 
+/// Noise whose size was estimated with few degrees of freedom: each test's own size is off, and the largest of twenty scores has Student's tails.
+TEST(Scores, FewDegreesOfFreedomRaiseNoMoreAlarms) {
+  constexpr int N = 40, tests = 100;
+  constexpr double freedom = 5.0;
+  std::mt19937_64 random(7);
+  std::normal_distribution<double> normal;
+  std::chi_squared_distribution<double> chi_squared(freedom);
+  const auto drawn = [&](Eigen::Index columns) {
+    Eigen::MatrixXd all(N, columns);
+    for (double& x : all.reshaped()) x = normal(random);
+    return all;
+  };
+  ScoreProblem problem;
+  problem.sensitivity = drawn(2);
+  for (int k = 0; k < 20; ++k) problem.signatures.push_back(drawn(1));
+  int alarms = 0, as_if_known = 0;
+  for (int test = 0; test < tests; ++test) {
+    problem.residual = std::sqrt(freedom / chi_squared(random)) * drawn(1);
+    problem.null = std::sqrt(freedom / (freedom - 2.0)) * drawn(100);
+    const auto alarm = [&] {
+      const Scores scores = score(problem);
+      return std::any_of(scores.candidates.begin(), scores.candidates.end(), [&](const Score& one) { return one.z > scores.threshold; }) ? 1 : 0;
+    };
+    problem.freedom = Eigen::VectorXd::Constant(N, freedom);
+    alarms += alarm();
+    problem.freedom = {};
+    as_if_known += alarm();
+  }
+  RecordProperty("alarms", alarms), RecordProperty("as_if_known", as_if_known);
+  EXPECT_LE(alarms, 9);  // 4 % are meant, or less: the twenty share one size
+  EXPECT_GT(as_if_known, alarms + 6);
+}
+
 TEST(Closing, FalseAlarmsStayAtTheirLevel) {
   int alarms = 0;
   constexpr int tests = 200;
@@ -295,6 +328,8 @@ TEST(Baselines, SimplerMethodsOnTheSameMarks) {
   EXPECT_GT(found.cosine[1], 0.8);
   EXPECT_LT(found.cosine[0], 0.3);
   EXPECT_NEAR(found.cosine[2], 0.0, 1e-6);
+  problem.signatures.push_back(2.0 * problem.signatures[1]);  // a twin explains nothing more
+  EXPECT_EQ(baselines(problem).bic, std::vector<int>{1});
 }
 
 TEST(Closing, TwoEffectsAreFoundOneAfterTheOther) {

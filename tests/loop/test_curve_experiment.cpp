@@ -134,6 +134,7 @@ TEST(CurveExperiment, TheNullKnowsThatTheScatterIsEstimated) {
     energy += r[0].squaredNorm() / tests, of_null += squares.colwise().squaredNorm().mean() / tests;
   }
   // t^2 of Student's t of variance one with 7 degrees, judged by 60 draws: its mean is known to a tenth.
+  RecordProperty("ratio", std::to_string(ratio));
   EXPECT_NEAR(ratio, 1.0, 0.3);
   EXPECT_NEAR(energy / of_null, 1.0, 0.05);
 }
@@ -167,6 +168,9 @@ TEST(CurveExperiment, NothingIsFoundWhereNothingIsMissing) {
   CurveExperiment experiment(Communicator(), bars(2, {}), model(truth));
   const Report report = loop_on(experiment);
   EXPECT_EQ(report.verdict, Verdict::nothing_found) << report.sentence;
+  // Whitened with the bars' own scatter, and not weighed by it once more.
+  const auto N = static_cast<Eigen::Index>(experiment.data().size());
+  EXPECT_TRUE(report.declared.ground->weight(Eigen::MatrixXd::Identity(N, N)).isIdentity(1e-12));
 }
 
 /// One rate of two cannot tell a factor on the fast bars from a viscous stress that is small everywhere: the verdict may be a set,

@@ -46,7 +46,10 @@ class Line final : public Experiment {
     for (int b = 0; b < draws; ++b) all.col(b) = draw(1000U * seed_ + 1U + static_cast<unsigned>(b));
     return all;
   }
+  Eigen::VectorXd freedom() const override { return few > 0.0 ? Eigen::VectorXd::Constant(measured_.size(), few) : Eigen::VectorXd(); }
+  Eigen::MatrixXd noise_of_squares(const std::vector<double>&, const Eigen::MatrixXd& noise) override { return (few > 0.0 ? 2.0 : 1.0) * noise; }
   int asked = 0;
+  double few = 0.0;  // degrees of freedom of its noise
 
  private:
   Eigen::VectorXd predict(double a, double bend, double gain) const {
@@ -118,6 +121,19 @@ TEST(Joint, AnEffectOfTheLawIsOneForAll) {
   EXPECT_NEAR(report.final.fit.values[1], 2.0, 0.15);
   EXPECT_EQ(joint.frame_name(24), "bars, frame 0");
   EXPECT_EQ(joint.channel_name(0), "camera 0");
+}
+
+TEST(Joint, EachTestKnowsHowItsNoiseWasFound) {
+  Line first(4, 1, false, {}), second(3, 2, false, {});
+  second.few = 7.0;
+  JointExperiment joint({{"first", &first, {1}}, {"second", &second, {1}}});
+  const Eigen::VectorXd freedom = joint.freedom();
+  ASSERT_EQ(freedom.size(), 21);
+  EXPECT_TRUE(std::isinf(freedom[0]) && std::isinf(freedom[11]));
+  EXPECT_EQ(freedom.tail(9), Eigen::VectorXd::Constant(9, 7.0));
+  const Eigen::MatrixXd squares = joint.noise_of_squares({10.0, 0.0}, Eigen::MatrixXd::Ones(21, 2));
+  EXPECT_EQ(squares.col(1).head(12), Eigen::VectorXd::Ones(12));
+  EXPECT_EQ(squares.col(1).tail(9), 2.0 * Eigen::VectorXd::Ones(9));
 }
 
 TEST(Joint, ATestIsAskedOnceForEachOfItsOwnSets) {

@@ -58,7 +58,7 @@ struct Model {
   Eigen::MatrixXd covariance;   ///< of the free parameters, from the null draws [free x free]
   Misfit misfit;
   Scores scores;                ///< of all other candidates
-  Baselines baselines;          ///< of the same
+  Baselines baselines;          ///< of the same, in the declared model alone
   std::vector<int> others;      ///< the candidates that `scores` and `baselines` are about
   std::vector<int> too_small;   ///< candidates that are not tested: no size within their bounds would be found
   std::string message;          ///< why the model could not be fitted, if so

@@ -1,0 +1,56 @@
+#include "sentence.hpp"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <cmath>
+
+namespace imic3d::loop {
+
+namespace {
+
+std::string size_of(const Experiment& experiment, int k, const Model& model) {
+  const Candidate& its = experiment.candidates()[static_cast<std::size_t>(k)];
+  std::string text;
+  for (int j : its.parameters) {
+    const auto place = std::find(model.fit.free.begin(), model.fit.free.end(), j) - model.fit.free.begin();
+    if (place >= static_cast<std::ptrdiff_t>(model.fit.free.size())) continue;
+    const auto& info = experiment.parameters()[static_cast<std::size_t>(j)].info;
+    if (its.parameters.size() > 6 && std::abs(model.fit.values[static_cast<std::size_t>(j)] - info.null_value.value_or(0.0)) < 3.0 * std::sqrt(model.covariance(place, place))) continue;  // of many, those that are there
+    text += fmt::format("{}{} = {:.4g} +- {:.2g}{}", text.empty() ? "" : ", ", info.name, model.fit.values[static_cast<std::size_t>(j)], std::sqrt(model.covariance(place, place)),
+                        info.unit == "-" ? "" : " " + info.unit);
+  }
+  return text;
+}
+
+}  // namespace
+
+std::string sentence_of(const Experiment& experiment, const Report& report) {
+  const Model &before = report.declared, &after = report.final;
+  const std::string change = fmt::format("Held-out error {:.2f} -> {:.2f} (null {:.2f}).", before.misfit.held_out, after.misfit.held_out, after.misfit.null_held_out);
+  if (report.verdict == Verdict::nothing_found) return fmt::format("Nothing is missing that this test could show (chi {:.2f}, null up to {:.2f}).", before.misfit.fitted, before.misfit.null_fitted);
+  std::string text = fmt::format("Something is missing (chi {:.2f}, null up to {:.2f}). ", before.misfit.fitted, before.misfit.null_fitted);
+  const auto candidate = [&](int k) -> const Candidate& { return experiment.candidates()[static_cast<std::size_t>(k)]; };
+  const auto list = [&](const std::vector<int>& which) {
+    std::string all;
+    for (int k : which) all += (all.empty() ? "" : "; ") + candidate(k).sentence + " (" + size_of(experiment, k, after) + ")";
+    return all;
+  };
+  if (report.verdict == Verdict::attributed) {
+    text += report.named.size() == 1 ? "One candidate alone explains it: " + list(report.named) + ". " : "It takes " + std::to_string(report.named.size()) + " effects: " + list(report.named) + ". ";
+  } else if (report.verdict == Verdict::ambiguous) {
+    std::vector<std::string> names, separators;
+    for (int k : report.set) names.push_back(candidate(k).name), separators.push_back(candidate(k).separated_by);
+    text += fmt::format("It is one of: {}; these data cannot tell. What would: {}. ", fmt::join(names, ", "), fmt::join(separators, "; "));
+  } else {
+    text += "No known effect explains it";
+    if (!report.named.empty()) text += ", though it helps to add: " + list(report.named);
+    Eigen::Index worst = 0;
+    (after.misfit.frames - after.misfit.null_frames).maxCoeff(&worst);
+    text += fmt::format(". It is largest in {}. ", experiment.frame_name(static_cast<int>(worst)));
+  }
+  return text + change;
+}
+
+}  // namespace imic3d::loop
