@@ -18,7 +18,7 @@ import blind
 
 TRUTH = dict(E=200e3, S_y=250.0, S_inf=420.0, b=18.0, H=700.0)
 DEFAULT = dict(C_1=0.0, gamma_1=50.0, C_rate=0.0, rate_0=1e-3, eta=0.0, m=0.3, heating=0.0, cooling=0.0, Q_v=0.0, b_v=150.0, eps_L=0.0,
-               damage=0.0, eps_D=0.0, force_offset=0.0, force_delay=0.0, force_gain=1.0, strain_gain=1.0, compliance=0.0,
+               damage=0.0, eps_D=0.0, force_offset=0.0, force_delay=0.0, force_gain=1.0, friction=0.0, strain_gain=1.0, compliance=0.0,
                fast_gain=1.0, ageing=0.0, slip=0.0, twinning=0.0)
 
 
@@ -108,6 +108,7 @@ def make(folder, effect, seed):
                 engineering = engineering * p["fast_gain"]
             engineering = engineering + p["ageing"] * np.sin(2 * np.pi * time / time[-1] * 7)  # out of the library: a hum
             engineering = engineering + p["slip"] * (strain > 0.06) * (1 if bar % 2 else -1)    # out of the library: jumps of either sign
+            engineering = engineering + p["friction"] * np.sign(np.diff(strain, prepend=-1e-9))
             engineering = np.interp(time - p["force_delay"], time, engineering) * p["force_gain"] + p["force_offset"]
             engineering = np.round(engineering + random.normal(size=len(time)) * 2.0, 1)
             file = folder / f"{name}_{bar}.csv"
@@ -128,6 +129,7 @@ EFFECTS = {
     "plateau": ("eps_L", {}, 0.01, 0.05),
     "damage": ("damage", dict(eps_D=0.0), 1.0, 5.0),
     "force zero": ("force_offset", {}, 8.0, 100.0),
+    "friction": ("friction", {}, 8.0, 100.0),
     "delay of the force": ("force_delay", {}, 1e-4, 2e-3),
     "strain gain": ("strain_gain", {}, 1.03, 1.3),
     "compliance": ("compliance", {}, 1e-6, 1e-5),

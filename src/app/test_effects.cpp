@@ -90,7 +90,7 @@ void PlantedEffects::plant(const std::shared_ptr<const loop::Effect>& effect, co
                      "effects of the test; a virtual test's own mesh and increments are its specimen and simulate sections");
   if (!effect->applies(scene_))
     throw InputError("effects." + key, "declared for a specimen that lacks what it acts on", "an effect that this test can have");
-  if (description.link == loop::Link::loading && (test.specimen.mid_plane_symmetry || test.simulate->control == "force"))
+  if (description.link == loop::Link::loading && effect->changes_simulation() && (test.specimen.mid_plane_symmetry || test.simulate->control == "force"))
     throw InputError("effects." + key,
                      test.specimen.mid_plane_symmetry ? "with specimen.mid_plane_symmetry, which holds the middle of the thickness straight"
                                                       : "with simulate.control: force",

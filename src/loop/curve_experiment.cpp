@@ -34,19 +34,20 @@ CurveExperiment::CurveExperiment(Communicator world, std::vector<id::Curve> curv
     const id::Curve& curve = curves_[k];
     Scene& scene = scenes_.emplace_back();
     scene.time = curve.history.time, scene.force = curve.stress, scene.start_time = curve.history.time[0];
+    scene.elongation = curve.history.strain;
     const auto duration = [](const Scene& s) { return s.time[s.time.size() - 1] - s.start_time; };
     if (duration(scene) < duration(scenes_[shortest])) shortest = k;
   }
   std::vector<std::string> keys;
   for (auto& effect : effects()) {
-    if (!effect->acts_on_curves() || !effect->applies(scenes_[shortest])) continue;
+    if (!effect->acts_on_curves() || std::none_of(scenes_.begin(), scenes_.end(), [&](const Scene& scene) { return effect->applies(scene); })) continue;
     const auto description = effect->describe(scenes_[shortest]);
     Candidate candidate{description.name, description.link, {}, description.sentence, description.confused_with, description.separated_by, {}};
     keys.push_back(key_of(description.name));
     first_.push_back(parameters_.size());
     for (const auto& q : description.quantities) {
       const int place = static_cast<int>(parameters_.size());
-      parameters_.push_back({.info = {.name = q.name, .unit = model_.unit(q.unit == "force" ? "stress" : q.unit), .description = q.description, .lower = q.lower, .upper = q.upper, .null_value = q.null},
+      parameters_.push_back({.info = {.name = q.name, .unit = model_.unit(q.unit == "force" ? "stress" : q.unit), .description = q.description, .lower = q.lower, .upper = q.upper, .null_value = q.null, .shape = q.shape, .scale = q.scale},
                              .value = q.null, .step = q.step, .prior = 0.0, .free = false});
       if (!declare(parameters_.back(), keys.back(), model_.effects)) candidate.parameters.push_back(place);
     }

@@ -117,7 +117,7 @@ void FieldExperiment::make_candidates() {
     first_.push_back(parameters_.size());
     for (const auto& q : description.quantities) {
       const int place = static_cast<int>(parameters_.size());
-      parameters_.push_back({.info = {.name = q.name, .unit = model_.unit ? model_.unit(q.unit) : q.unit, .description = q.description, .lower = q.lower, .upper = q.upper, .null_value = q.null},
+      parameters_.push_back({.info = {.name = q.name, .unit = model_.unit ? model_.unit(q.unit) : q.unit, .description = q.description, .lower = q.lower, .upper = q.upper, .null_value = q.null, .shape = q.shape, .scale = q.scale},
                              .value = q.null, .step = q.step, .prior = 0.0, .free = false});
       if (!declare(parameters_.back(), keys.back(), model_.effects)) candidate.parameters.push_back(place);
       parameters_.back().info.name = key_of(which) + q.name;

@@ -27,7 +27,7 @@ material:
   parameters: {{E: 198e3, nu: 0.25, S_y: 284, H: 1480, delta: 0.042}}
 simulate:
   centred: true
-  value: [0, 0.008, 0.03, 0.1, 0.2]
+  value: {value}
 virtual: {{size: [300, 330], noise: 0.002, depth: 16, load_noise: 5, static_frames: 2, directory: {name}, declared_mesh: coarse.msh}}
 output: {name}
 effects: {effects}
@@ -44,6 +44,7 @@ output: {name}
 effects: {effects}
 """
 PIXEL, FRAMES = 0.08, 6
+LOADING = [0, 0.008, 0.03, 0.1, 0.2]
 
 
 def forces(folder):
@@ -65,13 +66,13 @@ def main():
     gmsh("plate_with_hole", folder / "fine.msh", length=28, size_hole=0.8, size_far=2.0)
     gmsh("plate_with_hole", folder / "coarse.msh", length=20, size_hole=1.0, size_far=2.5)
 
-    def plate(name, effects="{}", status=0):
-        (folder / f"{name}.yaml").write_text(PLATE.format(mesh="fine", images="", name=name, effects=effects))
+    def plate(name, effects="{}", status=0, value=LOADING):
+        (folder / f"{name}.yaml").write_text(PLATE.format(mesh="fine", images="", name=name, effects=effects, value=value))
         return run(program, "virtual", folder / f"{name}.yaml", 1, status=status, errors=status != 0)
 
     def correlated(name):
         """Displacement of the declared mesh that the images show [frames, nodes, 2], and its nodes."""
-        (folder / f"dic_{name}.yaml").write_text(PLATE.format(mesh="coarse", images=f", images: '{name}/images/*.png', reference: 0-1", name=f"dic_{name}", effects="{}"))
+        (folder / f"dic_{name}.yaml").write_text(PLATE.format(mesh="coarse", images=f", images: '{name}/images/*.png', reference: 0-1", name=f"dic_{name}", effects="{}", value=LOADING))
         run(program, "dic", folder / f"dic_{name}.yaml", 1)
         with h5py.File(folder / f"dic_{name}/results.h5") as file:
             return file["dic/displacement"][:][..., :2], file["surface/nodes"][:, :2]
@@ -91,6 +92,12 @@ def main():
     plate("delay", "{delay_of_the_force: {force_delay: 0.25}}")
     before = numpy.concatenate([[0.0], true[1:-1]])
     require(numpy.max(numpy.abs(forces(folder / "delay")[2:] - plain[2:] + 0.25 * (true[1:] - before))) < 2e-4, "a delay of the force shifts it in time")
+    back = [0, 0.008, 0.03, 0.025, 0.025]
+    plate("back", value=back)
+    plate("rubbed", "{friction: {friction_force: 150}}", value=back)
+    rubbed = forces(folder / "rubbed") - forces(folder / "back")
+    require(numpy.max(numpy.abs(rubbed[:2])) < 1.5e-4 and numpy.max(numpy.abs(rubbed[2:4] - 150)) < 1.0 and abs(rubbed[4] + 150) < 1.0 and abs(rubbed[5]) < 1e-3,
+            f"friction adds to the recorded force on the way up, takes as much on the way back and nothing at rest ({rubbed[2:]})")
     plate("loaded", "{preload: {preload: 5000}}")
     shift = forces(folder / "loaded") - plain
     require(abs(shift[0]) < 1.5e-4 and numpy.max(numpy.abs(shift[2:] + 5000)) < 1.5e-4, "a preload is missing in the record, which is zero at the reference")
@@ -202,6 +209,13 @@ def main():
     for name, z, factor in (("front", nodes[:, 2].max(), 1.0), ("middle", nodes[:, 2].max() - 1.0, 1 - share), ("back", nodes[:, 2].max() - 2.0, 1 - 2 * share)):
         top = (numpy.abs(nodes[:, 1] - 15) < 1e-6) & (numpy.abs(nodes[:, 2] - z) < 1e-6)
         require(numpy.max(numpy.abs(u[top] - 0.006 * factor)) < 1e-9, f"the {name} of the loaded end moves by {factor} of the front")
+    slip = 0.0005
+    with of_bar("slipped", f"{{grip_slip: {{slip: {slip}, slip_onset: 0.75}}}}", "layers: 2") as file:
+        nodes, u = file["mesh/nodes"][:], file["fields/displacement"][:, :, 1]
+    for frame, moved, slipped in ((1, 0.003, 0.0), (2, 0.006, slip)):
+        for name, z, share in (("front", nodes[:, 2].max(), 0.0), ("back", nodes[:, 2].max() - 2.0, 2.0)):
+            top = (numpy.abs(nodes[:, 1] - 15) < 1e-6) & (numpy.abs(nodes[:, 2] - z) < 1e-6)
+            require(numpy.max(numpy.abs(u[frame][top] - moved + share * slipped)) < 1e-6, f"frame {frame}: the {name} of the loaded end has slipped by {share * slipped} mm against the front")
 
     # What is not understood, or would say nothing, is refused.
     for effects, words in (("{force_zer: {force_offset: 1}}", 'no effect "force_zer", near to force_zero'),
@@ -211,6 +225,8 @@ def main():
                            ("{hole_radius: {hole_radius_error: {free: true}}}", "no value"),
                            ("{hole_radius: {hole_radius_error: {lower: 0}}}", "neither a value nor free: true"),
                            ("{misalignment: {bending_share: 0.1}}", "lacks what it acts on"),
+                           ("{grip_slip: {slip: 0.001}}", "lacks what it acts on"),
+                           ("{friction: {friction_force: 100}}", "lacks what it acts on"),
                            ("{saturation: {saturated: 0.7}}", "a share up to 0.5"),
                            ("{light_gain: {gain_drift: -2}}", "effects.light_gain.gain_drift"),
                            ("{coarse_mesh: {mesh_error: 1}}", "an effect of the numerics")):

@@ -173,6 +173,41 @@ TEST(CurveExperiment, NothingIsFoundWhereNothingIsMissing) {
   EXPECT_TRUE(report.declared.ground->weight(Eigen::MatrixXd::Identity(N, N)).isIdentity(1e-12));
 }
 
+/// Without reversal friction is a zero of the force; with cycles it is a jump at every turn, found and told from back-stresses.
+TEST(CurveExperiment, FrictionIsFoundAtReversals) {
+  const auto has_friction = [](const CurveExperiment& experiment) {
+    return std::any_of(experiment.candidates().begin(), experiment.candidates().end(), [](const Candidate& c) { return c.name == "friction"; });
+  };
+  EXPECT_FALSE(has_friction(CurveExperiment(Communicator(), bars(4, {}), model(truth))));
+  auto all = bars(4, {});
+  std::mt19937_64 random(5);
+  std::normal_distribution<double> normal;
+  const CurveModel m = model(truth);
+  for (int k = 0; k < 4; ++k) {
+    identification::Curve curve;
+    curve.name = "cycle" + std::to_string(k), curve.group = "cycles";
+    curve.history.strain.resize(241);
+    for (int row = 0; row <= 240; ++row) curve.history.strain[row] = 0.012 * std::asin(std::sin(2.0 * M_PI * row / 80.0)) / (0.5 * M_PI);
+    curve.history.time = Eigen::VectorXd::LinSpaced(241, 0.0, 240.0);
+    curve.stress = material::pull_bar(*m.extended(material::known_effects()), m.values, curve.history).engineering;
+    const double a = 3.0 * normal(random);
+    for (Eigen::Index row = 1; row < 241; ++row) curve.stress[row] += a + 2.0 * normal(random);
+    curve.deviation = 4.0;
+    curve.use.assign(241, identification::Curve::fitted);
+    curve.use[0] = identification::Curve::not_judged;
+    all.push_back(std::move(curve));
+  }
+  for (auto& curve : all)
+    for (Eigen::Index row = 1; row < curve.stress.size(); ++row) curve.stress[row] += curve.history.strain[row] > curve.history.strain[row - 1] ? 20.0 : -20.0;
+  CurveExperiment experiment(Communicator(), std::move(all), model(truth));
+  ASSERT_TRUE(has_friction(experiment));
+  const Report report = loop_on(experiment);
+  ASSERT_EQ(report.named.size(), 1U) << report.sentence;
+  EXPECT_EQ(experiment.candidates()[static_cast<std::size_t>(report.named.front())].name, "friction") << report.sentence;
+  const auto place = experiment.candidates()[static_cast<std::size_t>(report.named.front())].parameters.front();
+  EXPECT_NEAR(report.final.fit.values[static_cast<std::size_t>(place)], 20.0, 2.0);
+}
+
 /// One rate of two cannot tell a factor on the fast bars from a viscous stress that is small everywhere: the verdict may be a set,
 /// but the truth is in it.
 TEST(CurveExperiment, RateIsInTheSet) {

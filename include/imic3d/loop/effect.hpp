@@ -32,7 +32,7 @@ struct Scene {
   Eigen::Matrix2d pixels;               ///< d(pixel)/d(displacement) [px/length]
   Eigen::Vector2d axis_of_lens;         ///< where the optical axis meets the specimen: the image's centre [length]
   double poisson = 0.3;                 ///< declared
-  Eigen::VectorXd elongation;           ///< of the surface between its ends [frames, length]
+  Eigen::VectorXd elongation;           ///< of the surface between its ends [frames, length]; of a bar its strain [rows]
   Eigen::VectorXd elastic;              ///< elastic displacement for a force of one [components * n, length/force]
   bool images = true;                   ///< the displacement comes of images that this program interpolates
   double dynamic = 255.0;               ///< largest grey level of the images

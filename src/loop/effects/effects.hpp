@@ -35,6 +35,8 @@ std::shared_ptr<const Effect> taper();
 std::shared_ptr<const Effect> preload();
 std::shared_ptr<const Effect> residual_stress();
 std::shared_ptr<const Effect> misalignment();
+std::shared_ptr<const Effect> grip_slip();
+std::shared_ptr<const Effect> friction();
 std::shared_ptr<const Effect> stiff_region();
 
 }  // namespace imic3d::loop
