@@ -27,11 +27,14 @@ class Bar {
         free_(free),
         old_(static_cast<std::size_t>(law.history_size())),
         new_(old_),
-        d_old_(free.size(), std::vector<double>(old_.size(), 0.0)),
-        d_new_(old_.size()),
-        unit_(parameters.size(), 0.0),
+        dF_(free.size() + 3, Matrix3::Zero()),
+        d_tau_(free.size() + 3),
+        directions_((free.size() + 3) * parameters.size(), 0.0),
+        d_old_((free.size() + 3) * old_.size(), 0.0),
+        d_new_(d_old_.size()),
         d_stress_(Eigen::VectorXd::Zero(static_cast<Eigen::Index>(free.size()))) {
     law.initialise(old_);
+    for (std::size_t j = 0; j < free.size(); ++j) directions_[j * parameters.size() + static_cast<std::size_t>(free[j])] = 1.0;
     const double angle = direction * std::numbers::pi / 180.0;
     Q_ = Matrix3::Identity();
     if (direction != 0.0) Q_ = Eigen::AngleAxisd(angle, Eigen::Vector3d::UnitZ()).toRotationMatrix();
@@ -39,7 +42,7 @@ class Bar {
 
   /// From the state reached so far to `strain`; false leaves the state as it is.
   bool step(double strain, double time_increment) {
-    Lateral x = x_ + Lateral(-0.5, -0.5, 0.0) * (strain - strain_);
+    Lateral x = x_ + course_ * (strain - strain_);
     Response response;
     Eigen::Matrix3d slope;
     double last = INFINITY;
@@ -98,27 +101,28 @@ class Bar {
     return back(tensor(response.tangent * d)) + L * tau + tau * L.transpose();
   }
 
-  /// Direct differentiation of the step, then the state moves on.
+  /// Direct differentiation of the step, then the state moves on. Directions of the law: each parameter at fixed lateral strains, then each lateral strain alone,
+  /// of which the parameters' share follows from the lateral stress that stays zero.
   void finish(double strain, const Lateral& x, double time_increment, double stress, const Eigen::Matrix3d& slope) {
-    const auto lu = slope.partialPivLu();
-    const Matrix3 F = turned(gradient(strain, x));
-    for (std::size_t j = 0; j < free_.size(); ++j) {
-      unit_[static_cast<std::size_t>(free_[j])] = 1.0;
-      Vector6 d_tau;
-      if (!law_.directional_derivative(F, Matrix3::Zero(), time_increment, parameters_, unit_, old_, d_old_[j], d_tau,
-                                       d_new_))
+    const std::size_t count = free_.size(), history = old_.size();
+    if (count > 0) {
+      for (std::size_t k = 0; k < 3; ++k) dF_[count + k] = turned(gradient_rate(x, static_cast<int>(k)));
+      Vector6 tau;
+      if (!law_.directional_derivatives(turned(gradient(strain, x)), dF_, time_increment, parameters_, directions_, old_, d_old_, tau, d_tau_, d_new_))
         throw std::runtime_error("the derivative of a step that was possible");
-      const Lateral dx = -lu.solve(transverse(back(tensor(d_tau))));
-      Matrix3 dF = Matrix3::Zero();
-      for (int k = 0; k < 3; ++k) dF += dx[k] * gradient_rate(x, k);
-      if (!law_.directional_derivative(F, turned(dF), time_increment, parameters_, unit_, old_, d_old_[j], d_tau,
-                                       d_new_))
-        throw std::runtime_error("the derivative of a step that was possible");
-      d_stress_[static_cast<Eigen::Index>(j)] = back(tensor(d_tau))(0, 0);
-      d_old_[j] = d_new_;
-      unit_[static_cast<std::size_t>(free_[j])] = 0.0;
+      const auto lu = slope.partialPivLu();
+      for (std::size_t j = 0; j < count; ++j) {
+        const Lateral dx = -lu.solve(transverse(back(tensor(d_tau_[j]))));
+        for (std::size_t k = 0; k < 3; ++k) {
+          d_tau_[j] += dx[static_cast<Eigen::Index>(k)] * d_tau_[count + k];
+          for (std::size_t i = 0; i < history; ++i) d_new_[j * history + i] += dx[static_cast<Eigen::Index>(k)] * d_new_[(count + k) * history + i];
+        }
+        d_stress_[static_cast<Eigen::Index>(j)] = back(tensor(d_tau_[j]))(0, 0);
+      }
+      std::copy_n(d_new_.begin(), count * history, d_old_.begin());
     }
     old_.swap(new_);
+    if (strain != strain_) course_ = (x - x_) / (strain - strain_);
     strain_ = strain, x_ = x, stress_ = stress;
   }
 
@@ -126,12 +130,13 @@ class Bar {
   std::span<const double> parameters_;
   std::span<const int> free_;
   std::vector<double> old_, new_;
-  std::vector<std::vector<double>> d_old_;
-  std::vector<double> d_new_, unit_;
+  std::vector<Matrix3> dF_;
+  std::vector<Vector6> d_tau_;
+  std::vector<double> directions_, d_old_, d_new_;  // direction after direction
   Eigen::VectorXd d_stress_;
   Matrix3 Q_;
   double strain_ = 0.0, stress_ = 0.0;
-  Lateral x_ = Lateral::Zero();
+  Lateral x_ = Lateral::Zero(), course_{-0.5, -0.5, 0.0};  // the next step goes on as the last one did
 };
 
 }  // namespace
