@@ -150,33 +150,46 @@ def main():
     options = parser.parse_args()
     suite = blind.Suite(Path(options.out), options.imic3d, make, TRUTH)
 
-    # Nulls, and from the first the smallest detectable sizes.
-    detectable = {}
+    # Nulls, and from the first the smallest detectable sizes, of the shape among those reported that is nearest to the usual one.
+    detectable, shapes = {}, {}
     for seed in range(2 if options.reduced else options.nulls):
         result = suite.trial("null", "-", "0", {}, 1000 + seed)
         if seed == 0 and result:
-            detectable = {one["name"]: one["sizes"][0]["detectable"] for one in result["before"]["candidates"]}
+            for one in result["before"]["candidates"]:
+                name = one["name"]
+                detectable[name] = one["sizes"][0]["detectable"]
+                usual = {shape: value for shape, value in EFFECTS.get(name, (0, {}))[1].items() if value > 0.0}
+                near = [other for other in one.get("with_other_shapes", []) if other["parameter"] in usual]
+                if near:
+                    best = min(near, key=lambda other: abs(math.log(other["value"] / usual[other["parameter"]])))
+                    detectable[name], shapes[name] = best["detectable"], {best["parameter"]: best["value"]}
+
+    def planted(effect, multiple):
+        parameter, usual_shapes, usual, _ = EFFECTS[effect]
+        if multiple == "usual":
+            return {parameter: usual} | usual_shapes
+        return {parameter: NULLS.get(parameter, 0.0) + multiple * detectable[effect]} | usual_shapes | shapes.get(effect, {})
+
     effects = ["rate", "viscosity", "kinematic", "damage", "force zero", "gain of fast"] if options.reduced else list(EFFECTS)
     for effect in effects:
-        parameter, shapes, usual, largest = EFFECTS[effect]
-        null = NULLS.get(parameter, 0.0)
-        multiples = [k for k in ((10,) if options.reduced else (1, 3, 10, 50)) if effect in detectable]  # none where no size would be found
-        sizes = {str(k): null + k * detectable[effect] for k in multiples} | ({} if options.reduced else {"usual": usual})
-        for multiple, size in sizes.items():
-            for seed in range(0 if size > largest else 1 if options.reduced else options.seeds):
-                suite.trial("effect", effect, multiple, {parameter: size} | shapes, 1 + seed, "gain of fast" if effect == "gain of fast" else parameter)
+        parameter, _, _, largest = EFFECTS[effect]
+        # No multiples where no size would be found.
+        for multiple in [k for k in ((10,) if options.reduced else (1, 3, 10, 50)) if effect in detectable] + ([] if options.reduced else ["usual"]):
+            its = planted(effect, multiple)
+            for seed in range(0 if its[parameter] > largest else 1 if options.reduced else options.seeds):
+                suite.trial("effect", effect, str(multiple), its, 1 + seed, "gain of fast" if effect == "gain of fast" else parameter)
     if not options.reduced:
-        at_ten = {effect: {EFFECTS[effect][0]: NULLS.get(EFFECTS[effect][0], 0.0) + 10 * detectable[effect]} | EFFECTS[effect][1] for effect in EFFECTS if effect in detectable}
-        at_ten = {effect: planted for effect, planted in at_ten.items() if planted[EFFECTS[effect][0]] <= EFFECTS[effect][3]}
-        for effect, planted in at_ten.items():
+        at_ten = {effect: planted(effect, 10) for effect in EFFECTS if effect in detectable}
+        at_ten = {effect: its for effect, its in at_ten.items() if its[EFFECTS[effect][0]] <= EFFECTS[effect][3]}
+        for effect, its in at_ten.items():
             for seed in range(options.seeds):
-                suite.trial("without", effect, "-", planted | {"leave_out": [effect]}, 50 + seed)
+                suite.trial("without", effect, "-", its | {"leave_out": [effect]}, 50 + seed)
         for pair in PAIRS:
             for seed in range(options.seeds if set(pair) <= set(at_ten) else 0):
                 suite.trial("pair", " + ".join(pair), "-", at_ten[pair[0]] | at_ten[pair[1]], 200 + seed)
-    for name, planted in list(OUTSIDE.items())[2 if options.reduced else 0:]:
+    for name, its in list(OUTSIDE.items())[2 if options.reduced else 0:]:
         for seed in range(1 if options.reduced else options.seeds):
-            suite.trial("outside", name, "-", planted, 100 + seed)
+            suite.trial("outside", name, "-", its, 100 + seed)
     suite.report()
     if options.reduced:
         suite.fail_unless_right()

@@ -66,9 +66,18 @@ nlohmann::json loop_summary(const loop::Experiment& experiment, const loop::Repo
                             {"z", s.z}, {"p", s.p}, {"degrees", s.degrees}, {"predicted_drop", s.drop}, {"significant", s.z > model.scores.threshold}};
       if (!model.baselines.cosine.empty()) one["cosine"] = model.baselines.cosine[i];
       const auto& its = candidates[static_cast<std::size_t>(model.others[i])].parameters;
+      const auto sizes = std::count_if(its.begin(), its.end(), [&](int j) { return !parameters[static_cast<std::size_t>(j)].info.shape; });  // the shapes come last
+      Eigen::Index other = sizes;
       for (std::size_t c = 0; c < its.size(); ++c) {
-        const auto& info = parameters[static_cast<std::size_t>(its[c])].info;
-        if (info.shape) break;  // shapes come last, and have no size
+        const auto& parameter = parameters[static_cast<std::size_t>(its[c])];
+        const auto& info = parameter.info;
+        if (info.shape) {
+          for (double value : loop::other_shapes(parameter, model.fit.values[static_cast<std::size_t>(its[c])])) {
+            if (sizes == 1 && std::isfinite(s.detectable[other])) one["with_other_shapes"].push_back({{"parameter", info.name}, {"value", value}, {"detectable", s.detectable[other]}});
+            ++other;
+          }
+          continue;
+        }
         const auto column = static_cast<Eigen::Index>(c);
         nlohmann::json bias;
         for (Eigen::Index j = 0; j < s.bias.rows(); ++j)

@@ -352,13 +352,13 @@ class Loop {
     for (std::size_t i = 0; i < kept.size(); ++i) hold_within_bounds(model.scores.candidates[i], kept[i], model);
   }
 
-  /// Whether a size within its bounds would be found.
+  /// Whether a size within its bounds would be found, with the usual shape or with another.
   bool within_reach(int k, const Score& one, const Model& model) const {
     const auto& its = candidate(k).parameters;
-    for (Eigen::Index c = 0; c < one.detectable.size(); ++c) {
+    for (Eigen::Index c = 0; c < one.size.size(); ++c) {
       const auto j = static_cast<std::size_t>(its[static_cast<std::size_t>(c)]);
       const auto& info = experiment_.parameters()[j].info;
-      if (std::max(info.upper - model.fit.values[j], model.fit.values[j] - info.lower) >= one.detectable[c]) return true;
+      if (std::max(info.upper - model.fit.values[j], model.fit.values[j] - info.lower) >= (one.size.size() == 1 ? one.detectable.minCoeff() : one.detectable[c])) return true;
     }
     return one.visibility < least_visibility;  // listed as such
   }
@@ -415,17 +415,26 @@ class Loop {
   }
 
   Round try_candidates(const Model& at) {
-    std::vector<std::size_t> order;
+    const std::vector<Score>& scores = at.scores.candidates;
+    std::vector<std::size_t> order, invisible;
     for (std::size_t i = 0; i < at.others.size(); ++i)
-      if (stands_out(at, at.scores.candidates[i])) order.push_back(i);
-    std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return at.scores.candidates[a].z > at.scores.candidates[b].z; });
-    if (order.size() > static_cast<std::size_t>(options_.rivals)) order.resize(static_cast<std::size_t>(options_.rivals));
+      if (scores[i].z > at.scores.threshold) (stands_out(at, scores[i]) ? order : invisible).push_back(i);
+    for (auto* list : {&order, &invisible}) {
+      std::sort(list->begin(), list->end(), [&](std::size_t a, std::size_t b) { return scores[a].z > scores[b].z; });
+      if (list->size() > static_cast<std::size_t>(options_.rivals)) list->resize(static_cast<std::size_t>(options_.rivals));
+    }
+    // An invisible effect whose score is beyond those of all that are seen may be what is there: it is named where it suffices, after those that are seen.
+    std::erase_if(invisible, [&](std::size_t i) { return !order.empty() && scores[i].z < scores[order.front()].z; });
+    const std::size_t seen = order.size();
+    order.insert(order.end(), invisible.begin(), invisible.end());
     Round round;
+    std::size_t seen_in_set = 0;
     for (std::size_t i : order) {
       Trial trial;
       experiment_.put_back(at.ground->learned);
       trial.model.ground = at.ground;
       trial.candidate = at.others[i];
+      trial.visible = round.trials.size() < seen;
       trial.model.added = at.added;
       trial.model.added.push_back(trial.candidate);
       // From the size that the score predicts (next to the null value where a shape decides what it is, for three of its values), and
@@ -477,12 +486,14 @@ class Loop {
       judge(trial, at);
       announce(trial.model, "with " + candidate(trial.candidate).name);
       if (!trial.plausible) say("    not plausible: " + trial.objection);
-      if (trial.sufficient && trial.plausible) round.set.push_back(trial.candidate);
+      if (trial.sufficient && trial.plausible) round.set.push_back(trial.candidate), seen_in_set += trial.visible ? 1 : 0;
       round.trials.push_back(std::move(trial));
     }
     experiment_.put_back(at.ground->learned);
     // The earlier link first where the data do not tell.
-    std::stable_sort(round.set.begin(), round.set.end(), [&](int a, int b) { return candidate(a).link < candidate(b).link; });
+    const auto first_invisible = round.set.begin() + static_cast<std::ptrdiff_t>(seen_in_set);
+    for (const auto& [first, last] : {std::pair(round.set.begin(), first_invisible), std::pair(first_invisible, round.set.end())})
+      std::stable_sort(first, last, [&](int a, int b) { return candidate(a).link < candidate(b).link; });
     return round;
   }
 
@@ -570,7 +581,7 @@ class Loop {
       // A fifth of what noise does not explain, on fitted and on held-out frames.
       const auto excess = [](double chi, double null) { return std::max(0.0, chi * chi - null * null); };
       const Misfit &now = trial.model.misfit, &was = at.misfit;
-      const bool helps = excess(now.held_out, now.null_held_out) <= 0.8 * excess(was.held_out, was.null_held_out) && excess(now.fitted, now.null_fitted) <= 0.8 * excess(was.fitted, was.null_fitted) &&
+      const bool helps = trial.visible && excess(now.held_out, now.null_held_out) <= 0.8 * excess(was.held_out, was.null_held_out) && excess(now.fitted, now.null_fitted) <= 0.8 * excess(was.fitted, was.null_fitted) &&
                          trial.model.fit.cost < at.fit.cost;
       if (helps && (best == nullptr || trial.model.fit.cost < best->model.fit.cost)) best = &trial;
     }

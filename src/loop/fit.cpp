@@ -68,13 +68,6 @@ double signed_step(const Parameter& parameter, double value) {
   return value + step <= parameter.info.upper ? step : -step;
 }
 
-/// Other values of a shape: an eighth and eight times; from 0, a third of its usual size and that.
-std::array<double, 2> other_shapes(const Parameter& p, double value) {
-  const double usual = p.info.scale > 0.0 ? p.info.scale : 1.0;
-  const double low = value != 0.0 ? value / 8.0 : usual / 3.0, high = value != 0.0 ? 8.0 * value : usual;
-  return {std::clamp(low, p.info.lower, p.info.upper), std::clamp(high, p.info.lower, p.info.upper)};
-}
-
 struct Linear {
   Eigen::VectorXd residual;
   Eigen::MatrixXd sensitivity;
@@ -108,6 +101,12 @@ Linear secant(const Linear& from, const Eigen::VectorXd& step, Eigen::VectorXd r
 }
 
 }  // namespace
+
+std::array<double, 2> other_shapes(const Parameter& shape, double value) {
+  const double usual = shape.info.scale > 0.0 ? shape.info.scale : 1.0;
+  const double low = value != 0.0 ? value / 8.0 : usual / 3.0, high = value != 0.0 ? 8.0 * value : usual;
+  return {std::clamp(low, shape.info.lower, shape.info.upper), std::clamp(high, shape.info.lower, shape.info.upper)};
+}
 
 std::vector<Eigen::MatrixXd> marks(Experiment& experiment, const Weight& weight, const std::vector<double>& values, const std::vector<int>& candidates) {
   struct Column {

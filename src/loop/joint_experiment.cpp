@@ -237,7 +237,7 @@ Report JointExperiment::report_of(std::size_t test, const Report& all) const {
     own.set = candidates_of(test, round.set);
     for (const Trial& trial : round.trials)
       if (const auto candidate = candidates_of(test, {trial.candidate}); !candidate.empty())
-        own.trials.push_back({candidate.front(), model_of(test, trial.model), trial.sufficient, trial.plausible, trial.objection});
+        own.trials.push_back({candidate.front(), model_of(test, trial.model), trial.visible, trial.sufficient, trial.plausible, trial.objection});
   }
   return report;
 }

@@ -179,7 +179,7 @@ Scores score(const ScoreProblem& problem) {
     const Eigen::VectorXd scale = length.segment(first, sizes).cwiseInverse();
     one.size = test.size(j, sizes, z).cwiseProduct(scale);
     one.deviation = test.covariance(j, sizes).diagonal().cwiseMax(0.0).cwiseSqrt().cwiseProduct(scale);
-    one.detectable = (normal_as_student(result.threshold + 0.84, freedom) / unit / test.information(j).diagonal().head(sizes).cwiseMax(1e-300).array().sqrt()).matrix().cwiseProduct(scale);
+    one.detectable = (normal_as_student(result.threshold + 0.84, freedom) / unit / test.information(j).diagonal().cwiseMax(1e-300).array().sqrt()).matrix().cwiseQuotient(length.segment(first, count));
     one.bias = pull * problem.signatures[j].leftCols(sizes);
     result.candidates.push_back(std::move(one));
   }

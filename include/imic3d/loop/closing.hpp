@@ -69,6 +69,7 @@ struct Model {
 struct Trial {
   int candidate = 0;
   Model model;
+  bool visible = true;          ///< κ of its mark is large enough that its score tells of it
   bool sufficient = false;      ///< nothing significant remains
   bool plausible = true;        ///< within its bounds, and its size agrees between the blocks of frames
   std::string objection;        ///< why not

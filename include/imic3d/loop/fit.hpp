@@ -2,6 +2,7 @@
 // Non-linear least squares on an experiment's residual: Gauss-Newton with bounds, priors and damping (Levenberg).
 
 #include <Eigen/Core>
+#include <array>
 #include <vector>
 
 #include "imic3d/loop/experiment.hpp"
@@ -47,6 +48,9 @@ struct Fit {
 /// ConvergenceError if the model cannot be computed at the start.
 [[nodiscard]] Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::Index>& rows, const std::vector<int>& free,
                       std::vector<double> start, const FitOptions& options = {});
+
+/// Other values of a shape (ParameterInfo::shape): an eighth and eight times of `value`; from 0, a third of its usual size and that.
+[[nodiscard]] std::array<double, 2> other_shapes(const Parameter& shape, double value);
 
 /// Whitened marks of candidates [N x columns] at `values`, all simulations side by side: first d(predicted)/d(parameter) of each
 /// size, then for each shape (ParameterInfo::shape), which has no meaning while the sizes are null, the mark of the sizes with two

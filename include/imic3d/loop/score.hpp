@@ -26,7 +26,7 @@ struct Score {
   double drop = 0.0;         ///< of the residual's square if it were added (white noise)
   Eigen::VectorXd size;      ///< estimate of its parameters - null value [k]
   Eigen::VectorXd deviation; ///< standard deviation of these under the null [k]
-  Eigen::VectorXd detectable;///< MDE: sizes that are found with 80 % probability, each alone [k]
+  Eigen::VectorXd detectable;///< MDE: sizes that are found with 80 % probability, each alone [k], then of the size with the other shapes [columns]
   Eigen::MatrixXd bias;      ///< shift of the free parameters per unit of size if it is left out [p x k]
 };
 
