@@ -430,7 +430,19 @@ void CurveExperiment::learn_bias(const std::vector<double>& values) {
   whitening_ = whitening_of(scatter_);
 }
 
-/// One half of their covariance is that of the model, the other that of the deviations themselves, whatever their course.
+/// Correlation of what cubics leave of the deviations of a group, from bin to bin: 0 if that is white noise.
+double CurveExperiment::correlation_beyond_cubics(const std::string& group) const {
+  const auto& bars = repeated_.at(group);
+  double product = 0.0, square = 0.0;
+  for (std::size_t k = 0; k < bars.size(); ++k) {
+    const Eigen::VectorXd left = scatter_.deviations.at(group)[k] - bars[k].B * scatter_.coefficients.at(group)[k];
+    product += left.head(left.size() - 1).dot(left.tail(left.size() - 1)), square += left.squaredNorm();
+  }
+  return std::clamp(product / std::max(1e-300, square), 0.0, 1.0);
+}
+
+/// One half of their covariance is that of the model, the other that of the deviations themselves, whatever their course: what cubics leave of them goes together from bin
+/// to bin as far as it does in the bars, and is white otherwise.
 Eigen::MatrixXd CurveExperiment::bars_like_these(int draws, double grown, unsigned seed) const {
   std::mt19937_64 random(seed);
   std::normal_distribution<double> normal;
@@ -451,14 +463,19 @@ Eigen::MatrixXd CurveExperiment::bars_like_these(int draws, double grown, unsign
     for (const auto& [group, bars] : repeated_) {
       const auto& deviations = scatter_.deviations.at(group);
       const auto& coefficients = scatter_.coefficients.at(group);
+      const double together = std::sqrt(correlation_beyond_cubics(group)), apart = std::sqrt(1.0 - together * together);
       for (const auto& bar : bars) {
-        const Eigen::VectorXd share = drawn(static_cast<Eigen::Index>(bars.size())) / std::sqrt(static_cast<double>(bars.size()));
+        const auto shares = [&]() -> Eigen::VectorXd { return drawn(static_cast<Eigen::Index>(bars.size())) / std::sqrt(static_cast<double>(bars.size())); };
+        const Eigen::VectorXd share = shares();
         for (std::size_t i = 0; i < bar.rows.size(); ++i) {
           double sum = 0.0;
+          const Eigen::VectorXd own = shares();
           for (std::size_t k = 0; k < bars.size(); ++k) {
             const auto at = std::lower_bound(bars[k].numbers.begin(), bars[k].numbers.end(), bar.numbers[i]);
             const bool has = at != bars[k].numbers.end() && *at == bar.numbers[i];
-            sum += share[static_cast<Eigen::Index>(k)] * (has ? deviations[k][at - bars[k].numbers.begin()] : bar.B.row(static_cast<Eigen::Index>(i)).dot(coefficients[k]));
+            const auto j = static_cast<Eigen::Index>(k);
+            const double cubic = bar.B.row(static_cast<Eigen::Index>(i)).dot(coefficients[k]), left = has ? deviations[k][at - bars[k].numbers.begin()] - cubic : 0.0;
+            sum += share[j] * (cubic + together * left) + own[j] * apart * left;
           }
           raw[bar.rows[i]] = std::sqrt(0.5) * (raw[bar.rows[i]] + grown * sum);
         }

@@ -97,6 +97,7 @@ class CurveExperiment final : public Experiment {
     std::map<std::string, std::vector<Eigen::VectorXd>> deviations, coefficients;  // of the repeated bars of each group, from its mean: in bins; of the cubics
   };
   void find_repetitions();
+  [[nodiscard]] double correlation_beyond_cubics(const std::string& group) const;
   /// Bars that differ as `scatter_` says, `grown` times as much [N x draws, stress].
   [[nodiscard]] Eigen::MatrixXd bars_like_these(int draws, double grown, unsigned seed) const;
   [[nodiscard]] Scatter scatter_of(const Eigen::VectorXd& raw) const;
