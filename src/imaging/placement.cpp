@@ -9,6 +9,8 @@
 #include <numbers>
 #include <opencv2/imgproc.hpp>
 
+#include "outline.hpp"
+
 namespace imic3d::imaging {
 
 namespace {
@@ -104,87 +106,6 @@ Placement place_by_points(std::span<const std::array<double, 4>> points, bool fl
 namespace {
 
 // ---------------------------------------------------------------------------------------------------------------------
-// The outline as points with normals
-
-struct OutlinePoint {
-  Vector2d place;   ///< [length]
-  Vector2d normal;  ///< unit, out of the material
-  int contour;      ///< number of its contour
-};
-
-constexpr double corner_angle = 30.0 * degree;  // contours that turn more than this at a point have a corner there
-
-double angle_between(const Vector2d& a, const Vector2d& b) {
-  return std::abs(std::atan2(a.x() * b.y() - a.y() * b.x(), a.dot(b)));
-}
-
-/// Points about `spacing` apart on curves through the contours' points (cubic Hermite; the mesh's edges are chords), at
-/// least `margin` away from corners.
-std::vector<OutlinePoint> sample_outline(const std::vector<std::vector<Vector2d>>& contours, double spacing,
-                                         double margin) {
-  std::vector<OutlinePoint> samples;
-  for (std::size_t c = 0; c < contours.size(); ++c) {
-    const auto& contour = contours[c];
-    const std::size_t n = contour.size();
-    const auto chord = [&](std::size_t i) -> Vector2d { return contour[(i + 1) % n] - contour[i % n]; };
-    const auto is_corner = [&](std::size_t i) { return angle_between(chord(i + n - 1), chord(i)) > corner_angle; };
-    // Unit tangent of the parabola through a point and its neighbours.
-    const auto tangent = [&](std::size_t i) -> Vector2d {
-      const Vector2d before = chord(i + n - 1), after = chord(i);
-      return (before.normalized() * after.norm() + after.normalized() * before.norm()).normalized();
-    };
-    for (std::size_t i = 0; i < n; ++i) {
-      const Vector2d along = chord(i);
-      const double length = along.norm();
-      const bool corner_before = is_corner(i), corner_after = is_corner(i + 1);
-      Vector2d first = corner_before ? along : Vector2d(tangent(i) * length);
-      Vector2d last = corner_after ? along : Vector2d(tangent(i + 1) * length);
-      if (corner_before && !corner_after) first = 0.5 * (3.0 * along - last);
-      if (corner_after && !corner_before) last = 0.5 * (3.0 * along - first);
-      const int pieces = std::max(1, static_cast<int>(std::lround(length / spacing)));
-      for (int k = 0; k < pieces; ++k) {
-        const double t = (k + 0.5) / pieces;
-        if ((corner_before && t * length < margin) || (corner_after && (1.0 - t) * length < margin)) continue;
-        const Vector2d place = contour[i] + along * (t * t * (3.0 - 2.0 * t)) + first * (t * (1.0 - t) * (1.0 - t)) -
-                               last * (t * t * (1.0 - t));
-        const Vector2d slope =
-            along * (6.0 * t * (1.0 - t)) + first * ((1.0 - t) * (1.0 - 3.0 * t)) + last * (t * (3.0 * t - 2.0));
-        samples.push_back({place, Vector2d(slope.y(), -slope.x()).normalized(), static_cast<int>(c)});
-      }
-    }
-  }
-  return samples;
-}
-
-double signed_area(const std::vector<Vector2d>& contour) {
-  double area = 0.0;
-  for (std::size_t i = 0; i < contour.size(); ++i) {
-    const Vector2d &a = contour[i], &b = contour[(i + 1) % contour.size()];
-    area += 0.5 * (a.x() * b.y() - b.x() * a.y());
-  }
-  return area;
-}
-
-/// Points of a regular grid inside the contours (even-odd rule), about `wanted` of them.
-std::vector<Vector2d> points_inside(const std::vector<std::vector<Vector2d>>& contours, const Vector2d& low,
-                                    const Vector2d& high, int wanted) {
-  const Vector2d extent = high - low;
-  const double step = std::sqrt(extent.x() * extent.y() / wanted);
-  std::vector<Vector2d> inside;
-  for (double y = low.y() + 0.5 * step; y < high.y(); y += step)
-    for (double x = low.x() + 0.5 * step; x < high.x(); x += step) {
-      bool odd = false;
-      for (const auto& contour : contours)
-        for (std::size_t i = 0; i < contour.size(); ++i) {
-          const Vector2d &a = contour[i], &b = contour[(i + 1) % contour.size()];
-          if ((a.y() > y) != (b.y() > y) && x < a.x() + (y - a.y()) * (b.x() - a.x()) / (b.y() - a.y())) odd = !odd;
-        }
-      if (odd) inside.push_back({x, y});
-    }
-  return inside;
-}
-
-// ---------------------------------------------------------------------------------------------------------------------
 // Coarse search
 
 struct Candidate {
@@ -226,7 +147,7 @@ CoarseImage coarse_image(const cv::Mat1f& image) {
 
 /// Slides the outline over the coarse image. The score of a place is the mean over the outline of (material just inside
 /// - material just outside), less what the mesh's inside has of background. The best places, best first.
-std::vector<Candidate> search(const CoarseImage& coarse, const std::vector<std::vector<Vector2d>>& contours,
+std::vector<Candidate> search(const CoarseImage& coarse, const std::vector<Contour>& contours,
                               const Vector2d& low, const Vector2d& high, const OutlineOptions& options) {
   const double width = coarse.mask.cols, height = coarse.mask.rows;
   const Vector2d middle = 0.5 * (low + high), extent = high - low;
@@ -528,7 +449,7 @@ Fit polish(const cv::Mat1f& image, const CoarseImage& classes, const std::vector
 
 bool better(const Fit& a, const Fit& b) { return a.agreeing != b.agreeing ? a.agreeing > b.agreeing : a.rms < b.rms; }
 
-Placement place_bright_specimen(const cv::Mat1f& image, const std::vector<std::vector<Vector2d>>& contours,
+Placement place_bright_specimen(const cv::Mat1f& image, const std::vector<Contour>& contours,
                                 const Vector2d& low, const Vector2d& high, const OutlineOptions& options) {
   const CoarseImage coarse = coarse_image(image);
   const auto candidates = search(coarse, contours, low, high, options);
@@ -594,7 +515,7 @@ Placement place_bright_specimen(const cv::Mat1f& image, const std::vector<std::v
 
 }  // namespace
 
-Placement place_by_outline(const Image& reference, const std::vector<std::vector<Vector2d>>& contours,
+Placement place_by_outline(const Image& reference, const std::vector<Contour>& contours,
                            const OutlineOptions& options) {
   Vector2d low = Vector2d::Constant(std::numeric_limits<double>::infinity()), high = -low;
   for (const auto& contour : contours)
