@@ -9,6 +9,7 @@ namespace imic3d::loop {
 namespace {
 struct Words {
   const char *sentence, *confused_with, *separated_by;
+  double mark = 1e-2;  // size at which its mark is taken, of the usual size
 };
 const std::map<std::string, Words>& words() {
   static const std::map<std::string, Words> all = {
@@ -22,7 +23,7 @@ const std::map<std::string, Words>& words() {
       {"voce_term", {"hardening that saturates is missing", "plateau, damage", "a longer range of strain"}},
       {"voce_term_2", {"the shape of isotropic hardening is not that of the law: one more term that saturates", "kinematic hardening, damage", "a longer range of strain; cycles"}},
       {"power_term", {"hardening by a power of the plastic strain is missing (Eq. 18 beside linear hardening)", "Voce term, plateau", "a longer range of strain"}},
-      {"plateau", {"the material has a yield plateau (Lüders)", "Voce term", "the curve around first yield"}},
+      {"plateau", {"the material has a yield plateau (Lüders)", "Voce term", "the curve around first yield", 1.0}},
       {"damage", {"the material softens with plastic strain (damage)", "heating, Voce term", "the stiffness on unloading"}},
       {"pressure", {"plastic flow depends on pressure: friction and dilatancy", "Hill's ratios", "compression beside tension; the change of volume"}}};
   return all;
@@ -49,7 +50,10 @@ std::vector<Candidate> law_candidates(const std::vector<ParameterInfo>& informat
 
 Parameter at_null(const ParameterInfo& info) {
   const double value = info.null_value.value_or(0.0);
-  return {.info = info, .value = value, .step = 1e-2 * (info.scale > 0.0 ? info.scale : std::max(1e-3, std::abs(value))), .prior = 0.0, .free = false};
+  // A short plateau is a shift along the curve, which the law's own parameters absorb: a usual one is not.
+  const auto known = words().find(info.effect);
+  const double mark = known != words().end() ? known->second.mark : 1e-2;
+  return {.info = info, .value = value, .step = mark * (info.scale > 0.0 ? info.scale : std::max(1e-3, std::abs(value))), .prior = 0.0, .free = false};
 }
 
 }  // namespace imic3d::loop

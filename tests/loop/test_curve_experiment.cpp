@@ -168,6 +168,11 @@ TEST(CurveExperiment, NothingIsFoundWhereNothingIsMissing) {
   CurveExperiment experiment(Communicator(), bars(2, {}), model(truth));
   const Report report = loop_on(experiment);
   EXPECT_EQ(report.verdict, Verdict::nothing_found) << report.sentence;
+  // A plateau is more than a shift along the curve: of a usual size it is seen.
+  const auto& others = report.declared.others;
+  const auto plateau = std::find_if(others.begin(), others.end(), [&](int k) { return experiment.candidates()[static_cast<std::size_t>(k)].name == "plateau"; });
+  ASSERT_NE(plateau, others.end());
+  EXPECT_GT(report.declared.scores.candidates[static_cast<std::size_t>(plateau - others.begin())].visibility, 0.1);
   // Whitened with the bars' own scatter, and not weighed by it once more.
   const auto N = static_cast<Eigen::Index>(experiment.data().size());
   EXPECT_TRUE(report.declared.ground->weight(Eigen::MatrixXd::Identity(N, N)).isIdentity(1e-12));
