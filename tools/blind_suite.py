@@ -84,10 +84,12 @@ def make(folder, effect, seed):
     """The curves and the case file of one trial."""
     random = np.random.default_rng(seed)
     folder.mkdir(parents=True, exist_ok=True)
-    leave_out = effect.get("leave_out", [])
-    p = TRUTH | DEFAULT | {name: value for name, value in effect.items() if name != "leave_out"}
+    leave_out, declare = effect.get("leave_out", []), effect.get("declare", {})
+    p = TRUTH | DEFAULT | {name: value for name, value in effect.items() if name not in ("leave_out", "declare")}
+    sizes, shapes = [next(iter(its)) for its in declare.values()], {name: value for its in declare.values() for name, value in its.items()}
     lines = ["title: blind trial", "units: {length: mm, force: N, time: s}",
-             "material: {law: j2, hardening: voce, parameters: {E: {value: 200e3, lower: 150e3, upper: 250e3}, nu: 0.3, S_y: {value: 230, lower: 50, upper: 900},"
+             f"material: {{law: j2, hardening: voce, effects: [{', '.join(declare)}], parameters: {{{', '.join(f'{name}: {value}' for name, value in shapes.items())}{',' if shapes else ''} "
+             "E: {value: 200e3, lower: 150e3, upper: 250e3}, nu: 0.3, S_y: {value: 230, lower: 50, upper: 900},"
              " S_inf: {value: 450, lower: 50, upper: 1500}, b: {value: 14, lower: 0.5, upper: 300}, H: {value: 600, lower: 0, upper: 5000}}}", "experiments:"]
     for name, bars, rate, turns in groups():
         files = []
@@ -115,7 +117,7 @@ def make(folder, effect, seed):
             np.savetxt(file, np.column_stack([time, np.round(np.expm1(strain), 6), engineering]), delimiter=",", header="time,strain,stress", comments="", fmt="%.9g")
             files.append(file.name)
         lines.append(f"  - {{name: {name}, file: [{', '.join(files)}], time: time, strain: strain, stress: stress, from: 0.0005}}")
-    lines += ["identify: {stages: [{free: [E, S_y, S_inf, b, H]}]}", f"loop: {{rivals: 3, additions: 2, starts: [1.0, 0.9], leave_out: {leave_out}}}", "output: run"]
+    lines += [f"identify: {{stages: [{{free: [{', '.join(['E', 'S_y', 'S_inf', 'b', 'H'] + sizes)}]}}]}}", f"loop: {{rivals: 3, additions: 2, starts: [1.0, 0.9], leave_out: {leave_out}}}", "output: run"]
     (folder / "case.yaml").write_text("\n".join(lines) + "\n")
 
 
@@ -137,6 +139,7 @@ EFFECTS = {
 }
 OUTSIDE = {"hum": dict(ageing=12.0), "waves of hardening": dict(twinning=12.0), "jumps": dict(slip=15.0)}
 PAIRS = [("rate", "force zero"), ("kinematic", "damage"), ("gain of fast", "kinematic"), ("delay of the force", "rate")]
+REDUCED = ["rate", "viscosity", "kinematic", "damage", "force zero", "gain of fast"]
 NULLS = {"strain_gain": 1.0, "fast_gain": 1.0, "force_gain": 1.0}
 
 
@@ -150,27 +153,24 @@ def main():
     options = parser.parse_args()
     suite = blind.Suite(Path(options.out), options.imic3d, make, TRUTH)
 
-    # Nulls, and from the first the smallest detectable sizes, of the shape among those reported that is nearest to the usual one.
-    detectable, shapes = {}, {}
+    # Nulls, and from the first the smallest detectable sizes. With the shapes that are planted, where these are not the usual ones: from the standard deviation
+    # of the size, declared as one more unknown.
+    detectable = {}
     for seed in range(2 if options.reduced else options.nulls):
         result = suite.trial("null", "-", "0", {}, 1000 + seed)
         if seed == 0 and result:
-            for one in result["before"]["candidates"]:
-                name = one["name"]
-                detectable[name] = one["sizes"][0]["detectable"]
-                usual = {shape: value for shape, value in EFFECTS.get(name, (0, {}))[1].items() if value > 0.0}
-                near = [other for other in one.get("with_other_shapes", []) if other["parameter"] in usual]
-                if near:
-                    best = min(near, key=lambda other: abs(math.log(other["value"] / usual[other["parameter"]])))
-                    detectable[name], shapes[name] = best["detectable"], {best["parameter"]: best["value"]}
+            detectable = {one["name"]: one["sizes"][0]["detectable"] for one in result["before"]["candidates"]}
+            for name, (parameter, shapes, _, _) in EFFECTS.items():
+                if shapes and (not options.reduced or name in REDUCED):
+                    with_it = suite.run(suite.folder / f"declared_{name}", {"declare": {name: {parameter: 0.0} | shapes}}, 1000)
+                    if with_it:
+                        detectable[name] = (result["before"]["threshold"] + 0.84) * with_it["before"]["parameters"][parameter]["standard_deviation"]
 
     def planted(effect, multiple):
-        parameter, usual_shapes, usual, _ = EFFECTS[effect]
-        if multiple == "usual":
-            return {parameter: usual} | usual_shapes
-        return {parameter: NULLS.get(parameter, 0.0) + multiple * detectable[effect]} | usual_shapes | shapes.get(effect, {})
+        parameter, shapes, usual, _ = EFFECTS[effect]
+        return {parameter: usual if multiple == "usual" else NULLS.get(parameter, 0.0) + multiple * detectable[effect]} | shapes
 
-    effects = ["rate", "viscosity", "kinematic", "damage", "force zero", "gain of fast"] if options.reduced else list(EFFECTS)
+    effects = REDUCED if options.reduced else list(EFFECTS)
     for effect in effects:
         parameter, _, _, largest = EFFECTS[effect]
         # No multiples where no size would be found.
