@@ -154,7 +154,7 @@ class Loop {
       experiment_.learn_bias(at);
       best = fit(experiment_, plain, rows_, free, at);
       say(fmt::format("  what mesh, correlation and scatter err by is learned: chi {:.3f}", std::sqrt(best.cost / static_cast<double>(rows_.size()))));
-      if (!moved_far(at, best)) break;
+      if (experiment_.learned() && !moved_far(at, best)) break;  // scatter of bars, which is put back with no model, is learned again
     }
     say(fmt::format("null ensemble: 2 x {} draws of the noise", options_.draws));
     report_.declared.ground = ground_of(best.values);
