@@ -164,7 +164,7 @@ def make(folder, photograph, planted, seed):
         Image.fromarray(photograph.with_noise(grey, random)).save(folder / f"images/frame_{frame:03}.png")
         rows.append(f"{frame},{clock},{p['force_gain'] * f + random.normal() * LOAD_NOISE:.3f}")
     (folder / "loads.csv").write_text("\n".join(rows) + "\n")
-    mesh("dumbbell", folder / "dumbbell.msh", "msh41", region=22, size=1.5)
+    mesh("dumbbell", folder / "dumbbell.msh", "msh41", region=28, size=1.5)
     hardening, parameters, free = {"power": ("power_linear, tie_initial_modulus: true", "S_y: 278, H: 1420, delta: 0.042", "E, S_y, H, delta"), "linear": ("linear", "S_y: 400, H: 1400", "E, S_y, H")}[p["declared"]]
     (folder / "case.yaml").write_text(f"""title: Semi-real dumbbell
 specimen: {{mesh: dumbbell.msh, kinematics: plane_stress, element: quad8, thickness: {THICKNESS}, held: left, loaded: right, axis: x}}
