@@ -3,9 +3,10 @@
 
 fields   an elastic strip whose motion is a formula (tests/cases/fields.py), tables of points with noise
 curves   bars of a program of its own (tools/blind_suite.py)
-images   the plate of inputs/paper_pair, images by `imic3d virtual` on a finer and longer mesh, its own law declared: the whole pipeline
+images   the whole pipeline: a plate of 250 x 320 px, images by `imic3d virtual` on a finer and longer mesh, 8 bits, noise
+plate    the same with the plate of inputs/paper_pair (500 x 640 px, 29 frames), its own law declared
 
-tools/false_alarms.py {fields,curves,images} [--count N] [--first SEED] [--out FOLDER] [--imic3d PROGRAM] [--judge]
+tools/false_alarms.py {fields,curves,images,plate} [--count N] [--first SEED] [--out FOLDER] [--imic3d PROGRAM] [--judge]
 
 Noise is another one in each test. Prints the rate of false alarms with the 95 % bound of Clopper and Pearson, Kolmogorov's test of the p-values of the largest score and of the
 energy, and how far parameters are off in units of their standard deviations (1 if these are right). Writes FOLDER/nulls.csv and FOLDER/p_values.png. With --judge
@@ -46,6 +47,40 @@ def bars(folder, planted, seed):
     blind_suite.make(folder, planted, seed)
 
 
+# Pixels twice as large as those of inputs/paper_pair, elements larger, half the frames: what mesh and noise err by is as large beside each other.
+# The test is made in more increments than the loop takes: those of the test itself are in no real one.
+LAW = "{law: j2, hardening: power_linear, tie_initial_modulus: true, parameters: {%s}}"
+VIRTUAL = """title: Plate, the test
+specimen: {{mesh: generate.msh, kinematics: plane_stress, refine: 2, element: quad8, thickness: 8.0, held: bottom, loaded: top}}
+cameras: [{{name: front, pixel_size: 0.09, place: {{origin: [124.5, 159.5]}}}}]
+material: {law}
+simulate: {{control: displacement, clamped: true, centred: true, steps_per_frame: 4, value: [0, 0.012, 0.03, 0.048, 0.06, 0.09, 0.12, 0.15, 0.22, 0.3, 0.44, 0.6, 0.8, 1.0, 1.2, 1.4]}}
+virtual: {{size: [250, 320], speckle_size: 5, noise: 0.01, load_noise: 20, static_frames: 5, seed: {seed}, directory: test}}
+output: test
+"""
+DECLARED = """title: Plate, nothing missing
+specimen: {{mesh: identify.msh, kinematics: plane_stress, element: quad8, thickness: 8.0, held: bottom, loaded: top}}
+cameras: [{{name: front, pixel_size: 0.09, place: {{origin: [124.5, 159.5]}}, images: "test/images/*.png", reference: 0-4}}]
+loads: {{file: test/loads.csv, image: frame, time: time_s, force: force_N, noise: 20}}
+material: {law}
+identify: {{functional: displacement_driven, stages: [{{free: [E, S_y, H, delta]}}]}}
+loop: {{draws: 60, rivals: 1, additions: 1, starts: [1.0]}}
+output: run
+"""
+
+
+def images(program):
+    def make(folder, planted, seed):
+        from runs import gmsh
+        gmsh("plate_with_hole", folder / "generate.msh", length=40, size_hole=1.6, size_far=2.5)
+        gmsh("plate_with_hole", folder / "identify.msh", length=24, size_hole=1.6, size_far=4.0)
+        (folder / "virtual.yaml").write_text(VIRTUAL.format(law=LAW % "E: 198e3, nu: 0.25, S_y: 284, H: 1480, delta: 0.042", seed=seed))
+        (folder / "case.yaml").write_text(DECLARED.format(law=LAW % "E: 190e3, nu: 0.25, S_y: 278, H: 1420, delta: 0.042"))
+        with open(folder / "virtual.txt", "w") as log:
+            subprocess.run([program, "virtual", "virtual.yaml"], cwd=folder, check=True, stdout=log, stderr=subprocess.STDOUT)
+    return make
+
+
 def plate(program):
     def make(folder, planted, seed):
         for name in ("paper_pair", "plate_with_hole"):
@@ -62,7 +97,8 @@ def plate(program):
 
 def kinds(program):
     import blind_suite
-    return {"fields": (strip, dict(E=200e3, nu=0.3)), "curves": (bars, blind_suite.TRUTH), "images": (plate(program), dict(E=198e3, S_y=284.0, H=1480.0, delta=0.042))}
+    plate_truth = dict(E=198e3, S_y=284.0, H=1480.0, delta=0.042)
+    return {"fields": (strip, dict(E=200e3, nu=0.3)), "curves": (bars, blind_suite.TRUTH), "images": (images(program), plate_truth), "plate": (plate(program), plate_truth)}
 
 
 def plot(file, p, title):
@@ -82,7 +118,7 @@ def plot(file, p, title):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("kind", choices=("fields", "curves", "images"))
+    parser.add_argument("kind", choices=("fields", "curves", "images", "plate"))
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--first", type=int, default=100)
     parser.add_argument("--out")

@@ -15,6 +15,7 @@
 #include "imic3d/app/program.hpp"
 #include "imic3d/app/setup.hpp"
 #include "imic3d/core/log.hpp"
+#include "imic3d/correlation/smoothing.hpp"
 #include "imic3d/io/run_results.hpp"
 #include "imic3d/loop/closing.hpp"
 #include "imic3d/io/loop_page.hpp"
@@ -65,9 +66,9 @@ loop::FieldData field_data(const Communicator& world, Observation& seen, const i
   data.noise = images.noise;
   data.references = seen.references;
   data.displacement = record.surface_displacement.leftCols(frames);
-  for (auto& face : seen.faces) face.driving_cut_off = loop::alike(face.driving_cut_off);
-  data.driving = driving_displacement(seen, data.displacement);
-  data.smooth = [&seen](Eigen::MatrixXd field) { return driving_displacement(seen, std::move(field)); };
+  for (auto& face : seen.faces) face.driving_cut_off = loop::loop_cut_offs(face.driving_cut_off);
+  data.smooth = [&seen](const Eigen::MatrixXd& field) { return correlation::twicing([&seen](Eigen::MatrixXd U) { return driving_displacement(seen, std::move(U)); }, field); };
+  data.driving = data.smooth(data.displacement);
   data.correlate = [&seen, &test, &world, frames](const identification::Specimen& made, const Eigen::MatrixXd& U) {
     return correlated_images(seen, test, world, made, U.leftCols(frames));
   };

@@ -143,6 +143,14 @@ class Photographer {
   imaging::SynthesisOptions options_;
 };
 
+constexpr double most_kept = 512e6;  // bytes of images
+
+double pixels_of(const std::vector<correlation::View>& views) {
+  double all = 0.0;
+  for (const auto& view : views) all += static_cast<double>(view.reference.width) * view.reference.height;
+  return all;
+}
+
 }  // namespace
 
 Eigen::MatrixXd correlated_images(const Observation& seen, const io::Case& test, const Communicator& world, const identification::Specimen& specimen, const Eigen::MatrixXd& U,
@@ -155,14 +163,27 @@ Eigen::MatrixXd correlated_images(const Observation& seen, const io::Case& test,
     mesh::Mesh cut = made.surface.mesh;
     if (face.rig->placed) cut.nodes.col(2) = identification::interpolation(face.rig->surface, cut.nodes.leftCols<2>()) * face.rig->surface.nodes.col(2);  // its measured shape
     for (const auto& view : face.rig->views) cameras.emplace_back(view, cut, test);
-    const auto photograph = [&](Eigen::Index t, int camera) { return cameras[static_cast<std::size_t>(camera)](U.col(t).segment(made.first_unknown, made.unknowns())); };
-    const auto frames = face.dic->run(world, static_cast<int>(U.cols()), photograph);
+    // Taken once where they may be kept: they are shown again.
+    const bool kept = shown && static_cast<double>(U.cols()) * pixels_of(face.rig->views) * sizeof(float) < most_kept;
+    std::vector<std::vector<imaging::Image>> taken(kept ? static_cast<std::size_t>(U.cols()) : 0, std::vector<imaging::Image>(cameras.size()));
+    const auto photograph = [&](int t, int camera) {
+      const auto c = static_cast<std::size_t>(camera);
+      if (kept && taken[static_cast<std::size_t>(t)][c].width > 0) return taken[static_cast<std::size_t>(t)][c];
+      imaging::Image image = cameras[c](U.col(t).segment(made.first_unknown, made.unknowns()));
+      if (kept) taken[static_cast<std::size_t>(t)][c] = image;
+      return image;
+    };
+    // The motion is known: no coarse images have to find it.
+    const Eigen::SparseMatrix<double> onto = identification::of_components(identification::interpolation(made.surface.mesh, face.dic->cameras().surface().nodes.leftCols<2>()), face.dic->cameras().dofs_per_node());
+    correlation::DicSeries known;
+    for (Eigen::Index t = 0; t < U.cols(); ++t) known.starts.emplace_back(onto * U.col(t).segment(made.first_unknown, made.unknowns())), known.lost.push_back(0);
+    const auto frames = face.dic->run(world, static_cast<int>(U.cols()), correlation::GlobalDic::SourceOfAll(photograph), {}, std::move(known));
     const auto before = measured.rows(), own = frames.front().displacement.size();
     measured.conservativeResize(before + own, U.cols());
     for (Eigen::Index t = 0; t < U.cols(); ++t) {
       if (frames[static_cast<std::size_t>(t)].lost) throw ConvergenceError("the images of a synthetic test could not be correlated");
       measured.col(t).tail(own) = frames[static_cast<std::size_t>(t)].displacement;
-      for (std::size_t c = 0; shown && c < cameras.size(); ++c) shown(k, static_cast<int>(c), static_cast<int>(t), photograph(t, static_cast<int>(c)), frames[static_cast<std::size_t>(t)].displacement);
+      for (std::size_t c = 0; shown && c < cameras.size(); ++c) shown(k, static_cast<int>(c), static_cast<int>(t), photograph(static_cast<int>(t), static_cast<int>(c)), frames[static_cast<std::size_t>(t)].displacement);
     }
   }
   return measured;

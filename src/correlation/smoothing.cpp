@@ -100,6 +100,8 @@ Eigen::MatrixXd smooth(const Measure& measure, Eigen::MatrixXd U, const std::vec
   return U;
 }
 
+Eigen::MatrixXd twicing(const std::function<Eigen::MatrixXd(Eigen::MatrixXd)>& smooth, const Eigen::MatrixXd& U) { return smooth(2.0 * U - smooth(U)); }
+
 Eigen::MatrixXd noise_draws(const Measure& measure, double sigma, int draws) {
   const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(measure.M);  // P M P^T = L D L^T
   std::mt19937_64 random(1);

@@ -150,15 +150,25 @@ class Loop {
     if (best.values.empty()) throw ConvergenceError(failure);
     // What the mesh and the correlation err by is learned at the first parameters, and again at those that it leads to.
     for (int pass = 0; pass < 2; ++pass) {
-      experiment_.learn_bias(best.values);
-      best = fit(experiment_, plain, rows_, free, best.values);
+      const std::vector<double> at = best.values;
+      experiment_.learn_bias(at);
+      best = fit(experiment_, plain, rows_, free, at);
       say(fmt::format("  what mesh, correlation and scatter err by is learned: chi {:.3f}", std::sqrt(best.cost / static_cast<double>(rows_.size()))));
+      if (experiment_.learned() && !moved_far(at, best)) break;  // scatter of bars, which is put back with no model, is learned again
     }
     say(fmt::format("null ensemble: 2 x {} draws of the noise", options_.draws));
     report_.declared.ground = ground_of(best.values);
     report_.declared.fit = fit(experiment_, report_.declared.ground->weight, rows_, free, best.values);
     finish(report_.declared);
     announce(report_.declared, "declared model");
+  }
+
+  /// Whether what was learned at `values` is to be learned again: it goes with the motion, and what is learned of it is doubted by far more than a fiftieth.
+  static bool moved_far(const std::vector<double>& values, const Fit& fit) {
+    return std::any_of(fit.free.begin(), fit.free.end(), [&](int j) {
+      const double was = values[static_cast<std::size_t>(j)], now = fit.values[static_cast<std::size_t>(j)];
+      return std::abs(now - was) > 0.02 * std::abs(was);
+    });
   }
 
   /// Draws of the noise at these values, with what was learned now.
@@ -184,8 +194,9 @@ class Loop {
   void settle(Model& model) const {
     experiment_.learn_bias(model.fit.values);
     const Weight weight = model.ground->weight;
-    model.fit = fit(experiment_, weight, rows_, model.fit.free, model.fit.values);
-    experiment_.learn_bias(model.fit.values);
+    const std::vector<double> at = model.fit.values;
+    model.fit = fit(experiment_, weight, rows_, model.fit.free, at);
+    if (moved_far(at, model.fit)) experiment_.learn_bias(model.fit.values);
     model.ground = ground_of(model.fit.values);
     model.fit = fit(experiment_, model.ground->weight, rows_, model.fit.free, model.fit.values);
   }

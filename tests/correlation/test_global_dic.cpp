@@ -168,6 +168,15 @@ TEST(Smoothing, GoesAsFarAsTheNoiseHidesIt) {
   EXPECT_LT((kept.colwise() - curved).norm(), 1.1 * noise.norm());
 }
 
+/// Of a wave at the cut-off, of which half is left, three quarters are left; a straight motion is left as it is.
+TEST(Smoothing, TwicingPutsBackWhatIsTakenAway) {
+  const auto halved = [](const Eigen::MatrixXd& U) { return Eigen::MatrixXd(Eigen::Vector3d(0.5, 0.9, 1.0).asDiagonal() * U); };
+  const Eigen::MatrixXd left = twicing(halved, Eigen::Vector3d(4.0, 4.0, 4.0));
+  EXPECT_NEAR(left(0), 3.0, 1e-12);
+  EXPECT_NEAR(left(1), 3.96, 1e-12);
+  EXPECT_NEAR(left(2), 4.0, 1e-12);
+}
+
 /// A node of the ends that is hardly seen has most of what smoothing takes away of noise: it must not decide for the others.
 TEST(Smoothing, ANodeThatIsHardlySeenDoesNotOutweighTheOthers) {
   const Speckle speckle(150, 150, 1.7, 5);

@@ -40,6 +40,9 @@ struct Measure {
 /// The same with a cut-off for each frame; 0: as it is. Frames beyond the list of cut-offs stay, too.
 [[nodiscard]] Eigen::MatrixXd smooth(const Measure& measure, Eigen::MatrixXd U, const std::vector<double>& cut_offs);
 
+/// Smoothed by `smooth`, linear, and what that takes away smoothed and put back (Tukey's twicing): of a wave of which `smooth` leaves the part S, 1 - (1 - S)^2 is left.
+[[nodiscard]] Eigen::MatrixXd twicing(const std::function<Eigen::MatrixXd(Eigen::MatrixXd)>& smooth, const Eigen::MatrixXd& U);
+
 /// Random displacements of covariance sigma^2 M^-1 [unknowns x draws, length], the same on every rank.
 [[nodiscard]] Eigen::MatrixXd noise_draws(const Measure& measure, double sigma, int draws);
 
