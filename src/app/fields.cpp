@@ -211,9 +211,7 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
   std::vector<double> cut_offs;
   const double longest = test.identify.boundary_smoothing.value_or(0.5 * (high - low));
   if (longest > 0.0) (void)correlation::smoothed_within_noise(*measure, data.displacement, ends, data.noise * std::sqrt(2.0), longest, &cut_offs);
-  data.smooth = [measure, chosen = loop::loop_cut_offs(cut_offs)](const Eigen::MatrixXd& field) {
-    return correlation::twicing([&](Eigen::MatrixXd U) { return correlation::smooth(*measure, std::move(U), chosen); }, field);
-  };
+  data.smooth = [measure, chosen = loop::alike(cut_offs)](Eigen::MatrixXd field) { return correlation::smooth(*measure, std::move(field), chosen); };
   data.driving = data.smooth(data.displacement);
 
   const Points at = points.at;

@@ -66,7 +66,11 @@ loop::FieldData field_data(const Communicator& world, Observation& seen, const i
   data.noise = images.noise;
   data.references = seen.references;
   data.displacement = record.surface_displacement.leftCols(frames);
-  for (auto& face : seen.faces) face.driving_cut_off = loop::loop_cut_offs(face.driving_cut_off);
+  // Half as far as the noise of single nodes hides: it may hide many standard deviations of a smooth mode, and the loss goes with the fourth power.
+  for (auto& face : seen.faces) {
+    face.driving_cut_off = loop::alike(face.driving_cut_off);
+    for (double& length : face.driving_cut_off) length *= 0.5;
+  }
   data.smooth = [&seen](const Eigen::MatrixXd& field) { return correlation::twicing([&seen](Eigen::MatrixXd U) { return driving_displacement(seen, std::move(U)); }, field); };
   data.driving = data.smooth(data.displacement);
   data.correlate = [&seen, &test, &world, frames](const identification::Specimen& made, const Eigen::MatrixXd& U) {

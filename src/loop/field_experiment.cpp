@@ -57,13 +57,13 @@ Eigen::MatrixXd rigid_motions(const FieldFace& face) {
 
 }  // namespace
 
-std::vector<double> loop_cut_offs(const std::vector<double>& cut_offs) {
+std::vector<double> alike(const std::vector<double>& cut_offs) {
   std::vector<double> result = cut_offs;
   for (std::size_t t = 0; t < cut_offs.size(); ++t) {
     const auto from = t < 2 ? 0 : t - 2, to = std::min(cut_offs.size(), t + 3);
     std::vector<double> near(cut_offs.begin() + static_cast<std::ptrdiff_t>(from), cut_offs.begin() + static_cast<std::ptrdiff_t>(to));
     std::nth_element(near.begin(), near.begin() + static_cast<std::ptrdiff_t>(near.size() / 2), near.end());
-    result[t] = 0.5 * near[near.size() / 2];
+    result[t] = near[near.size() / 2];
   }
   return result;
 }

@@ -52,10 +52,9 @@ struct FieldData {
   }
 };
 
-/// How far what drives the ends is smoothed here, of the cut-offs whose loss the noise of single nodes hides. Half as far: what a node hides may be many standard
-/// deviations of a smooth mode, and the loss goes with the fourth power. Frames next to each other alike (noise alone makes their cut-offs differ, and with
-/// it their own noise): the running median of five.
-[[nodiscard]] std::vector<double> loop_cut_offs(const std::vector<double>& cut_offs);
+/// Frames next to each other are to be smoothed alike (noise alone makes their cut-offs differ, and with it their own noise): the running median of
+/// five.
+[[nodiscard]] std::vector<double> alike(const std::vector<double>& cut_offs);
 
 /// How the specimen is to be made differently from what is declared.
 struct MeshChange {
