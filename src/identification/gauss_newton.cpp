@@ -107,6 +107,14 @@ Linearisation linearise(ForwardModel& model, const ImageData& images, const std:
   return result;
 }
 
+/// What is observed after a step so small that second-order terms do not count: no simulation is needed, nor are other derivatives.
+void extrapolate(Linearisation& at, const Eigen::VectorXd& step) {
+  for (std::size_t j = 0; j < at.sensitivity.size(); ++j) {
+    at.surface.leftCols(at.frames) += step[static_cast<Eigen::Index>(j)] * at.sensitivity[j];
+    if (!at.force_sensitivity.empty()) at.reaction += step[static_cast<Eigen::Index>(j)] * at.force_sensitivity[j];
+  }
+}
+
 NormalEquations assemble(Communicator world, ForwardModel& model, const ImageData& images, const Linearisation& at,
                          const Stage& stage, const GaussNewtonOptions& options) {
   const auto unknowns = static_cast<Eigen::Index>(stage.free.size());
@@ -164,10 +172,10 @@ NormalEquations assemble(Communicator world, ForwardModel& model, const ImageDat
 }
 
 /// Solves Eq. (10) within the bounds and the largest step.
-Eigen::VectorXd step_within_bounds(const NormalEquations& normal, const std::vector<double>& parameters,
+Eigen::VectorXd step_within_bounds(const Eigen::MatrixXd& matrix, const Eigen::VectorXd& right, const std::vector<double>& parameters,
                                    const std::vector<ParameterInfo>& information, const Stage& stage,
                                    const GaussNewtonOptions& options) {
-  const auto unknowns = normal.right.size();
+  const auto unknowns = right.size();
   Eigen::VectorXd low(unknowns), high(unknowns);
   for (Eigen::Index j = 0; j < unknowns; ++j) {
     const auto k = static_cast<std::size_t>(stage.free[static_cast<std::size_t>(j)]);
@@ -176,7 +184,58 @@ Eigen::VectorXd step_within_bounds(const NormalEquations& normal, const std::vec
     low[j] = std::max(-reach, 0.5 * (information[k].lower - parameters[k]) * (1.0 + 1e-12));
     high[j] = std::min(reach, 0.5 * (information[k].upper - parameters[k]) * (1.0 + 1e-12));
   }
-  return bounded_step(normal.matrix, normal.right, low, high);
+  return bounded_step(matrix, right, low, high);
+}
+
+std::vector<double> moved(std::vector<double> parameters, const Eigen::VectorXd& step, const Stage& stage) {
+  for (std::size_t j = 0; j < stage.free.size(); ++j) parameters[static_cast<std::size_t>(stage.free[j])] += step[static_cast<Eigen::Index>(j)];
+  return parameters;
+}
+
+/// Eq. (13) of a step that leads to `parameters`.
+double relative_size(const Eigen::VectorXd& step, const std::vector<double>& parameters, const Stage& stage, const GaussNewtonOptions& options) {
+  double eta = 0.0;
+  for (std::size_t j = 0; j < stage.free.size(); ++j)
+    eta = std::max(eta, std::abs(step[static_cast<Eigen::Index>(j)]) / std::max(scale_of(parameters, stage.free[j], options), 1e-300));
+  return eta;
+}
+
+/// The parameters at which the reaction R of the DIC-driven simulation is nearest to the measured force (the ratio of Sec. 2.2), up to a step
+/// that Eqs 10-12 do better: R is nearly linear in the parameters, where the displacement under the whole force may be far off, or
+/// more than the specimen carries. A missing force counts as the displacement that the force's own change brought at that frame.
+std::vector<double> nearest_reaction(ForwardModel& model, std::vector<double> parameters, const std::vector<ParameterInfo>& information,
+                                     const Stage& stage, const GaussNewtonOptions& options) {
+  const Record& record = model.record();
+  const int frames = stage.frames.back() + 1;
+  const double small = 0.01 * record.force.head(frames).cwiseAbs().maxCoeff();
+  const auto compliance = [&](int t) {
+    const Eigen::VectorXd moved = t > 0 ? Eigen::VectorXd(record.surface_displacement.col(t) - record.surface_displacement.col(t - 1)) : Eigen::VectorXd(record.surface_displacement.col(0));
+    return moved.norm() / std::hypot(record.force[t] - (t > 0 ? record.force[t - 1] : 0.0), small);
+  };
+  std::vector<double> best = parameters;
+  double least = INFINITY;
+  for (int iteration = 0; iteration < 5; ++iteration) {
+    const Path path = model.simulate(Control::displacement, {Run{.parameters = parameters, .free = stage.free}}, frames).front();
+    const auto unknowns = static_cast<Eigen::Index>(stage.free.size());
+    Eigen::MatrixXd matrix = Eigen::MatrixXd::Zero(unknowns, unknowns);
+    Eigen::VectorXd right = Eigen::VectorXd::Zero(unknowns);
+    double cost = path.frames < frames ? INFINITY : 0.0;
+    for (int t : stage.frames) {
+      if (t >= path.frames) continue;
+      const double missing = compliance(t) * (record.force[t] - path.reaction[t]);
+      Eigen::VectorXd s(unknowns);
+      for (Eigen::Index j = 0; j < unknowns; ++j) s[j] = compliance(t) * path.d_reaction[static_cast<std::size_t>(j)][t];
+      matrix += s * s.transpose();
+      right += s * missing;
+      cost += missing * missing;
+    }
+    if (!(cost < least)) break;
+    least = cost, best = parameters;
+    const Eigen::VectorXd step = step_within_bounds(matrix, right, parameters, information, stage, options);
+    parameters = moved(parameters, step, stage);
+    if (!(relative_size(step, parameters, stage, options) > 10.0 * options.eta)) break;
+  }
+  return best;
 }
 
 Iterate describe(const NormalEquations& normal, const std::vector<double>& parameters, double eta) {
@@ -433,12 +492,6 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
     parameters = at.iterates.back().parameters;
   }
   if (options.alpha > 0.0) model.follow_images(images, options.alpha, at.iterates.empty() ? parameters : at.iterates.front().parameters);
-  const auto move = [&](const std::vector<double>& from, const Eigen::VectorXd& step) {
-    auto to = from;
-    for (std::size_t j = 0; j < stage.free.size(); ++j)
-      to[static_cast<std::size_t>(stage.free[j])] += step[static_cast<Eigen::Index>(j)];
-    return to;
-  };
   const auto note = [&](double eta, bool converged) {
     at.iterates.push_back(describe(at.normal, parameters, eta));
     at.iterates.back().message = at.linear.message;
@@ -448,6 +501,8 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
   };
 
   if (at.iterates.empty()) {
+    if (options.sensitivities == Sensitivities::direct && control_of_images(options) == Control::force)
+      parameters = nearest_reaction(model, parameters, information, stage, options);
     at.linear = linearise(model, images, parameters, stage, options);
     if (at.linear.frames == 0) throw ConvergenceError("the first frame cannot be simulated: " + at.linear.message);
     at.normal = assemble(world, model, images, at.linear, stage, options);
@@ -455,16 +510,18 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
   }
 
   while (static_cast<int>(at.iterates.size()) <= options.max_iterations && !at.converged) {
-    Eigen::VectorXd step = step_within_bounds(at.normal, parameters, information, stage, options);  // Eq. (10)
+    Eigen::VectorXd step = step_within_bounds(at.normal.matrix, at.normal.right, parameters, information, stage, options);  // Eq. (10)
     const double before = at.iterates.back().cost;
     const int frames_before = at.iterates.back().frames;
     double eta = 0.0;
     for (int halving = 0;; ++halving) {
-      const auto trial = move(parameters, step);
-      eta = 0.0;  // Eq. (13)
-      for (std::size_t j = 0; j < stage.free.size(); ++j) {
-        const double value = scale_of(trial, stage.free[j], options);
-        eta = std::max(eta, std::abs(step[static_cast<Eigen::Index>(j)]) / std::max(value, 1e-300));
+      const auto trial = moved(parameters, step, stage);
+      eta = relative_size(step, trial, stage, options);  // Eq. (13)
+      if (eta < options.eta) {
+        parameters = trial;
+        extrapolate(at.linear, step);
+        at.normal = assemble(world, model, images, at.linear, stage, options);
+        break;
       }
       at.linear = linearise(model, images, trial, stage, options);
       at.normal = assemble(world, model, images, at.linear, stage, options);

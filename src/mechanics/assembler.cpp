@@ -114,9 +114,9 @@ Assembler::Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
         constrained_local_[axes * static_cast<std::size_t>(local) + i] = constrained[3 * static_cast<std::size_t>(natural) + i];
       }
     }
-    for (PetscInt row : dofs) {
-      vector_rows.push_back(row);
-      for (PetscInt column : dofs) {
+    vector_rows.insert(vector_rows.end(), dofs.begin(), dofs.end());
+    for (PetscInt column : dofs) {
+      for (PetscInt row : dofs) {
         rows.push_back(row);
         columns.push_back(column);
       }
@@ -251,15 +251,16 @@ bool Assembler::evaluate_cells(double time_increment, std::span<const double> pa
     stress_.row(cell) = element.cauchy_stress.transpose();
     plastic_strain_[cell] = element.plastic_strain;
     if (!with_tangent) continue;
-    const ElementVector<nodes, axes> lift = element.tangent * prescribed;
-    std::copy_n(lift.data(), dofs, element_lifting_.begin() + dofs * cell);
+    Eigen::Map<ElementVector<nodes, axes>> lifting(element_lifting_.data() + static_cast<long>(dofs) * cell);
+    lifting.setZero();
+    for (int dof = 0; dof < dofs; ++dof)
+      if (prescribed[dof] != 0.0) lifting += prescribed[dof] * element.tangent.col(dof);
     for (int dof = 0; dof < dofs; ++dof)
       if (fixed[static_cast<std::size_t>(dof)]) {
         element.tangent.row(dof).setZero();
         element.tangent.col(dof).setZero();
       }
-    using ByRows = Eigen::Matrix<double, dofs, dofs, Eigen::RowMajor>;
-    Eigen::Map<ByRows>(element_tangents_.data() + static_cast<long>(dofs) * dofs * cell) = element.tangent;
+    std::copy_n(element.tangent.data(), dofs * dofs, element_tangents_.begin() + static_cast<long>(dofs) * dofs * cell);
   }
   return failed == 0;
 }

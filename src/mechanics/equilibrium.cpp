@@ -21,6 +21,12 @@ constexpr PetscInt direct_limit = 150'000;
 constexpr double renewed_modulus = 1e-3;
 constexpr int renewals = 4;
 
+/// A factorisation with its tangent, counted in corrections with the factor at hand and their passes over the elements.
+constexpr double corrections_of_a_factor = 7.0;
+
+/// What a solution with the factor at hand may leave of an unbalanced derivative before the tangent is assembled.
+constexpr double slow_contraction = 0.03;
+
 /// An increment goes on like the last one up to so many times its length.
 constexpr double farthest_continued = 6.0;
 
@@ -43,6 +49,8 @@ struct Equilibrium::Implementation {
       lifting = nullptr, correction = nullptr;
   KSP solver = nullptr, refiner = nullptr;
   bool direct = true;
+  bool factored = false, indefinite = false;  // the solver holds a factor; it has negative pivots
+  Work work;                                  // of the run at hand
   std::vector<Vec> du, d_force;  // of each free parameter and direction
   std::vector<double> d_parameters;  // unit vectors [free x number of parameters], then 0
   double least_norm = 0.0;           // round-off of the forces; 0: not known yet
@@ -224,9 +232,9 @@ struct Equilibrium::Implementation {
 
   /// Work of the unbalanced forces, where `unbalanced` was asked last, along a displacement.
   [[nodiscard]] double work_along(Vec displacement) const {
-    double work = 0.0;
-    IMIC3D_PETSC(VecDot(displacement, residual, &work));
-    return work;
+    double done = 0.0;
+    IMIC3D_PETSC(VecDot(displacement, residual, &done));
+    return done;
   }
 
   /// Adds the optical stiffness to the tangent, each rank its own rows; what is held keeps its identity.
@@ -276,60 +284,18 @@ struct Equilibrium::Implementation {
     return 3e-16 * stiffness * edge / static_cast<double>(mesh.cells.rows());
   }
 
-  /// One increment: from u to equilibrium with the prescribed displacement and `external`. With a consistent tangent the unbalanced
-  /// forces of a plastic step may well grow before they vanish, and a search that forbids it crawls. A step is shortened where an
-  /// element would be inverted, where the forces grow a thousandfold, or where the work that they do along it has turned against it:
-  /// they are the slope of the incremental energy (Crisfield 1982). `begins`: u is still where the last increment ended.
-  Outcome newton(Vec prescribed, double time_increment, std::span<const double> parameters, int& iterations, bool begins) {
-    last_residuals.clear();
-    double previous = 0.0, step = 1.0, slope = 0.0;  // slope: work of the unbalanced forces along the correction at its beginning
-    bool indefinite = false;
-    Outcome failed = Outcome::diverged;
-    IMIC3D_PETSC(VecZeroEntries(correction));
-    const int most = optical != nullptr ? 3 * options.max_iterations : options.max_iterations;
-    if (!begins) settle_prescribed(prescribed);
-    for (int iteration = 0; iteration <= most; ++iteration) {
-      missing_displacement(prescribed);
-      double missing = 0.0, size = 0.0, load = 0.0, norm = 0.0;
-      for (int halvings = 0;; ++halvings) {
-        assembler.predict(begins && iteration < 2);
-        const bool valid = assembler.assemble(u, time_increment, parameters, force, increment, lifting);
-        norm = valid ? unbalanced() : INFINITY;
-        double shorter = 0.5 * step;
-        if (std::isfinite(norm) && (iteration < 2 || norm < 1e3 * previous)) {
-          if (norm <= 0.05 * previous || slope <= 0.0 || halvings == 4) break;
-          const double work = work_along(correction);
-          if (work >= -0.8 * slope) break;
-          shorter = std::max(0.1, slope / (slope - work)) * step;
-        } else if (iteration == 0 || halvings == 4) {
-          return failed;
-        }
-        IMIC3D_PETSC(VecAXPY(u, shorter - step, correction));
-        step = shorter;
-        missing_displacement(prescribed);
-      }
-      if (least_norm == 0.0) least_norm = round_off_of_forces();
-      IMIC3D_PETSC(VecNorm(increment, NORM_INFINITY, &missing));
-      IMIC3D_PETSC(VecNorm(force, NORM_2, &size));
-      IMIC3D_PETSC(VecNorm(external, NORM_2, &load));
-      double scale = std::max({size, load, 1e-30});
-      if (optical != nullptr) scale = std::max(scale, (optical->stiffness * to_natural(u)).norm());
-      last_residuals.push_back(norm / scale);
-      if (missing == 0.0 && iteration > 0) {
-        // Below the tolerance, or at the level of round-off where it no longer falls; grey levels are single precision.
-        const double tolerance = optical != nullptr ? options.optical_tolerance : options.tolerance;
-        const double round_off = optical != nullptr ? 1e-5 : 1e-8;
-        const bool stalled = iteration > (optical != nullptr ? 5 : 2) && norm > 0.5 * previous && norm < round_off * scale;
-        // A rigid motion costs hardly any force where the images pull weakly: it is the displacement that must have settled.
-        double moved = 0.0, whole = 0.0;
-        IMIC3D_PETSC(VecNorm(correction, NORM_2, &moved));
-        IMIC3D_PETSC(VecNorm(u, NORM_2, &whole));
-        const bool settled = optical == nullptr || moved <= 1e-5 * whole;
-        if ((norm <= std::max(tolerance * scale, least_norm) && settled) || stalled)
-          return indefinite && load > 0.0 ? Outcome::limit_point : Outcome::converged;
-      }
-      if (iteration == most) break;
+  /// Unbalanced forces at u (`unbalanced`), infinite where an element fails; with the tangent and its lifting or without.
+  [[nodiscard]] double evaluate(Vec prescribed, double time_increment, std::span<const double> parameters, bool with_tangent) {
+    missing_displacement(prescribed);
+    ++work.passes;
+    work.tangents += with_tangent ? 1 : 0;
+    return assembler.assemble(u, time_increment, parameters, force, with_tangent ? increment : nullptr, lifting) ? unbalanced() : INFINITY;
+  }
 
+  /// correction <- what Newton's method adds to u, with the tangent that was assembled last; `kept`: with the factor of an earlier one, where
+  /// nothing prescribed is missing. False if the solver failed.
+  [[nodiscard]] bool correct(bool kept) {
+    if (!kept) {
       if (optical != nullptr) add_optical_stiffness();
       IMIC3D_PETSC(VecAXPY(residual, -1.0, lifting));
       PetscScalar* right = nullptr;
@@ -341,19 +307,101 @@ struct Equilibrium::Implementation {
         if (constrained[i] != 0) right[i] = wanted[i];
       IMIC3D_PETSC(VecRestoreArrayRead(increment, &wanted));
       IMIC3D_PETSC(VecRestoreArray(residual, &right));
-      IMIC3D_PETSC(KSPSolve(solver, residual, correction));
-      KSPConvergedReason reason = KSP_CONVERGED_ITERATING;
-      IMIC3D_PETSC(KSPGetConvergedReason(solver, &reason));
-      if (reason < 0 && reason != KSP_DIVERGED_ITS) return failed;
-      indefinite = negative_pivots() > 0;
-      slope = missing == 0.0 && optical == nullptr ? work_along(correction) : 0.0;
+      ++work.factorisations;
+    }
+    ++work.solutions;
+    IMIC3D_PETSC(KSPSetReusePreconditioner(solver, kept ? PETSC_TRUE : PETSC_FALSE));
+    IMIC3D_PETSC(KSPSolve(solver, residual, correction));
+    KSPConvergedReason reason = KSP_CONVERGED_ITERATING;
+    IMIC3D_PETSC(KSPGetConvergedReason(solver, &reason));
+    factored = reason >= 0 || reason == KSP_DIVERGED_ITS;
+    if (!kept) indefinite = negative_pivots() > 0;
+    return factored;
+  }
+
+  /// One increment: from u to equilibrium with the prescribed displacement and `external`. With a consistent tangent the unbalanced
+  /// forces of a plastic step may well grow before they vanish, and a search that forbids it crawls. A step is shortened where an
+  /// element would be inverted, where the forces grow a thousandfold, or where the work that they do along it has turned against it:
+  /// they are the slope of the incremental energy (Crisfield 1982). `begins`: u is still where the last increment ended; `near`: it is
+  /// offered, and the factor at hand is tried before another is made.
+  ///
+  /// A factor serves as long as its corrections shrink the forces fast enough (modified Newton): it costs as much as some
+  /// `corrections_of_a_factor` corrections. They contract only where the tangent is as definite as the factor's.
+  Outcome newton(Vec prescribed, double time_increment, std::span<const double> parameters, int& iterations, bool begins, bool near) {
+    last_residuals.clear();
+    const bool may_keep = direct && optical == nullptr;
+    Outcome failed = Outcome::diverged;
+    IMIC3D_PETSC(VecZeroEntries(correction));
+    const int most = optical != nullptr ? 3 * options.max_iterations : options.max_iterations;
+    if (!begins) settle_prescribed(prescribed);
+    bool tangent = !(near && may_keep && factored), kept = true;  // assembled at u; the last correction was made with an earlier one
+    assembler.predict(begins);
+    double norm = evaluate(prescribed, time_increment, parameters, tangent), previous = 0.0, rate = 0.0;
+    if (!std::isfinite(norm)) return failed;
+    for (int iteration = 0, renewed = 0; renewed <= most; ++iteration) {
+      double missing = 0.0, size = 0.0, load = 0.0;
+      if (least_norm == 0.0) least_norm = round_off_of_forces();
+      IMIC3D_PETSC(VecNorm(increment, NORM_INFINITY, &missing));
+      IMIC3D_PETSC(VecNorm(force, NORM_2, &size));
+      IMIC3D_PETSC(VecNorm(external, NORM_2, &load));
+      double scale = std::max({size, load, 1e-30});
+      if (optical != nullptr) scale = std::max(scale, (optical->stiffness * to_natural(u)).norm());
+      last_residuals.push_back(norm / scale);
+      // Below the tolerance, or at the level of round-off where it no longer falls; grey levels are single precision.
+      const double target = std::max((optical != nullptr ? options.optical_tolerance : options.tolerance) * scale, least_norm);
+      if (missing == 0.0 && (iteration > 0 || near)) {
+        const double round_off = optical != nullptr ? 1e-5 : 1e-8;
+        const bool stalled = !kept && iteration > (optical != nullptr ? 5 : 2) && norm > 0.5 * previous && norm < round_off * scale;
+        // A rigid motion costs hardly any force where the images pull weakly: it is the displacement that must have settled.
+        double moved = 0.0, whole = 0.0;
+        IMIC3D_PETSC(VecNorm(correction, NORM_2, &moved));
+        IMIC3D_PETSC(VecNorm(u, NORM_2, &whole));
+        const bool settled = optical == nullptr || (iteration > 0 && moved <= 1e-5 * whole);
+        if ((norm <= target && settled) || stalled) return indefinite && load > 0.0 ? Outcome::limit_point : Outcome::converged;
+      }
+      if (renewed == most) break;
+
+      const bool pays = may_keep && factored && missing == 0.0 && (iteration == 0 ? near : rate < 1.0 && std::log(target / norm) > corrections_of_a_factor * std::log(rate));
+      if (!pays && !tangent) {
+        tangent = true;
+        norm = evaluate(prescribed, time_increment, parameters, true);
+      }
+      kept = pays;
+      if (!correct(kept)) return failed;
+      const double slope = missing == 0.0 && optical == nullptr ? work_along(correction) : 0.0;
       // Under prescribed forces a tangent that is not positive definite means a limit point.
       if (indefinite && load > 0.0) failed = Outcome::limit_point;
       ++iterations;
-      step = 1.0;
+      if (!kept) ++renewed;
       IMIC3D_PETSC(VecAXPY(u, 1.0, correction));
       impose(prescribed, u);
+
       previous = norm;
+      const double relative = norm / scale;
+      tangent = !may_keep || (!kept && relative > 1e-2);
+      assembler.predict(begins && iteration < 1);
+      double step = 1.0;
+      for (int halvings = 0;; ++halvings) {
+        norm = evaluate(prescribed, time_increment, parameters, tangent);
+        if (kept && !(norm < previous)) {  // the factor is of no use here
+          IMIC3D_PETSC(VecAXPY(u, -step, correction));
+          norm = evaluate(prescribed, time_increment, parameters, tangent = true);
+          step = 0.0;
+          break;
+        }
+        double shorter = 0.5 * step;
+        if (std::isfinite(norm) && (iteration < 1 || norm < 1e3 * previous)) {
+          if (norm <= 0.05 * previous || slope <= 0.0 || halvings == 4) break;
+          const double done = work_along(correction);
+          if (done >= -0.8 * slope) break;
+          shorter = std::max(0.1, slope / (slope - done)) * step;
+        } else if (halvings == 4) {
+          return failed;
+        }
+        IMIC3D_PETSC(VecAXPY(u, shorter - step, correction));
+        step = shorter;
+      }
+      rate = step == 1.0 ? norm / previous : 1.0;
     }
     return failed;
   }
@@ -383,11 +431,13 @@ struct Equilibrium::Implementation {
     return norm_at_free_degrees();
   }
 
-  /// du[k] = dU/dLambda_k where `newton` has just converged, and the derivatives of the new history. Every rank gets the same answer.
+  /// du[k] = dU/dLambda_k where `newton` has just converged, and the derivatives of the new history. What is left unbalanced is solved for with
+  /// the factor at hand while that shrinks it fast, else with the converged tangent. Every rank gets the same answer.
   bool differentiate(double time_increment, std::span<const double> parameters, int& corrections) {
     constexpr int most = 30;
+    bool by_factor = direct && optical == nullptr;  // else with the converged tangent
     if (optical != nullptr) add_optical_stiffness();
-    std::vector<double> scale(du.size());
+    std::vector<double> scale(du.size()), last(du.size(), INFINITY);
     IMIC3D_PETSC(KSPSetReusePreconditioner(refiner, PETSC_TRUE));  // of both solvers
     for (std::size_t k = 0; k < du.size(); ++k) {
       const auto direction = static_cast<Eigen::Index>(k) - (static_cast<Eigen::Index>(du.size()) - d_prescribed.cols());
@@ -398,6 +448,7 @@ struct Equilibrium::Implementation {
       to_global(given, du[k]);
     }
     for (int pass = 0; pass <= most; ++pass) {
+      ++work.derivative_passes;
       bool balanced = assembler.differentiate(du, time_increment, parameters, d_parameters, d_force);
       if (!balanced) break;
       for (std::size_t k = 0; k < du.size(); ++k) {
@@ -405,7 +456,15 @@ struct Equilibrium::Implementation {
         const double norm = unbalanced_derivative(k);
         if (norm <= options.derivative_tolerance * scale[k]) continue;
         balanced = false;
-        IMIC3D_PETSC(KSPSolve(refiner, residual, correction));
+        if (by_factor && norm > slow_contraction * last[k]) {
+          by_factor = false;
+          ++work.passes;
+          IMIC3D_PETSC(VecZeroEntries(increment));
+          if (!assembler.assemble(u, time_increment, parameters, force, increment, lifting)) return false;
+        }
+        last[k] = norm;
+        ++work.derivative_solutions;
+        IMIC3D_PETSC(KSPSolve(by_factor ? solver : refiner, residual, correction));
         IMIC3D_PETSC(VecAXPY(du[k], 1.0, correction));
       }
       if (balanced) {
@@ -460,6 +519,7 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
   s.optical = optical;
   s.differentiate_by(free, static_cast<std::size_t>(directions));
   const Eigen::Index dofs = 3 * s.mesh.nodes.rows();
+  s.work = {};
   PathStatus status;
   s.assembler.start(static_cast<int>(s.du.size()));
   IMIC3D_PETSC(VecSet(s.u, 0.0));
@@ -512,15 +572,15 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
       if (start == Start::continued) IMIC3D_PETSC(VecAXPY(s.u, times, change));
       s.frame = frame;
       s.fraction = target;
-      auto outcome = s.newton(prescribed, (step.time - begin) / count, parameters, iterations, start == Start::standing);
+      auto outcome = s.newton(prescribed, (step.time - begin) / count, parameters, iterations, start == Start::standing, start == Start::offered);
       // Where the hourglass moduli have changed the step is solved again, from where it is, with those that it led to. If they carry no
       // equilibrium, those before stand.
       for (int again = 0; again < renewals && outcome == Implementation::Outcome::converged && s.assembler.renew_hourglass_moduli() > renewed_modulus; ++again) {
         IMIC3D_PETSC(VecCopy(s.u, found));
-        if (s.newton(prescribed, (step.time - begin) / count, parameters, iterations, false) == Implementation::Outcome::converged) continue;
+        if (s.newton(prescribed, (step.time - begin) / count, parameters, iterations, false, false) == Implementation::Outcome::converged) continue;
         s.assembler.restore_hourglass_moduli();
         IMIC3D_PETSC(VecCopy(found, s.u));
-        outcome = s.newton(prescribed, (step.time - begin) / count, parameters, iterations, false);
+        outcome = s.newton(prescribed, (step.time - begin) / count, parameters, iterations, false, false);
         break;
       }
       if (outcome == Implementation::Outcome::converged) {
@@ -562,12 +622,15 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
     if (!status.message.empty()) break;
     FrameState state;
     s.collect(state);
+    if (getenv("WORK")) { fprintf(stderr, "  frame %d incr %d it %d:", frame, count, iterations); for (double r : s.last_residuals) fprintf(stderr, " %.1e", r); fprintf(stderr, "\n"); }
     state.iterations = iterations;
     ++status.frames;
     frame_done(frame, state);
     previous = &step;
   }
   status.residuals = s.last_residuals;
+  status.work = s.work;
+  if (getenv("WORK")) fprintf(stderr, "run frames %d free %d guess %d: iterations %d passes %d tangents %d factor %d solves %d dpass %d dsolve %d\n", status.frames, (int)free.size(), guess && guess(0) != nullptr, status.total_iterations, s.work.passes, s.work.tangents, s.work.factorisations, s.work.solutions, s.work.derivative_passes, s.work.derivative_solutions);
   for (Vec* vector : vectors) IMIC3D_PETSC(VecDestroy(vector));
   return status;
 }

@@ -57,6 +57,13 @@ struct OpticalTerm {
   std::function<Eigen::VectorXd(int frame, double fraction, const Eigen::VectorXd& U, const Eigen::VectorXd& dU)> d_force;
 };
 
+/// What a series took.
+struct Work {
+  int passes = 0, tangents = 0;  ///< over the elements, and those of them with the tangent
+  int factorisations = 0, solutions = 0;
+  int derivative_passes = 0, derivative_solutions = 0;
+};
+
 /// How a series ended.
 struct PathStatus {
   int frames = 0;         ///< frames that converged, in order
@@ -65,6 +72,7 @@ struct PathStatus {
   std::vector<int> increments;  ///< load increments that each frame took
   std::vector<double> residuals;  ///< relative residuals of the last increment's Newton iterations
   int total_iterations = 0;
+  Work work;
   int derivative_corrections = 0;  ///< passes over the elements for the derivatives, beyond one per increment
 };
 
