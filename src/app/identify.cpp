@@ -107,7 +107,7 @@ void identify(const Communicator& world, const CommandOptions& options) {
   }
 
   const SimulationTasks tasks = simulation_tasks(test);
-  id::ForwardModel model(world, specimen, material.law, record, {.increments = test.identify.steps_per_frame, .with_fields = false},
+  id::ForwardModel model(world, specimen, material.law, record, {.increments = test.identify.steps_per_frame},
                          tasks.side_by_side, test.identify.groups, tasks.before);
 
   const auto parameters = static_cast<Eigen::Index>(material.values.size());
@@ -156,8 +156,9 @@ void identify(const Communicator& world, const CommandOptions& options) {
   // The identified model on every frame, used or held out.
   spdlog::info("the identified model on all {} frames", record.frames.size());
   const auto frames = static_cast<int>(record.frames.size());
-  id::ForwardModel final_model(world, specimen, material.law, record, {.increments = test.identify.steps_per_frame}, 1, 1);
-  final_model.start_from(model.solutions());
+  std::optional<id::ForwardModel> by_all_ranks;
+  if (model.groups() > 1) by_all_ranks.emplace(world, specimen, material.law, record, mechanics::EquilibriumOptions{.increments = test.identify.steps_per_frame}, 1, 1).start_from(model.solutions());
+  id::ForwardModel& final_model = by_all_ranks ? *by_all_ranks : model;
   const bool force_driven = solver.functional != id::Functional::displacement_driven && !gap;
   std::vector<id::Path> driven, shown;
   id::Run run{.parameters = material.values};
@@ -180,6 +181,8 @@ void identify(const Communicator& world, const CommandOptions& options) {
   output.model(world, images, record, shown.front(), driven.front());
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   times["simulations"] = model.group_times();
+  const auto work = model.work();
+  spdlog::info("{} frames simulated with {} factorisations, {} passes over the elements, and {} for derivatives", work.frames, work.factorisations, work.passes, work.derivative_passes);
   for (const auto& [what, groups] : times)
     if (!groups.empty()) spdlog::info("{}: {}", what, to_text(groups));
   output.finish(material, covariance, stages, seconds, times);

@@ -37,6 +37,7 @@ struct ForwardModel::Implementation {
   std::array<std::unique_ptr<mechanics::Equilibrium>, 3> solver;  // by Control
   mechanics::OpticalTerm optical;
   Solutions last;  // by Control
+  mechanics::Work work;  // of this group
 
   Implementation(Communicator world, const Specimen& specimen, std::shared_ptr<const material::FiniteStrainLaw> law_,
                  mechanics::EquilibriumOptions options_, int tasks, int groups, int before)
@@ -100,6 +101,13 @@ void ForwardModel::follow_images(const ImageData& images, double alpha, const st
 
 int ForwardModel::groups() const { return impl_->layout.groups(); }
 std::vector<GroupTime> ForwardModel::group_times() const { return impl_->clock.times(); }
+mechanics::Work ForwardModel::work() const {
+  mechanics::Work work = impl_->work;
+  const bool counts = impl_->layout.group().is_root();
+  for (int* number : {&work.frames, &work.passes, &work.tangents, &work.factorisations, &work.solutions, &work.derivative_passes, &work.derivative_solutions})
+    *number = static_cast<int>(impl_->layout.world().sum(counts ? *number : 0.0));
+  return work;
+}
 const Solutions& ForwardModel::solutions() const { return impl_->last; }
 void ForwardModel::start_from(Solutions solutions) { impl_->last = std::move(solutions); }
 
@@ -180,6 +188,7 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
               return nullptr;
             },
             increments, control == Control::images ? &impl_->optical : nullptr, run.free);
+        impl_->work += status.work;
         path.frames = status.frames;
         path.limit_point = status.limit_point;
         path.message = status.message;

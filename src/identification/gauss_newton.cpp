@@ -209,8 +209,9 @@ std::vector<double> nearest_reaction(ForwardModel& model, std::vector<double> pa
   const int frames = stage.frames.back() + 1;
   const double small = 0.01 * record.force.head(frames).cwiseAbs().maxCoeff();
   const auto compliance = [&](int t) {
-    const Eigen::VectorXd moved = t > 0 ? Eigen::VectorXd(record.surface_displacement.col(t) - record.surface_displacement.col(t - 1)) : Eigen::VectorXd(record.surface_displacement.col(0));
-    return moved.norm() / std::hypot(record.force[t] - (t > 0 ? record.force[t - 1] : 0.0), small);
+    Eigen::VectorXd change = record.surface_displacement.col(t);
+    if (t > 0) change -= record.surface_displacement.col(t - 1);
+    return change.norm() / std::hypot(record.force[t] - (t > 0 ? record.force[t - 1] : 0.0), small);
   };
   std::vector<double> best = parameters;
   double least = INFINITY;

@@ -24,6 +24,9 @@ constexpr int renewals = 4;
 /// A factorisation with its tangent, counted in corrections with the factor at hand and their passes over the elements.
 constexpr double corrections_of_a_factor = 7.0;
 
+/// Memory that a solver may spend on factors of frames that are simulated again, on each rank [MB].
+constexpr PetscInt memory_of_factors = 500;
+
 /// What a solution with the factor at hand may leave of an unbalanced derivative before the tangent is assembled.
 constexpr double slow_contraction = 0.03;
 
@@ -47,9 +50,15 @@ struct Equilibrium::Implementation {
   int axes;  // degrees of freedom of a node; natural vectors always hold 3, the third is 0 in a plane mesh
   Vec u = nullptr, optical_force = nullptr, force = nullptr, external = nullptr, residual = nullptr, increment = nullptr,
       lifting = nullptr, correction = nullptr;
-  KSP solver = nullptr, refiner = nullptr;
+  /// A solver and whether it holds the factor of some tangent, and one with negative pivots.
+  struct Factor {
+    KSP solver = nullptr;
+    bool made = false, indefinite = false;
+  };
+  std::vector<Factor> factors;  // the first for frames that nothing is known of, the others each for a frame that is simulated again
+  std::size_t at_hand = 0, most_factors = 1;
+  KSP refiner = nullptr;
   bool direct = true;
-  bool factored = false, indefinite = false;  // the solver holds a factor; it has negative pivots
   Work work;                                  // of the run at hand
   std::vector<Vec> du, d_force;  // of each free parameter and direction
   std::vector<double> d_parameters;  // unit vectors [free x number of parameters], then 0
@@ -71,11 +80,12 @@ struct Equilibrium::Implementation {
         axes(assembler.axes()) {
     IMIC3D_PETSC(MatCreateVecs(assembler.tangent(), &u, nullptr));
     for (Vec* vector : {&optical_force, &force, &external, &residual, &increment, &lifting, &correction}) IMIC3D_PETSC(VecDuplicate(u, vector));
-    make_solver();
+    factors.push_back(make_solver());
+    make_refiner();
   }
 
   ~Implementation() {
-    KSPDestroy(&solver);
+    for (Factor& factor : factors) KSPDestroy(&factor.solver);
     KSPDestroy(&refiner);
     differentiate_by({}, 0);
     for (Vec* vector : {&u, &optical_force, &force, &external, &residual, &increment, &lifting, &correction}) VecDestroy(vector);
@@ -85,7 +95,8 @@ struct Equilibrium::Implementation {
 
   /// MUMPS LDL^T on small problems, CG with GAMG and the rigid-body near-null space above; everything open to options. A law
   /// without associated flow has an unsymmetric tangent: LU and GMRES then. LU does not tell the tangent's inertia.
-  void make_solver() {
+  [[nodiscard]] Factor make_solver() {
+    KSP solver = nullptr;
     IMIC3D_PETSC(KSPCreate(partition.communicator.handle, &solver));
     IMIC3D_PETSC(KSPSetOptionsPrefix(solver, options.prefix.c_str()));
     PC preconditioner = nullptr;
@@ -106,16 +117,33 @@ struct Equilibrium::Implementation {
     IMIC3D_PETSC(PetscObjectTypeCompare(reinterpret_cast<PetscObject>(preconditioner), PCCHOLESKY, &is_factor));
     direct = is_factor == PETSC_TRUE;
     tell_mumps(preconditioner);
+    return {solver};
+  }
 
-    // The same preconditioner, as the last Newton iteration left it.
+  /// On the converged tangent, with the factor at hand as preconditioner.
+  void make_refiner() {
     IMIC3D_PETSC(KSPCreate(partition.communicator.handle, &refiner));
     IMIC3D_PETSC(KSPSetOptionsPrefix(refiner, (options.prefix + "derivative_").c_str()));
     IMIC3D_PETSC(KSPSetType(refiner, KSPGMRES));
-    IMIC3D_PETSC(KSPSetPC(refiner, preconditioner));
     IMIC3D_PETSC(KSPSetOperators(refiner, assembler.tangent(), assembler.tangent()));
     IMIC3D_PETSC(KSPSetTolerances(refiner, 1e-10, PETSC_DEFAULT, PETSC_DEFAULT, 200));
     IMIC3D_PETSC(KSPSetSkipPCSetFromOptions(refiner, PETSC_TRUE));
     IMIC3D_PETSC(KSPSetFromOptions(refiner));
+  }
+
+  /// Takes up the factor of a frame that was simulated before, if there is room for one.
+  void take_factor(int of_frame, bool simulated_before) {
+    at_hand = simulated_before && options.keep_factors && direct && factors.front().made ? std::min(static_cast<std::size_t>(of_frame) + 1, most_factors - 1) : 0;
+    while (factors.size() <= at_hand) factors.push_back(make_solver());
+  }
+
+  /// As many factors as fit into `memory_of_factors`.
+  void count_factors() {
+    Mat factor = mumps_factor();
+    if (factor == nullptr) return;
+    PetscInt megabytes = 0;
+    IMIC3D_PETSC(MatMumpsGetInfog(factor, 21, &megabytes));
+    most_factors = static_cast<std::size_t>(std::max<PetscInt>(1, memory_of_factors / std::max<PetscInt>(1, megabytes)));
   }
 
   /// No scaling: all unknowns are displacements, and it takes a quarter of the factorisation of some thousand of them.
@@ -256,18 +284,23 @@ struct Equilibrium::Implementation {
     IMIC3D_PETSC(MatAssemblyEnd(assembler.tangent(), MAT_FINAL_ASSEMBLY));
   }
 
-  /// Number of negative pivots of the last factorisation, -1 if the solver does not tell.
-  [[nodiscard]] PetscInt negative_pivots() const {
-    if (!direct) return -1;
+  /// The factor at hand if MUMPS made it, else null.
+  [[nodiscard]] Mat mumps_factor() const {
+    if (!direct) return nullptr;
     PC preconditioner = nullptr;
     Mat factor = nullptr;
-    IMIC3D_PETSC(KSPGetPC(solver, &preconditioner));
+    IMIC3D_PETSC(KSPGetPC(factors[at_hand].solver, &preconditioner));
     IMIC3D_PETSC(PCFactorGetMatrix(preconditioner, &factor));
     MatSolverType type = nullptr;
     IMIC3D_PETSC(MatFactorGetSolverType(factor, &type));
-    if (std::string(type) != MATSOLVERMUMPS) return -1;
-    PetscInt pivots = 0;
-    IMIC3D_PETSC(MatMumpsGetInfog(factor, 12, &pivots));
+    return std::string(type) == MATSOLVERMUMPS ? factor : nullptr;
+  }
+
+  /// Number of negative pivots of the factor at hand, -1 if the solver does not tell.
+  [[nodiscard]] PetscInt negative_pivots() const {
+    Mat factor = mumps_factor();
+    PetscInt pivots = -1;
+    if (factor != nullptr) IMIC3D_PETSC(MatMumpsGetInfog(factor, 12, &pivots));
     return pivots;
   }
 
@@ -310,13 +343,16 @@ struct Equilibrium::Implementation {
       ++work.factorisations;
     }
     ++work.solutions;
-    IMIC3D_PETSC(KSPSetReusePreconditioner(solver, kept ? PETSC_TRUE : PETSC_FALSE));
-    IMIC3D_PETSC(KSPSolve(solver, residual, correction));
+    Factor& factor = factors[at_hand];
+    const bool first = !factor.made;
+    IMIC3D_PETSC(KSPSetReusePreconditioner(factor.solver, kept ? PETSC_TRUE : PETSC_FALSE));
+    IMIC3D_PETSC(KSPSolve(factor.solver, residual, correction));
     KSPConvergedReason reason = KSP_CONVERGED_ITERATING;
-    IMIC3D_PETSC(KSPGetConvergedReason(solver, &reason));
-    factored = reason >= 0 || reason == KSP_DIVERGED_ITS;
-    if (!kept) indefinite = negative_pivots() > 0;
-    return factored;
+    IMIC3D_PETSC(KSPGetConvergedReason(factor.solver, &reason));
+    factor.made = reason >= 0 || reason == KSP_DIVERGED_ITS;
+    if (!kept) factor.indefinite = negative_pivots() > 0;
+    if (first && at_hand == 0) count_factors();
+    return factor.made;
   }
 
   /// One increment: from u to equilibrium with the prescribed displacement and `external`. With a consistent tangent the unbalanced
@@ -329,12 +365,13 @@ struct Equilibrium::Implementation {
   /// `corrections_of_a_factor` corrections. They contract only where the tangent is as definite as the factor's.
   Outcome newton(Vec prescribed, double time_increment, std::span<const double> parameters, int& iterations, bool begins, bool near) {
     last_residuals.clear();
-    const bool may_keep = direct && optical == nullptr;
+    const bool may_keep = options.keep_factors && direct && optical == nullptr;
+    const Factor& factor = factors[at_hand];
     Outcome failed = Outcome::diverged;
     IMIC3D_PETSC(VecZeroEntries(correction));
     const int most = optical != nullptr ? 3 * options.max_iterations : options.max_iterations;
     if (!begins) settle_prescribed(prescribed);
-    bool tangent = !(near && may_keep && factored), kept = true;  // assembled at u; the last correction was made with an earlier one
+    bool tangent = !(near && may_keep && factors.front().made), kept = true;  // assembled at u; the last correction was made with an earlier one
     assembler.predict(begins);
     double norm = evaluate(prescribed, time_increment, parameters, tangent), previous = 0.0, rate = 0.0;
     if (!std::isfinite(norm)) return failed;
@@ -357,11 +394,11 @@ struct Equilibrium::Implementation {
         IMIC3D_PETSC(VecNorm(correction, NORM_2, &moved));
         IMIC3D_PETSC(VecNorm(u, NORM_2, &whole));
         const bool settled = optical == nullptr || (iteration > 0 && moved <= 1e-5 * whole);
-        if ((norm <= target && settled) || stalled) return indefinite && load > 0.0 ? Outcome::limit_point : Outcome::converged;
+        if ((norm <= target && settled) || stalled) return factor.indefinite && load > 0.0 ? Outcome::limit_point : Outcome::converged;
       }
       if (renewed == most) break;
 
-      const bool pays = may_keep && factored && missing == 0.0 && (iteration == 0 ? near : rate < 1.0 && std::log(target / norm) > corrections_of_a_factor * std::log(rate));
+      const bool pays = may_keep && factor.made && missing == 0.0 && (iteration == 0 ? near : rate < 1.0 && std::log(target / norm) > corrections_of_a_factor * std::log(rate));
       if (!pays && !tangent) {
         tangent = true;
         norm = evaluate(prescribed, time_increment, parameters, true);
@@ -370,7 +407,7 @@ struct Equilibrium::Implementation {
       if (!correct(kept)) return failed;
       const double slope = missing == 0.0 && optical == nullptr ? work_along(correction) : 0.0;
       // Under prescribed forces a tangent that is not positive definite means a limit point.
-      if (indefinite && load > 0.0) failed = Outcome::limit_point;
+      if (factor.indefinite && load > 0.0) failed = Outcome::limit_point;
       ++iterations;
       if (!kept) ++renewed;
       IMIC3D_PETSC(VecAXPY(u, 1.0, correction));
@@ -435,9 +472,13 @@ struct Equilibrium::Implementation {
   /// the factor at hand while that shrinks it fast, else with the converged tangent. Every rank gets the same answer.
   bool differentiate(double time_increment, std::span<const double> parameters, int& corrections) {
     constexpr int most = 30;
-    bool by_factor = direct && optical == nullptr;  // else with the converged tangent
+    bool by_factor = options.keep_factors && direct && optical == nullptr;  // else with the converged tangent
     if (optical != nullptr) add_optical_stiffness();
     std::vector<double> scale(du.size()), last(du.size(), INFINITY);
+    KSP solver = factors[at_hand].solver;
+    PC preconditioner = nullptr;
+    IMIC3D_PETSC(KSPGetPC(solver, &preconditioner));
+    IMIC3D_PETSC(KSPSetPC(refiner, preconditioner));
     IMIC3D_PETSC(KSPSetReusePreconditioner(refiner, PETSC_TRUE));  // of both solvers
     for (std::size_t k = 0; k < du.size(); ++k) {
       const auto direction = static_cast<Eigen::Index>(k) - (static_cast<Eigen::Index>(du.size()) - d_prescribed.cols());
@@ -553,6 +594,7 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
     int count = first, cuts = 0, iterations = 0;
     bool offers = near != nullptr && near->size() == dofs;
     if (offers) s.to_global(*near, offered);
+    s.take_factor(frame, offers);
     s.assembler.save();
     IMIC3D_PETSC(VecCopy(converged, before));
     IMIC3D_PETSC(VecCopy(change, change_before));
@@ -622,15 +664,14 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
     if (!status.message.empty()) break;
     FrameState state;
     s.collect(state);
-    if (getenv("WORK")) { fprintf(stderr, "  frame %d incr %d it %d:", frame, count, iterations); for (double r : s.last_residuals) fprintf(stderr, " %.1e", r); fprintf(stderr, "\n"); }
     state.iterations = iterations;
     ++status.frames;
     frame_done(frame, state);
     previous = &step;
   }
   status.residuals = s.last_residuals;
+  s.work.frames = status.frames;
   status.work = s.work;
-  if (getenv("WORK")) fprintf(stderr, "run frames %d free %d guess %d: iterations %d passes %d tangents %d factor %d solves %d dpass %d dsolve %d\n", status.frames, (int)free.size(), guess && guess(0) != nullptr, status.total_iterations, s.work.passes, s.work.tangents, s.work.factorisations, s.work.solutions, s.work.derivative_passes, s.work.derivative_solutions);
   for (Vec* vector : vectors) IMIC3D_PETSC(VecDestroy(vector));
   return status;
 }

@@ -188,11 +188,11 @@ bool evaluate(const material::FiniteStrainLaw& law, std::span<const double> para
   double reference_volume = 0.0;
   const auto size = static_cast<std::size_t>(law.history_size());
   for (std::size_t point = 0; point < hexahedron_points; ++point) {
-    const Eigen::Matrix3d dX_dxi = nodes.transpose() * dN_dxi_20[point];
+    const Eigen::Matrix3d dX_dxi = nodes.transpose().lazyProduct(dN_dxi_20[point]);
     const double dV = dX_dxi.determinant();
     if (!(dV > 0.0)) return false;
-    const Gradient20 dN_dX = dN_dxi_20[point] * dX_dxi.inverse();
-    const Eigen::Matrix3d F = Eigen::Matrix3d::Identity() + u.transpose() * dN_dX;
+    const Gradient20 dN_dX = dN_dxi_20[point].lazyProduct(dX_dxi.inverse().eval());
+    const Eigen::Matrix3d F = Eigen::Matrix3d::Identity() + u.transpose().lazyProduct(dN_dX);
     const double J = F.determinant();
     if (!(J > 0.0)) return false;
     material::Response response;
@@ -200,8 +200,8 @@ bool evaluate(const material::FiniteStrainLaw& law, std::span<const double> para
     if (!law.update(F, time_increment, parameters, history_old.subspan(offset, size), history_new.subspan(offset, size),
                     response, with_tangent))
       return false;
-    const Gradient20 dN = dN_dX * F.inverse();
-    const Gradient20 traction = dV * dN * tensor(response.kirchhoff);
+    const Gradient20 dN = dN_dX.lazyProduct(F.inverse().eval());
+    const Gradient20 traction = dN.lazyProduct((dV * tensor(response.kirchhoff)).eval());
     for (int a = 0; a < 20; ++a) result.force.segment<3>(3 * a) += traction.row(a).transpose();
     reference_volume += dV;
     result.cauchy_stress += dV / J * response.kirchhoff;
@@ -285,20 +285,20 @@ bool differentiate(const material::FiniteStrainLaw& law, std::span<const double>
   d_force.setZero(60, d_displacement.cols());
   PointDirections response;
   for (std::size_t point = 0; point < hexahedron_points; ++point) {
-    const Eigen::Matrix3d dX_dxi = nodes.transpose() * dN_dxi_20[point];
+    const Eigen::Matrix3d dX_dxi = nodes.transpose().lazyProduct(dN_dxi_20[point]);
     const double dV = dX_dxi.determinant();
-    const Gradient20 dN_dX = dN_dxi_20[point] * dX_dxi.inverse();
-    const Eigen::Matrix3d F = Eigen::Matrix3d::Identity() + u.transpose() * dN_dX;
+    const Gradient20 dN_dX = dN_dxi_20[point].lazyProduct(dX_dxi.inverse().eval());
+    const Eigen::Matrix3d F = Eigen::Matrix3d::Identity() + u.transpose().lazyProduct(dN_dX);
     if (!(dV > 0.0) || !(F.determinant() > 0.0)) return false;
-    const Gradient20 dN = dN_dX * F.inverse();
+    const Gradient20 dN = dN_dX.lazyProduct(F.inverse().eval());
     for (std::size_t k = 0; k < n; ++k) {
-      response.L[k] = ByNode(d_displacement.col(static_cast<Eigen::Index>(k)).data()).transpose() * dN;
+      response.L[k] = ByNode(d_displacement.col(static_cast<Eigen::Index>(k)).data()).transpose().lazyProduct(dN);
       response.dF[k] = response.L[k] * F;
     }
     if (!response.update(law, F, time_increment, parameters, history_old, point, n, along)) return false;
     // f_a = sum dV tau dN_a and d(dN_a) = -L^T dN_a
     for (std::size_t k = 0; k < n; ++k) {
-      const Gradient20 df = dV * dN * (tensor(response.d_kirchhoff[k]) - response.L[k] * tensor(response.kirchhoff));
+      const Gradient20 df = dN.lazyProduct((dV * (tensor(response.d_kirchhoff[k]) - response.L[k] * tensor(response.kirchhoff))).eval());
       for (int a = 0; a < 20; ++a) d_force.col(static_cast<Eigen::Index>(k)).segment<3>(3 * a) += df.row(a).transpose();
     }
   }

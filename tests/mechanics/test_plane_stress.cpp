@@ -91,7 +91,7 @@ void newton_order(const mesh::Mesh& mesh) {
   std::set<int> ends(mesh.node_groups.at("left").begin(), mesh.node_groups.at("left").end());
   ends.insert(mesh.node_groups.at("right").begin(), mesh.node_groups.at("right").end());
   const auto dofs = plane_dofs({ends.begin(), ends.end()});
-  Equilibrium equilibrium(partition, mesh, power_linear(), dofs, {.tolerance = 1e-13});
+  Equilibrium equilibrium(partition, mesh, power_linear(), dofs, {.tolerance = 1e-13, .keep_factors = false});
   LoadStep step{.time = 1.0, .prescribed = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(dofs.size())), .force = {}};
   for (std::size_t i = 0; i < dofs.size(); ++i)
     if (mesh.nodes(dofs[i] / 3, 0) > 2.0) step.prescribed[static_cast<Eigen::Index>(i)] = dofs[i] % 3 == 0 ? 0.3 : 0.1;

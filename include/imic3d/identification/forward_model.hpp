@@ -111,6 +111,8 @@ class ForwardModel {
   [[nodiscard]] int groups() const;
   /// What the groups did with their time so far. Collective over the world.
   [[nodiscard]] std::vector<GroupTime> group_times() const;
+  /// What all simulations took so far, those of all groups together. Collective over the world.
+  [[nodiscard]] mechanics::Work work() const;
 
  private:
   struct Implementation;

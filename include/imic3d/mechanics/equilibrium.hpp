@@ -42,6 +42,7 @@ struct EquilibriumOptions {
   double tolerance = 1e-10;       ///< residual relative to the norm of the internal forces
   double optical_tolerance = 1e-6;  ///< the same where the images take part
   double derivative_tolerance = 1e-9;  ///< unbalanced derivative of the forces, relative to that at fixed displacement
+  bool keep_factors = true;       ///< a direct solver's factors serve while their corrections converge fast; else Newton's method takes the tangent anew in every iteration
   bool with_fields = true;        ///< gather stress and plastic strain per frame
   std::string prefix = "mechanics_";  ///< PETSc options: -mechanics_ksp_type, -mechanics_pc_type …
 };
@@ -57,11 +58,17 @@ struct OpticalTerm {
   std::function<Eigen::VectorXd(int frame, double fraction, const Eigen::VectorXd& U, const Eigen::VectorXd& dU)> d_force;
 };
 
-/// What a series took.
+/// What simulations took.
 struct Work {
+  int frames = 0;
   int passes = 0, tangents = 0;  ///< over the elements, and those of them with the tangent
   int factorisations = 0, solutions = 0;
   int derivative_passes = 0, derivative_solutions = 0;
+  Work& operator+=(const Work& other) {
+    frames += other.frames, passes += other.passes, tangents += other.tangents, factorisations += other.factorisations, solutions += other.solutions;
+    derivative_passes += other.derivative_passes, derivative_solutions += other.derivative_solutions;
+    return *this;
+  }
 };
 
 /// How a series ended.
@@ -71,13 +78,14 @@ struct PathStatus {
   std::string message;    ///< why it stopped, empty if all frames converged
   std::vector<int> increments;  ///< load increments that each frame took
   std::vector<double> residuals;  ///< relative residuals of the last increment's Newton iterations
-  int total_iterations = 0;
+  int total_iterations = 0;     ///< corrections of the displacement, with a new factor or a kept one
   Work work;
   int derivative_corrections = 0;  ///< passes over the elements for the derivatives, beyond one per increment
 };
 
-/// Finite-strain equilibrium by Newton's method (consistent tangent, step cutting). One object per group
-/// of ranks; collective over the partition's communicator.
+/// Finite-strain equilibrium by Newton's method (consistent tangent, step cutting). A direct solver's factor serves as long as it pays
+/// (modified Newton), and that of a frame which is simulated once more, from a displacement that is offered, is at hand then, as far as
+/// memory allows. One object per group of ranks; collective over the partition's communicator.
 class Equilibrium {
  public:
   /// constrained_dofs: natural degrees of freedom (3 * node + component), ascending.
@@ -101,7 +109,7 @@ class Equilibrium {
   /// `free`: the law's parameters by which the path is differentiated, directly: with the history's derivatives carried at the points,
   ///     K dU/dLambda = -(dF_int/dLambda + dF_int/dxi_n . dxi_n/dLambda)
   /// at every converged increment. The right-hand side is exact (dual numbers), whatever the tangent: the equation is solved again
-  /// for what a dU leaves unbalanced, with the converged tangent and the last factor as preconditioner, until that vanishes. Where a
+  /// for what a dU leaves unbalanced, with the factor at hand or, where that contracts slowly, the converged tangent, until that vanishes. Where a
   /// point turns from elastic to plastic the derivative is that of the side it is on. The same in the directions of the steps' d_prescribed, in which dU
   /// is given at the constrained degrees. Throws std::invalid_argument for hex8s elements.
   PathStatus run(const std::vector<LoadStep>& steps, std::span<const double> parameters, double start_time,
