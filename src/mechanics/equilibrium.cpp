@@ -499,7 +499,7 @@ struct Equilibrium::Implementation {
         balanced = false;
         if (by_factor && norm > slow_contraction * last[k]) {
           by_factor = false;
-          ++work.passes;
+          ++work.passes, ++work.tangents;
           IMIC3D_PETSC(VecZeroEntries(increment));
           if (!assembler.assemble(u, time_increment, parameters, force, increment, lifting)) return false;
         }

@@ -39,7 +39,7 @@ TEST(GaussNewton, SimulatesNoMoreThanItMust) {
     iterations += static_cast<int>(result.iterates.size()) - 1;
     // What is observed after the last step, of the first order, is what a simulation shows.
     std::vector<Path> driven;
-    Run run{.parameters = parameters};
+    identification::Run run{.parameters = parameters};
     const auto forces = model.distribute_forces({run}, stage.frames.back() + 1, driven);
     run.forces = &forces.front();
     auto path = model.simulate(Control::force, {run}, stage.frames.back() + 1).front();

@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <cmath>
 #include <set>
+#include <utility>
 
 #include "box.hpp"
 #include "imic3d/mechanics/equilibrium.hpp"
@@ -273,7 +274,7 @@ TEST(Equilibrium, ASeriesThatIsSimulatedAgainTakesItsFactors) {
   simulate(equilibrium, other);  // makes a factor for each frame
   other[2] *= 1.001;
   EXPECT_EQ(simulate(equilibrium, other).factorisations, 0);
-  const auto found = last;
+  const auto found = std::exchange(last, std::vector<Eigen::VectorXd>(steps.size()));
   Equilibrium newton(partition, mesh, power_linear(), dofs, {.tolerance = 1e-11, .keep_factors = false});
   EXPECT_GT(simulate(newton, other).factorisations, 0);
   for (std::size_t t = 0; t < steps.size(); ++t) EXPECT_LT((found[t] - last[t]).norm(), 1e-9 * last[t].norm());
