@@ -25,7 +25,7 @@ constexpr int renewals = 4;
 constexpr double corrections_of_a_factor = 7.0;
 
 /// Memory that a solver may spend on factors of frames that are simulated again, on each rank [MB].
-constexpr PetscInt memory_of_factors = 500;
+constexpr double memory_of_factors = 500.0;
 
 /// What a solution with the factor at hand may leave of an unbalanced derivative before the tangent is assembled.
 constexpr double slow_contraction = 0.03;
@@ -143,7 +143,8 @@ struct Equilibrium::Implementation {
     if (factor == nullptr) return;
     PetscInt megabytes = 0;
     IMIC3D_PETSC(MatMumpsGetInfog(factor, 21, &megabytes));
-    most_factors = static_cast<std::size_t>(std::max<PetscInt>(1, memory_of_factors / std::max<PetscInt>(1, megabytes)));
+    const double largest = partition.communicator.max(static_cast<double>(std::max<PetscInt>(1, megabytes)));  // every rank takes up the same factors
+    most_factors = static_cast<std::size_t>(std::max(1.0, memory_of_factors / largest));
   }
 
   /// No scaling: all unknowns are displacements, and it takes a quarter of the factorisation of some thousand of them.
