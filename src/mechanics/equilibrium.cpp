@@ -386,7 +386,10 @@ struct Equilibrium::Implementation {
       if (optical != nullptr) scale = std::max(scale, (optical->stiffness * to_natural(u)).norm());
       last_residuals.push_back(norm / scale);
       // Below the tolerance, or at the level of round-off where it no longer falls; grey levels are single precision.
-      const double target = std::max((optical != nullptr ? options.optical_tolerance : options.tolerance) * scale, least_norm);
+      const double enough = std::max((optical != nullptr ? options.optical_tolerance : options.tolerance) * scale, least_norm);
+      // The last correction of Newton's method ends far below the tolerance: those of a kept factor go on as long as they help.
+      const double target = may_keep && kept ? (iteration > 0 ? 1e-4 : 1e-2) * options.tolerance * scale : enough;
+      const bool pays = may_keep && factor.made && missing == 0.0 && (iteration == 0 ? near : rate < 1.0 && std::log(target / norm) > corrections_of_a_factor * std::log(rate));
       if (missing == 0.0 && (iteration > 0 || near)) {
         const double round_off = optical != nullptr ? 1e-5 : 1e-8;
         const bool stalled = !kept && iteration > (optical != nullptr ? 5 : 2) && norm > 0.5 * previous && norm < round_off * scale;
@@ -395,11 +398,11 @@ struct Equilibrium::Implementation {
         IMIC3D_PETSC(VecNorm(correction, NORM_2, &moved));
         IMIC3D_PETSC(VecNorm(u, NORM_2, &whole));
         const bool settled = optical == nullptr || (iteration > 0 && moved <= 1e-5 * whole);
-        if ((norm <= target && settled) || stalled) return factor.indefinite && load > 0.0 ? Outcome::limit_point : Outcome::converged;
+        const bool helps = kept && pays && rate < 0.5 && norm > target;
+        if ((norm <= enough && settled && !helps) || stalled) return factor.indefinite && load > 0.0 ? Outcome::limit_point : Outcome::converged;
       }
       if (renewed == most) break;
 
-      const bool pays = may_keep && factor.made && missing == 0.0 && (iteration == 0 ? near : rate < 1.0 && std::log(target / norm) > corrections_of_a_factor * std::log(rate));
       if (!pays && !tangent) {
         tangent = true;
         norm = evaluate(prescribed, time_increment, parameters, true);
@@ -423,7 +426,7 @@ struct Equilibrium::Implementation {
         norm = evaluate(prescribed, time_increment, parameters, tangent);
         if (kept && !(norm < previous)) {  // the factor is of no use here
           IMIC3D_PETSC(VecAXPY(u, -step, correction));
-          norm = evaluate(prescribed, time_increment, parameters, tangent = true);
+          norm = evaluate(prescribed, time_increment, parameters, tangent = previous > enough);
           step = 0.0;
           break;
         }
