@@ -88,7 +88,7 @@ FieldExperiment::Variant& FieldExperiment::variant(const Key& wanted) {
   record.force = Eigen::VectorXd::Zero(frames);
   record.surface_displacement = record.driving = Eigen::MatrixXd::Zero(unknowns, frames);
   made.model = std::make_unique<id::ForwardModel>(groups_->layout.group(), made.specimen, wanted.law_effects.empty() ? model_.law : model_.extended(wanted.law_effects), std::move(record),
-                                                  mechanics::EquilibriumOptions{.increments = model_.increments * numerics.increments_factor, .derivative_tolerance = 1e-5, .with_fields = false}, 1, 1);
+                                                  mechanics::EquilibriumOptions{.increments = model_.increments * numerics.increments_factor, .derivative_tolerance = 1e-5, .memory_of_factors = 100.0, .with_fields = false}, 1, 1);
   if (variants.size() > 1) {  // nearly the same series as the last one of this group, of another law or specimen
     const Variant& last = std::next(variants.begin())->second;
     if (!before_test && !last.before_test && last.specimen.volume.nodes.rows() == made.specimen.volume.nodes.rows()) {

@@ -24,9 +24,6 @@ constexpr int renewals = 4;
 /// A factorisation with its tangent, counted in corrections with the factor at hand and their passes over the elements.
 constexpr double corrections_of_a_factor = 7.0;
 
-/// Memory that a solver may spend on factors of frames that are simulated again, on each rank [MB].
-constexpr double memory_of_factors = 500.0;
-
 /// What a solution with the factor at hand may leave of an unbalanced derivative before the tangent is assembled.
 constexpr double slow_contraction = 0.03;
 
@@ -137,14 +134,14 @@ struct Equilibrium::Implementation {
     while (factors.size() <= at_hand) factors.push_back(make_solver());
   }
 
-  /// As many factors as fit into `memory_of_factors`.
+  /// As many factors as there is room for.
   void count_factors() {
     Mat factor = mumps_factor();
     if (factor == nullptr) return;
     PetscInt megabytes = 0;
     IMIC3D_PETSC(MatMumpsGetInfog(factor, 21, &megabytes));
     const double largest = partition.communicator.max(static_cast<double>(std::max<PetscInt>(1, megabytes)));  // every rank takes up the same factors
-    most_factors = static_cast<std::size_t>(std::max(1.0, memory_of_factors / largest));
+    most_factors = static_cast<std::size_t>(std::max(1.0, options.memory_of_factors / largest));
   }
 
   /// No scaling: all unknowns are displacements, and it takes a quarter of the factorisation of some thousand of them.

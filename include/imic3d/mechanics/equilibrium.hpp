@@ -43,6 +43,7 @@ struct EquilibriumOptions {
   double optical_tolerance = 1e-6;  ///< the same where the images take part
   double derivative_tolerance = 1e-9;  ///< unbalanced derivative of the forces, relative to that at fixed displacement
   bool keep_factors = true;       ///< a direct solver's factors serve while their corrections converge fast; else Newton's method takes the tangent anew in every iteration
+  double memory_of_factors = 500.0;  ///< that a solver may spend on factors of frames that are simulated again, on each rank [MB]; one is always kept
   bool with_fields = true;        ///< gather stress and plastic strain per frame
   std::string prefix = "mechanics_";  ///< PETSc options: -mechanics_ksp_type, -mechanics_pc_type …
 };
