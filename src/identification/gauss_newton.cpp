@@ -518,7 +518,7 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
     for (int halving = 0;; ++halving) {
       const auto trial = moved(parameters, step, stage);
       eta = relative_size(step, trial, stage, options);  // Eq. (13)
-      if (eta < options.eta) {
+      if (halving == 0 && eta < options.eta) {  // a shortened step starts from where `linear` no longer is
         parameters = trial;
         extrapolate(at.linear, step);
         at.normal = assemble(world, model, images, at.linear, stage, options);
