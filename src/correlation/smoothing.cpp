@@ -2,6 +2,7 @@
 
 #include <Eigen/LU>
 #include <Eigen/SparseCholesky>
+#include <algorithm>
 #include <cmath>
 #include <map>
 #include <random>
@@ -126,7 +127,11 @@ Eigen::MatrixXd smoothed_within_noise(const Measure& measure, const Eigen::Matri
   const Factor noise(measure.M);
   Eigen::MatrixXd result = U;
   if (cut_offs != nullptr) cut_offs->assign(static_cast<std::size_t>(U.cols()), 0.0);
-  for (double cut_off = longest / 16.0; cut_off < 1.01 * longest; cut_off *= std::sqrt(2.0)) {
+  std::vector<double> lengths;
+  for (double cut_off = longest / 16.0; cut_off < 1.01 * longest; cut_off *= std::sqrt(2.0)) lengths.push_back(cut_off);
+  std::vector<char> smoothed(static_cast<std::size_t>(U.cols()), 0);
+  for (; !lengths.empty() && std::count(smoothed.begin(), smoothed.end(), 0) > 0; lengths.pop_back()) {
+    const double cut_off = lengths.back();
     const Eigen::SparseMatrix<double> bent = measure.smoothing_weight(cut_off) * energy;
     const Factor smoothing(measure.M + bent);
     const Eigen::MatrixXd lost = -smoothing.solve(bent * U);  // smoothed - U
@@ -140,7 +145,9 @@ Eigen::MatrixXd smoothed_within_noise(const Measure& measure, const Eigen::Matri
     const double spread = 2.0 * inverse.dot(covariance.cwiseAbs2() * inverse) / static_cast<double>(count * count);
     const double limit = exceeded_once_in_ten_thousand(spread);
     for (Eigen::Index t = 0; t < U.cols(); ++t) {
-      if (squares[t] > limit) continue;
+      char& done = smoothed[static_cast<std::size_t>(t)];
+      if (done != 0 || squares[t] > limit) continue;
+      done = 1;
       result.col(t) = U.col(t) + lost.col(t);
       if (cut_offs != nullptr) (*cut_offs)[static_cast<std::size_t>(t)] = cut_off;
     }
