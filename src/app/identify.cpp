@@ -161,7 +161,7 @@ void identify(const Communicator& world, const CommandOptions& options) {
   id::ForwardModel& final_model = by_all_ranks ? *by_all_ranks : model;
   const bool force_driven = solver.functional != id::Functional::displacement_driven && !gap;
   std::vector<id::Path> driven, shown;
-  id::Run run{.parameters = material.values};
+  id::Run run{.parameters = material.values, .accuracy = {.forces = 1e-9}};
   const auto fields = [&](int, int t, const mechanics::FrameState& state) { output.simulation_frame(seen.places[static_cast<std::size_t>(t)], state); };
   if (force_driven) {
     const auto distribution = final_model.distribute_forces({run}, frames, driven);
@@ -181,7 +181,8 @@ void identify(const Communicator& world, const CommandOptions& options) {
   output.model(world, images, record, shown.front(), driven.front());
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   times["simulations"] = model.group_times();
-  const auto work = model.work();
+  auto work = model.work();
+  if (by_all_ranks) work += by_all_ranks->work();
   spdlog::info("{} frames simulated with {} factorisations, {} passes over the elements, and {} for derivatives", work.frames, work.factorisations, work.passes, work.derivative_passes);
   for (const auto& [what, groups] : times)
     if (!groups.empty()) spdlog::info("{}: {}", what, to_text(groups));

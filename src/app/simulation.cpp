@@ -105,7 +105,8 @@ void run_simulation(const Communicator& world, const io::Case& test, const ident
                                         for (int node : specimen.loaded) force += state.internal[3 * node + specimen.axis];
                                         done(at_rest_first ? t : t + 1, state, specimen.section_factor * force);
                                         progress.update(t + 1);
-                                      });
+                                      },
+                                      {}, {}, nullptr, {}, {.forces = 1e-9});
   if (!status.message.empty()) throw ConvergenceError(status.message);
 }
 

@@ -111,7 +111,7 @@ mechanics::Work ForwardModel::work() const {
 const Solutions& ForwardModel::solutions() const { return impl_->last; }
 void ForwardModel::start_from(Solutions solutions) { impl_->last = std::move(solutions); }
 
-std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>& runs, int frames, const FrameSink& sink) {
+std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>& runs, int frames, const FrameSink& sink, bool fields) {
   const Eigen::Index unknowns = record_.surface_displacement.rows();
   const auto steps_of = [&](const Run& run) {
     const Eigen::MatrixXd& driving = run.driving != nullptr ? *run.driving : record_.driving;
@@ -187,7 +187,7 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
               }
               return nullptr;
             },
-            increments, control == Control::images ? &impl_->optical : nullptr, run.free);
+            increments, control == Control::images ? &impl_->optical : nullptr, run.free, run.accuracy, sink && fields);
         impl_->work += status.work;
         path.frames = status.frames;
         path.limit_point = status.limit_point;
@@ -268,7 +268,7 @@ std::vector<ForceDistribution> ForwardModel::distribute_forces(const std::vector
     auto& distribution = distributions[static_cast<std::size_t>(run)];
     for (std::size_t i = 0; i < distribution.dofs.size(); ++i)
       distribution.pattern(static_cast<Eigen::Index>(i), t) = state.internal[distribution.dofs[i]];
-  });
+  }, false);
 
   const Communicator world = impl_->layout.world();
   for (std::size_t run = 0; run < runs.size(); ++run) {

@@ -5,11 +5,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <deque>
 #include <stdexcept>
 
 #include "imic3d/core/error.hpp"
 #include "imic3d/mechanics/assembler.hpp"
 #include "imic3d/mesh/petsc.hpp"
+#include "anderson.hpp"
 
 namespace imic3d::mechanics {
 
@@ -24,11 +26,13 @@ constexpr int renewals = 4;
 /// A factorisation with its tangent, counted in corrections with the factor at hand and their passes over the elements.
 constexpr double corrections_of_a_factor = 7.0;
 
-/// What a solution with the factor at hand may leave of an unbalanced derivative before the tangent is assembled.
-constexpr double slow_contraction = 0.03;
+/// So many solutions with the factor at hand an unbalanced derivative may still need before the tangent is assembled.
+constexpr double solutions_of_a_tangent = 7.0;
+/// Derivatives in more directions are not accelerated: 16 vectors each.
+constexpr std::size_t most_accelerated = 16;
 
 /// An increment goes on like the last one up to so many times its length.
-constexpr double farthest_continued = 6.0;
+constexpr double farthest_continued = 20.0;
 
 std::vector<char> flags(std::size_t dofs, const std::vector<int>& constrained) {
   std::vector<char> flag(dofs, 0);
@@ -55,14 +59,18 @@ struct Equilibrium::Implementation {
   std::vector<Factor> factors;  // the first for frames that nothing is known of, the others each for a frame that is simulated again
   std::size_t at_hand = 0, most_factors = 1;
   KSP refiner = nullptr;
+  double least_refined = 1e-10;  // what it leaves at least of a right-hand side
   bool direct = true;
   Work work;                                  // of the run at hand
+  Anderson acceleration;
   std::vector<Vec> du, d_force;  // of each free parameter and direction
+  std::deque<Anderson> derivative_acceleration;
   std::vector<double> d_parameters;  // unit vectors [free x number of parameters], then 0
   double least_norm = 0.0;           // round-off of the forces; 0: not known yet
   Eigen::MatrixXd d_prescribed;      // of the increment [constrained degrees x directions]
   std::vector<double> last_residuals;
   const OpticalTerm* optical = nullptr;  // of the run at hand
+  Accuracy accuracy;
   int frame = 0;
   double fraction = 1.0;
 
@@ -123,9 +131,10 @@ struct Equilibrium::Implementation {
     IMIC3D_PETSC(KSPSetOptionsPrefix(refiner, (options.prefix + "derivative_").c_str()));
     IMIC3D_PETSC(KSPSetType(refiner, KSPGMRES));
     IMIC3D_PETSC(KSPSetOperators(refiner, assembler.tangent(), assembler.tangent()));
-    IMIC3D_PETSC(KSPSetTolerances(refiner, 1e-10, PETSC_DEFAULT, PETSC_DEFAULT, 200));
+    IMIC3D_PETSC(KSPSetTolerances(refiner, least_refined, PETSC_DEFAULT, PETSC_DEFAULT, 200));
     IMIC3D_PETSC(KSPSetSkipPCSetFromOptions(refiner, PETSC_TRUE));
     IMIC3D_PETSC(KSPSetFromOptions(refiner));
+    IMIC3D_PETSC(KSPGetTolerances(refiner, &least_refined, nullptr, nullptr, nullptr));
   }
 
   /// Takes up the factor of a frame that was simulated before, if there is room for one.
@@ -359,10 +368,11 @@ struct Equilibrium::Implementation {
   /// they are the slope of the incremental energy (Crisfield 1982). `begins`: u is still where the last increment ended; `near`: it is
   /// offered, and the factor at hand is tried before another is made.
   ///
-  /// A factor serves as long as its corrections shrink the forces fast enough (modified Newton): it costs as much as some
+  /// A factor serves as long as its corrections, accelerated, shrink the forces fast enough (modified Newton): it costs as much as some
   /// `corrections_of_a_factor` corrections. They contract only where the tangent is as definite as the factor's.
   Outcome newton(Vec prescribed, double time_increment, std::span<const double> parameters, int& iterations, bool begins, bool near) {
     last_residuals.clear();
+    acceleration.restart();
     const bool may_keep = options.keep_factors && direct && optical == nullptr;
     const Factor& factor = factors[at_hand];
     Outcome failed = Outcome::diverged;
@@ -383,9 +393,11 @@ struct Equilibrium::Implementation {
       if (optical != nullptr) scale = std::max(scale, (optical->stiffness * to_natural(u)).norm());
       last_residuals.push_back(norm / scale);
       // Below the tolerance, or at the level of round-off where it no longer falls; grey levels are single precision.
-      const double enough = std::max((optical != nullptr ? options.optical_tolerance : options.tolerance) * scale, least_norm);
+      const bool ends_early = accuracy.forces > 0.0 && optical == nullptr;
+      const double tolerance = optical != nullptr ? options.optical_tolerance : ends_early ? accuracy.forces : options.tolerance;
+      const double enough = std::max(tolerance * scale, least_norm);
       // The last correction of Newton's method ends far below the tolerance: those of a kept factor go on as long as they help.
-      const double target = may_keep && kept ? (iteration > 0 ? 1e-4 : 1e-2) * options.tolerance * scale : enough;
+      const double target = may_keep && kept && !ends_early ? (iteration > 0 ? 1e-4 : 1e-2) * tolerance * scale : enough;
       const bool pays = may_keep && factor.made && missing == 0.0 && (iteration == 0 ? near : rate < 1.0 && std::log(target / norm) > corrections_of_a_factor * std::log(rate));
       if (missing == 0.0 && (iteration > 0 || near)) {
         const double round_off = optical != nullptr ? 1e-5 : 1e-8;
@@ -406,6 +418,10 @@ struct Equilibrium::Implementation {
       }
       kept = pays;
       if (!correct(kept)) return failed;
+      if (kept)
+        acceleration.accelerate(correction);
+      else
+        acceleration.restart();
       const double slope = missing == 0.0 && optical == nullptr ? work_along(correction) : 0.0;
       // Under prescribed forces a tangent that is not positive definite means a limit point.
       if (factor.indefinite && load > 0.0) failed = Outcome::limit_point;
@@ -425,6 +441,7 @@ struct Equilibrium::Implementation {
           IMIC3D_PETSC(VecAXPY(u, -step, correction));
           norm = evaluate(prescribed, time_increment, parameters, tangent = previous > enough);
           step = 0.0;
+          acceleration.restart();
           break;
         }
         double shorter = 0.5 * step;
@@ -439,6 +456,7 @@ struct Equilibrium::Implementation {
         IMIC3D_PETSC(VecAXPY(u, shorter - step, correction));
         step = shorter;
       }
+      if (step != 1.0) acceleration.restart();
       rate = step == 1.0 ? norm / previous : 1.0;
     }
     return failed;
@@ -447,6 +465,9 @@ struct Equilibrium::Implementation {
   /// By which of the law's parameters the path is differentiated, and in how many directions of the prescribed displacement.
   void differentiate_by(std::span<const int> free, std::size_t directions) {
     const std::size_t all = free.size() + directions;
+    derivative_acceleration.clear();
+    if (all <= most_accelerated)
+      for (std::size_t k = 0; k < all; ++k) derivative_acceleration.emplace_back(7);
     d_prescribed.resize(static_cast<Eigen::Index>(dofs.size()), static_cast<Eigen::Index>(directions));
     for (auto* vectors : {&du, &d_force}) {
       for (Vec& vector : *vectors) VecDestroy(&vector);
@@ -474,6 +495,7 @@ struct Equilibrium::Implementation {
   bool differentiate(double time_increment, std::span<const double> parameters, int& corrections) {
     constexpr int most = 30;
     bool by_factor = options.keep_factors && direct && optical == nullptr;  // else with the converged tangent
+    const double tolerance = accuracy.derivatives > 0.0 ? accuracy.derivatives : options.derivative_tolerance;
     if (optical != nullptr) add_optical_stiffness();
     std::vector<double> scale(du.size()), last(du.size(), INFINITY);
     KSP solver = factors[at_hand].solver;
@@ -481,6 +503,7 @@ struct Equilibrium::Implementation {
     IMIC3D_PETSC(KSPGetPC(solver, &preconditioner));
     IMIC3D_PETSC(KSPSetPC(refiner, preconditioner));
     IMIC3D_PETSC(KSPSetReusePreconditioner(refiner, PETSC_TRUE));  // of both solvers
+    for (Anderson& accelerated : derivative_acceleration) accelerated.restart();
     for (std::size_t k = 0; k < du.size(); ++k) {
       const auto direction = static_cast<Eigen::Index>(k) - (static_cast<Eigen::Index>(du.size()) - d_prescribed.cols());
       IMIC3D_PETSC(VecZeroEntries(du[k]));
@@ -496,9 +519,10 @@ struct Equilibrium::Implementation {
       for (std::size_t k = 0; k < du.size(); ++k) {
         if (pass == 0) IMIC3D_PETSC(VecNorm(d_force[k], NORM_2, &scale[k]));  // dF_int/dLambda + dF_int/dxi . dxi/dLambda
         const double norm = unbalanced_derivative(k);
-        if (norm <= options.derivative_tolerance * scale[k]) continue;
+        if (norm <= tolerance * scale[k]) continue;
         balanced = false;
-        if (by_factor && norm > slow_contraction * last[k]) {
+        const double wanted = tolerance * scale[k] / norm;
+        if (by_factor && (norm >= last[k] || std::log(wanted) < solutions_of_a_tangent * std::log(norm / last[k]))) {
           by_factor = false;
           ++work.passes, ++work.tangents;
           IMIC3D_PETSC(VecZeroEntries(increment));
@@ -506,7 +530,9 @@ struct Equilibrium::Implementation {
         }
         last[k] = norm;
         ++work.derivative_solutions;
+        if (!by_factor) IMIC3D_PETSC(KSPSetTolerances(refiner, std::max(least_refined, 0.1 * wanted), PETSC_DEFAULT, PETSC_DEFAULT, PETSC_DEFAULT));
         IMIC3D_PETSC(KSPSolve(by_factor ? solver : refiner, residual, correction));
+        if (by_factor && !derivative_acceleration.empty()) derivative_acceleration[k].accelerate(correction);
         IMIC3D_PETSC(VecAXPY(du[k], 1.0, correction));
       }
       if (balanced) {
@@ -519,12 +545,12 @@ struct Equilibrium::Implementation {
     return false;
   }
 
-  void collect(FrameState& state) const {
+  void collect(FrameState& state, bool fields) const {
     state.displacement = to_natural(u);
     state.internal = to_natural(force);
     for (const Vec& vector : du) state.d_displacement.push_back(to_natural(vector));
     for (const Vec& vector : d_force) state.d_internal.push_back(to_natural(vector));
-    if (!options.with_fields) return;
+    if (!options.with_fields || !fields) return;
     const Communicator group = partition.communicator;
     const auto cells = mesh.cells.rows();
     state.cauchy_stress.setZero(cells, 6);
@@ -552,13 +578,15 @@ const std::vector<int>& Equilibrium::constrained_dofs() const { return impl_->do
 PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const double> parameters, double start_time,
                             const std::function<void(int, const FrameState&)>& frame_done,
                             const std::function<const Eigen::VectorXd*(int)>& guess,
-                            const std::vector<int>& increments, const OpticalTerm* optical, std::span<const int> free) {
+                            const std::vector<int>& increments, const OpticalTerm* optical, std::span<const int> free,
+                            const Accuracy& accuracy, bool fields) {
   auto& s = *impl_;
   const Eigen::Index directions = steps.empty() ? 0 : steps.front().d_prescribed.cols();
   const bool differentiated = !free.empty() || directions > 0;
   if (differentiated && s.mesh.integration == mesh::Integration::one_point_stabilised)
     throw std::invalid_argument("Equilibrium: no direct differentiation of hex8s elements");
   s.optical = optical;
+  s.accuracy = accuracy;
   s.differentiate_by(free, static_cast<std::size_t>(directions));
   const Eigen::Index dofs = 3 * s.mesh.nodes.rows();
   s.work = {};
@@ -664,7 +692,7 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
     status.total_iterations += iterations;
     if (!status.message.empty()) break;
     FrameState state;
-    s.collect(state);
+    s.collect(state, fields);
     state.iterations = iterations;
     ++status.frames;
     frame_done(frame, state);

@@ -54,6 +54,7 @@ struct Run {
   const Eigen::MatrixXd* beyond = nullptr;     ///< added to the prescribed displacement [constrained dofs x frames, length]
   std::vector<int> free{};                     ///< parameters by which the path is differentiated directly; the forces stay as they are
   std::vector<Eigen::MatrixXd> directions{};   ///< in which `driving` moves, for the path's derivatives; Control::displacement
+  mechanics::Accuracy accuracy{};
 };
 
 /// A series as it was simulated last, the same on every rank: on it the next one starts.
@@ -71,7 +72,7 @@ using Solutions = std::array<Solution, 3>;  ///< of run 0 under each Control; wi
 
 class ForwardModel {
  public:
-  /// Run and frame, with the fields there; on all ranks of the group that runs it.
+  /// Run and frame; on all ranks of the group that runs it.
   using FrameSink = std::function<void(int run, int frame, const mechanics::FrameState&)>;
 
   /// `groups`: number of concurrent groups of ranks (0: plan_simulations for `tasks` tasks after `before`).
@@ -91,8 +92,8 @@ class ForwardModel {
   /// increments, so that their differences are derivatives: one that needed other increments than the rest is simulated
   /// again. Each starts its frames, on every group alike, from the last solution of run 0 under the same control, taken along its
   /// derivatives to the new parameters where there are any; if there is none, and under Control::images, from that of the
-  /// DIC-driven one. Collective over the world.
-  std::vector<Path> simulate(Control control, const std::vector<Run>& runs, int frames, const FrameSink& sink = {});
+  /// DIC-driven one. `fields`: whether `sink` is shown stress and plastic strain. Collective over the world.
+  std::vector<Path> simulate(Control control, const std::vector<Run>& runs, int frames, const FrameSink& sink = {}, bool fields = true);
 
   /// Sec. 3.4: the reactions of the DIC-driven simulations `runs`, scaled to a resultant of one. Where the load is so small
   /// that noise makes the ratio meaningless, the pattern of the next loaded frame serves (after the last one, its). `driven` gets the paths.

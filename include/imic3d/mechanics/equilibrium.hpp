@@ -48,6 +48,12 @@ struct EquilibriumOptions {
   std::string prefix = "mechanics_";  ///< PETSc options: -mechanics_ksp_type, -mechanics_pc_type …
 };
 
+/// How far one run is solved; 0: as EquilibriumOptions say.
+struct Accuracy {
+  double forces = 0.0;  ///< `tolerance` where no images take part; given, corrections with a kept factor end there, not at round-off
+  double derivatives = 0.0;  ///< `derivative_tolerance`
+};
+
 /// The optical part of Eq. 7 beside the forces, multiplied by k_0/(1/alpha - 1): (K + stiffness) dU = F_ext - F_int + force.
 struct OpticalTerm {
   /// c P^T M_DIC P [3 * nodes x 3 * nodes, natural], symmetric; couples only nodes of the same cell.
@@ -113,10 +119,11 @@ class Equilibrium {
   /// for what a dU leaves unbalanced, with the factor at hand or, where that contracts slowly, the converged tangent, until that vanishes. Where a
   /// point turns from elastic to plastic the derivative is that of the side it is on. The same in the directions of the steps' d_prescribed, in which dU
   /// is given at the constrained degrees. Throws std::invalid_argument for hex8s elements.
+  /// `fields`: whether stress and plastic strain are gathered, where the options have them.
   PathStatus run(const std::vector<LoadStep>& steps, std::span<const double> parameters, double start_time,
                  const std::function<void(int, const FrameState&)>& frame_done,
                  const std::function<const Eigen::VectorXd*(int)>& guess = {}, const std::vector<int>& increments = {},
-                 const OpticalTerm* optical = nullptr, std::span<const int> free = {});
+                 const OpticalTerm* optical = nullptr, std::span<const int> free = {}, const Accuracy& accuracy = {}, bool fields = true);
 
   /// Internal forces [3 * nodes] of the virgin specimen under the displacement U [3 * nodes], and if `tangent` is given K there
   /// [3 * nodes x 3 * nodes], as if nothing were constrained. Where the communicator has one rank and `constrained_dofs` is empty.
