@@ -57,11 +57,27 @@ void settle_derivatives(Path& path, const ForwardModel& model, const ImageData& 
   }
 }
 
+/// Of simulations that only lead to where the iterations begin.
+constexpr mechanics::Accuracy accuracy_of_start{.forces = 1e-5, .derivatives = 0.02};
+
+/// Whether the next step, after one of this size, is far too large to be the last: its simulation need not be accurate, and decides nothing.
+bool leads_on(double eta, const GaussNewtonOptions& options) {
+  return options.sensitivities == Sensitivities::direct && eta > std::max(0.03, 30.0 * options.eta);
+}
+
+/// Of the simulation after a step `eta`. On the plate of docs/performance.md the residual 1e-8 moves the parameters by 1e-9, and 1e-6 of a derivative
+/// moves a last step below eta_c = 1e-3 by as much. Differences of perturbed simulations need all digits.
+mechanics::Accuracy accuracy_after(double eta, const GaussNewtonOptions& options) {
+  if (options.sensitivities == Sensitivities::perturbed) return {};
+  if (leads_on(eta, options)) return {.forces = 1e-6, .derivatives = 1e-3};
+  return {.forces = std::clamp(1e-5 * options.eta, 1e-10, 1e-8), .derivatives = std::clamp(1e-3 * options.eta, 1e-9, 1e-6)};
+}
+
 Linearisation linearise(ForwardModel& model, const ImageData& images, const std::vector<double>& parameters,
-                        const Stage& stage, const GaussNewtonOptions& options) {
+                        const Stage& stage, const GaussNewtonOptions& options, const mechanics::Accuracy& accuracy) {
   const int frames = stage.frames.back() + 1;
   const bool direct = options.sensitivities == Sensitivities::direct;
-  std::vector<Run> sets(direct ? 1 : 1 + stage.free.size(), Run{.parameters = parameters});
+  std::vector<Run> sets(direct ? 1 : 1 + stage.free.size(), Run{.parameters = parameters, .accuracy = accuracy});
   if (direct)
     sets.front().free = stage.free;
   else
@@ -75,7 +91,7 @@ Linearisation linearise(ForwardModel& model, const ImageData& images, const std:
   } else {
     // The forces are those of the parameters at hand (Sec. 3.4); they stay as they are when a parameter moves.
     const bool reaction = direct && has_force(options.functional);
-    const auto distribution = model.distribute_forces({reaction ? sets.front() : Run{.parameters = parameters}}, frames, driven);
+    const auto distribution = model.distribute_forces({reaction ? sets.front() : Run{.parameters = parameters, .accuracy = accuracy}}, frames, driven);
     for (auto& set : sets) set.forces = &distribution.front();
     paths = model.simulate(control_of_images(options), sets, driven.front().frames);
     if (options.functional == Functional::combined && !direct) driven = model.simulate(Control::displacement, sets, driven.front().frames);
@@ -216,7 +232,12 @@ std::vector<double> nearest_reaction(ForwardModel& model, std::vector<double> pa
   std::vector<double> best = parameters;
   double least = INFINITY;
   for (int iteration = 0; iteration < 5; ++iteration) {
-    const Path path = model.simulate(Control::displacement, {Run{.parameters = parameters, .free = stage.free}}, frames).front();
+    Path path;
+    try {
+      path = model.simulate(Control::displacement, {Run{.parameters = parameters, .free = stage.free, .accuracy = accuracy_of_start}}, frames).front();
+    } catch (const ConvergenceError&) {  // no derivatives here
+      break;
+    }
     const auto unknowns = static_cast<Eigen::Index>(stage.free.size());
     Eigen::MatrixXd matrix = Eigen::MatrixXd::Zero(unknowns, unknowns);
     Eigen::VectorXd right = Eigen::VectorXd::Zero(unknowns);
@@ -234,7 +255,7 @@ std::vector<double> nearest_reaction(ForwardModel& model, std::vector<double> pa
     least = cost, best = parameters;
     const Eigen::VectorXd step = step_within_bounds(matrix, right, parameters, information, stage, options);
     parameters = moved(parameters, step, stage);
-    if (!(relative_size(step, parameters, stage, options) > 10.0 * options.eta)) break;
+    if (!(relative_size(step, parameters, stage, options) > std::max(1e-2, 10.0 * options.eta))) break;
   }
   return best;
 }
@@ -502,9 +523,9 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
   };
 
   if (at.iterates.empty()) {
-    if (options.sensitivities == Sensitivities::direct && control_of_images(options) == Control::force)
+    if (model.differentiable() && control_of_images(options) == Control::force)
       parameters = nearest_reaction(model, parameters, information, stage, options);
-    at.linear = linearise(model, images, parameters, stage, options);
+    at.linear = linearise(model, images, parameters, stage, options, accuracy_after(0.0, options));
     if (at.linear.frames == 0) throw ConvergenceError("the first frame cannot be simulated: " + at.linear.message);
     at.normal = assemble(world, model, images, at.linear, stage, options);
     note(0.0, false);
@@ -514,17 +535,18 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
     Eigen::VectorXd step = step_within_bounds(at.normal.matrix, at.normal.right, parameters, information, stage, options);  // Eq. (10)
     const double before = at.iterates.back().cost;
     const int frames_before = at.iterates.back().frames;
+    const bool coarse = leads_on(at.iterates.back().eta, options);
     double eta = 0.0;
     for (int halving = 0;; ++halving) {
       const auto trial = moved(parameters, step, stage);
       eta = relative_size(step, trial, stage, options);  // Eq. (13)
-      if (halving == 0 && eta < options.eta) {  // a shortened step starts from where `linear` no longer is
+      if (halving == 0 && eta < options.eta && !coarse) {  // a shortened step starts from where `linear` no longer is
         parameters = trial;
         extrapolate(at.linear, step);
         at.normal = assemble(world, model, images, at.linear, stage, options);
         break;
       }
-      at.linear = linearise(model, images, trial, stage, options);
+      at.linear = linearise(model, images, trial, stage, options, accuracy_after(eta, options));
       at.normal = assemble(world, model, images, at.linear, stage, options);
       const double after = at.normal.frames > 0 ? at.normal.cost / at.normal.frames : INFINITY;
       // Small steps are taken as they are: the cost no longer tells them apart from the noise.
@@ -535,7 +557,7 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
       }
       step *= 0.5;
     }
-    note(eta, eta < options.eta);
+    note(eta, eta < options.eta && !coarse);
   }
 
   StageResult result{.iterates = std::move(at.iterates), .covariance = {}, .converged = at.converged, .message = at.linear.message};
