@@ -122,6 +122,62 @@ TEST(Equilibrium, NewtonConvergesQuadraticallyWithAnUnsymmetricTangent) {
   newton_order(with(stabilised, mesh), law, parameters);
 }
 
+/// A series that is simulated again with factors of other parameters: accelerated corrections end where Newton's method does, or earlier, where
+/// the run asks for less, and derivatives likewise.
+TEST(Equilibrium, KeptFactorsGoAsFarAsTheRunAsks) {
+  const Communicator world;
+  const auto mesh = mesh::quadratic(testing::box({4, 2, 2}, {4.0, 1.0, 1.0}, 0.2));
+  const mesh::Partition partition = mesh::partition(mesh, world);
+  auto ends = mesh.node_groups.at("left");
+  ends.insert(ends.end(), mesh.node_groups.at("right").begin(), mesh.node_groups.at("right").end());
+  std::sort(ends.begin(), ends.end());
+  const auto dofs = all_dofs(ends);
+  std::vector<LoadStep> steps;
+  for (double part : {0.02, 0.05, 0.1, 0.2}) {
+    steps.push_back({.time = part, .prescribed = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(dofs.size())), .force = {}});
+    for (std::size_t i = 0; i < dofs.size(); ++i)
+      if (mesh.nodes(dofs[i] / 3, 0) > 2.0) steps.back().prescribed[static_cast<Eigen::Index>(i)] = part * (dofs[i] % 3 == 0 ? 1.0 : 0.3);
+  }
+  struct Series {
+    std::vector<Eigen::VectorXd> displacement;
+    Eigen::VectorXd derivative;  // of the last frame
+    Work work;
+  };
+  auto harder = steel;
+  harder[2] *= 1.03;
+  /// By `harder`, from where a series by `steel` had been.
+  const auto again = [&](EquilibriumOptions options, Accuracy accuracy) {
+    Equilibrium equilibrium(partition, mesh, power_linear(), dofs, std::move(options));
+    const auto run = [&](const std::vector<double>& parameters, const std::vector<Eigen::VectorXd>& from, Accuracy how) {
+      Series series;
+      const auto status = equilibrium.run(
+          steps, parameters, 0.0,
+          [&](int, const FrameState& state) {
+            series.displacement.push_back(state.displacement);
+            series.derivative = state.d_displacement.front();
+            EXPECT_EQ(state.plastic_strain.size(), 0);
+          },
+          [&](int t) { return from.empty() ? nullptr : &from[static_cast<std::size_t>(t)]; }, {}, nullptr, std::vector<int>{2}, how, false);
+      EXPECT_EQ(status.frames, 4) << status.message;
+      series.work = status.work;
+      return series;
+    };
+    auto from = run(steel, {}, {}).displacement;
+    from = run(steel, from, {}).displacement;  // with factors of their own
+    return run(harder, from, accuracy);
+  };
+  const Series newton = again({.tolerance = 1e-12, .derivative_tolerance = 1e-11, .keep_factors = false}, {}), kept = again({}, {}), coarse = again({}, {.forces = 1e-5, .derivatives = 1e-2});
+  const auto apart = [](const Eigen::VectorXd& a, const Eigen::VectorXd& b) { return (a - b).norm() / b.norm(); };
+  EXPECT_LT(apart(kept.displacement.back(), newton.displacement.back()), 1e-10);
+  EXPECT_LT(apart(kept.derivative, newton.derivative), 1e-7);
+  EXPECT_LT(apart(coarse.displacement.back(), newton.displacement.back()), 1e-4);
+  EXPECT_GT(apart(coarse.displacement.back(), newton.displacement.back()), 1e-12);
+  EXPECT_LT(apart(coarse.derivative, newton.derivative), 0.05);
+  EXPECT_LT(kept.work.factorisations, newton.work.factorisations);
+  EXPECT_LT(coarse.work.passes, kept.work.passes);
+  EXPECT_LT(coarse.work.derivative_passes, kept.work.derivative_passes);
+}
+
 /// A beam of one row of elements, 10 x 1 x 0.8 mm, bent elastically by a couple on its end: the end goes down by M L^2 / (2 E I), whatever nu
 /// and the elements' aspect ratio. Full integration takes shear that is not there for bending.
 TEST(Equilibrium, OneRowOfElementsBendsAsABeam) {
