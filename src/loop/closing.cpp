@@ -202,11 +202,11 @@ class Loop {
   }
 
   /// The learned bias is known to a part only (the synthetic images differ from real ones, the finer mesh errs too): what is
-  /// not known of it joins the noise, for each number of a frame and again for all of them together a random polynomial of second degree in time
-  /// times the bias. Number by number alone it would cancel over the many numbers that a parameter is found from.
+  /// not known of it joins the noise, for each number of a frame and again for all of them together a random polynomial of second degree in time.
+  /// Number by number alone it would cancel over the many numbers that a parameter is found from.
   void doubt_bias(Eigen::MatrixXd& null) const {
-    const Eigen::VectorXd bias = experiment_.bias();
-    if (bias.size() == 0) return;
+    const Experiment::Doubt doubt = experiment_.doubt();
+    if (doubt.each.size() == 0) return;
     const auto& data = experiment_.data();
     std::vector<Eigen::Index> place(data.size());  // of a number within its frame
     Eigen::Index most = 0;
@@ -220,12 +220,12 @@ class Loop {
       Eigen::Matrix<double, 3, Eigen::Dynamic> c(3, most);  // coefficients of Legendre polynomials
       for (double& x : c.reshaped()) x = normal(random);
       const Eigen::Vector3d whole(normal(random), normal(random), normal(random));
-      c = ((c.colwise() + whole) / std::sqrt(1.0 + 1.0 / 3.0 + 0.2)).eval();
+      const double size = std::sqrt(1.0 + 1.0 / 3.0 + 0.2);
       for (std::size_t i = 0; i < data.size(); ++i) {
         const double s = frames_ > 1 ? 2.0 * data[i].frame / (frames_ - 1.0) - 1.0 : 0.0;
-        const auto own = c.col(place[i]);
         const auto row = static_cast<Eigen::Index>(i);
-        draw[row] += options_.bias_doubt * bias[row] * (own[0] + own[1] * s + own[2] * 0.5 * (3.0 * s * s - 1.0));
+        const Eigen::Vector3d both = (doubt.each[row] * c.col(place[i]) + doubt.whole[row] * whole) / size;
+        draw[row] += both[0] + both[1] * s + both[2] * 0.5 * (3.0 * s * s - 1.0);
       }
     }
   }

@@ -147,10 +147,10 @@ void JointExperiment::learn_bias(const std::vector<double>& values) {
   for (std::size_t k = 0; k < tests_.size(); ++k) tests_[k].experiment->learn_bias(values_of(k, values));
 }
 
-Eigen::VectorXd JointExperiment::bias() const {
-  Eigen::VectorXd all = Eigen::VectorXd::Zero(first_row_.back());
+Experiment::Doubt JointExperiment::doubt() const {
+  Doubt all{Eigen::VectorXd::Zero(first_row_.back()), Eigen::VectorXd::Zero(first_row_.back())};
   for (std::size_t k = 0; k < tests_.size(); ++k)
-    if (const auto own = tests_[k].experiment->bias(); own.size() > 0) all.segment(first_row_[k], own.size()) = own;
+    if (const auto own = tests_[k].experiment->doubt(); own.each.size() > 0) all.each.segment(first_row_[k], own.each.size()) = own.each, all.whole.segment(first_row_[k], own.whole.size()) = own.whole;
   return all;
 }
 

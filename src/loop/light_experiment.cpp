@@ -274,7 +274,10 @@ void LightExperiment::learn_bias(const std::vector<double>&) {
   }
 }
 
-Eigen::VectorXd LightExperiment::bias() const { return bias_.array() / (1.0 + (bias_ / judged_by_ratio).array().square()).sqrt(); }
+Experiment::Doubt LightExperiment::doubt() const {
+  const Eigen::VectorXd half = 0.5 * bias_.array() / (1.0 + (bias_ / judged_by_ratio).array().square()).sqrt();
+  return {half, half};
+}
 
 Eigen::MatrixXd LightExperiment::noise(const std::vector<double>&, int draws) {
   std::uint64_t seed = 17;  // other draws for another test, the same ones for the same

@@ -70,7 +70,10 @@ class Curves final : public Experiment {
   void learn_bias(const std::vector<double>& values) override { put_back(std::make_shared<Size>(values[2 + kink])); }
   std::shared_ptr<const Learned> learned() const override { return bias_of_kink > 0.0 ? learned_ : nullptr; }
   void put_back(const std::shared_ptr<const Learned>& learned) override { learned_ = std::dynamic_pointer_cast<const Size>(learned); }
-  Eigen::VectorXd bias() const override { return Eigen::VectorXd::Constant(measured_.size(), bias_of_kink * (learned_ ? std::abs(learned_->kink) : 0.0)); }
+  Doubt doubt() const override {
+    const Eigen::VectorXd quarter = Eigen::VectorXd::Constant(measured_.size(), 0.25 * bias_of_kink * (learned_ ? std::abs(learned_->kink) : 0.0));
+    return {quarter, quarter};
+  }
   bool costly = false;        // derivatives by the effects take series of their own
   double bias_of_kink = 0.0;  // what the mesh errs by where there is one
   int series = 0;
@@ -133,7 +136,7 @@ class Curves final : public Experiment {
   double rest_of_gain_;
 };
 
-const LoopOptions options{.draws = 200, .bias_doubt = 0.25, .additions = 3, .rivals = 4, .starts = {1.0, 0.8}, .held_out = {}};
+const LoopOptions options{.draws = 200, .additions = 3, .rivals = 4, .starts = {1.0, 0.8}, .held_out = {}};
 
 Report loop_on(Curves experiment) { return close_loop(experiment, options); }
 

@@ -12,7 +12,6 @@ namespace imic3d::loop {
 
 struct LoopOptions {
   int draws = 100;              ///< of the null ensemble, and as many for the covariance that it is weighed with
-  double bias_doubt = 0.5;     ///< part of the learned bias that is taken as unknown: a random, smooth function of time in the null
   int additions = 3;            ///< effects added at most
   int rivals = 4;               ///< candidates tried non-linearly in each round
   std::vector<double> starts = {1.0, 0.9, 1.1};  ///< factors on the free parameters' declared values

@@ -103,7 +103,9 @@ class FieldExperiment final : public Experiment {
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) override;
   [[nodiscard]] bool takes_simulations(int parameter) const override;
   void learn_bias(const std::vector<double>& values) override;
-  [[nodiscard]] Eigen::VectorXd bias() const override { return whitened(bias_->displacement, bias_->force); }
+  /// What was learned, in units of the noise [N].
+  [[nodiscard]] Eigen::VectorXd bias() const { return whitened(bias_->displacement, bias_->force); }
+  [[nodiscard]] Doubt doubt() const override;
   [[nodiscard]] std::shared_ptr<const Learned> learned() const override { return measured_.correlate ? bias_ : nullptr; }
   void put_back(const std::shared_ptr<const Learned>& learned) override {
     if (const auto bias = std::dynamic_pointer_cast<const Bias>(learned)) bias_ = bias;
@@ -184,6 +186,8 @@ class FieldExperiment final : public Experiment {
   struct Groups;
   std::unique_ptr<Groups> groups_;
   [[nodiscard]] std::pair<Eigen::MatrixXd, Eigen::VectorXd> synthetic_test(const std::vector<double>& values, const Eigen::MatrixXd& driving);
+  /// How often the mesh of a synthetic test is refined: in space twice would be 64 times the elements.
+  [[nodiscard]] double finer() const { return scene().plane ? 2.0 : 1.0; }
   std::shared_ptr<const Bias> bias_;  // taken off the measured displacement and force
   int simulations_ = 0;
 };

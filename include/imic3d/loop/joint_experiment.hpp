@@ -37,7 +37,7 @@ class JointExperiment final : public Experiment {
   [[nodiscard]] double round_off() const override;
   [[nodiscard]] Eigen::VectorXd freedom() const override;
   void learn_bias(const std::vector<double>& values) override;
-  [[nodiscard]] Eigen::VectorXd bias() const override;
+  [[nodiscard]] Doubt doubt() const override;
   [[nodiscard]] std::shared_ptr<const Learned> learned() const override;
   void put_back(const std::shared_ptr<const Learned>& learned) override;
   [[nodiscard]] Eigen::MatrixXd noise(const std::vector<double>& values, int draws) override;

@@ -35,7 +35,7 @@ class LightExperiment final : public Experiment {
   [[nodiscard]] std::vector<int> frame_numbers() const override { return frames_; }
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) override;
   void learn_bias(const std::vector<double>& values) override;
-  [[nodiscard]] Eigen::VectorXd bias() const override;
+  [[nodiscard]] Doubt doubt() const override;
   [[nodiscard]] Eigen::MatrixXd noise(const std::vector<double>& values, int draws) override;
 
   [[nodiscard]] const std::vector<LightCamera>& cameras() const { return cameras_; }
