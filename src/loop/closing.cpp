@@ -156,7 +156,7 @@ class Loop {
       say(fmt::format("  what mesh, correlation and scatter err by is learned: chi {:.3f}", std::sqrt(best.cost / static_cast<double>(rows_.size()))));
       if (experiment_.learned() && !moved_far(at, best)) break;  // scatter of bars, which is put back with no model, is learned again
     }
-    say(fmt::format("null ensemble: 2 x {} draws of the noise", options_.draws));
+    say(fmt::format("null ensemble: {} + {} draws of the noise", options_.draws, experiment_.draws(options_.draws)));
     report_.declared.ground = ground_of(best.values);
     report_.declared.fit = fit(experiment_, report_.declared.ground->weight, rows_, free, best.values);
     finish(report_.declared);
@@ -175,8 +175,9 @@ class Loop {
   std::shared_ptr<const Ground> ground_of(const std::vector<double>& values) const {
     auto ground = std::make_shared<Ground>();
     ground->learned = experiment_.learned();
-    // One half of the draws says how the numbers of a frame vary together, the other what is left of them then: no draw judges itself.
-    Eigen::MatrixXd null = experiment_.noise(values, 2 * options_.draws);
+    // Some draws say how the numbers of a frame vary together, others what is left of them then: no draw judges itself.
+    const int draws = experiment_.draws(options_.draws);
+    Eigen::MatrixXd null = experiment_.noise(values, options_.draws + draws);
     doubt_bias(null);
     Eigen::MatrixXd of_weight = null.leftCols(options_.draws);
     // Numbers whose noise was estimated from themselves are whitened with that; to weigh them by it once more would be to trust it twice.
@@ -184,7 +185,7 @@ class Loop {
     for (Eigen::Index i = 0; i < freedom.size(); ++i)
       if (std::isfinite(freedom[i])) of_weight.row(i).setZero();
     ground->weight = Weight(experiment_.data(), of_weight);
-    ground->null = ground->weight(null.rightCols(options_.draws));
+    ground->null = ground->weight(null.rightCols(draws));
     ground->squares = ground->weight(experiment_.noise_of_squares(values, null.rightCols(options_.draws)));
     if (rigs_ > 1) ground->apart = Weight(experiment_.data(), of_weight, 2, true);
     return ground;
@@ -263,7 +264,7 @@ class Loop {
 
   /// Draws of the null less what the free parameters, fitted to them, explain [N x draws].
   Eigen::MatrixXd fitted(const Eigen::MatrixXd& draws, const Model& model, const Eigen::MatrixXd& pull, const Known& prior) const {
-    return draws - model.fit.sensitivity * (pull * stacked(draws(rows_, Eigen::all), prior.null));
+    return draws - model.fit.sensitivity * (pull * stacked(draws(rows_, Eigen::all), prior.null.leftCols(draws.cols())));
   }
 
   /// Covariance, misfit and scores of a model whose fit is done.
@@ -338,7 +339,7 @@ class Loop {
     if (const Eigen::VectorXd freedom = experiment_.freedom(); freedom.size() > 0)
       problem.freedom = stacked(freedom(rows_), Eigen::VectorXd::Constant(prior.residual.size(), std::numeric_limits<double>::infinity()));
     problem.null = stacked(model.ground->null(rows_, Eigen::all), prior.null);
-    problem.squares = stacked(model.ground->squares(rows_, Eigen::all), prior.null);
+    problem.squares = stacked(model.ground->squares(rows_, Eigen::all), prior.null.leftCols(model.ground->squares.cols()));
     std::vector<int> kept;
     for (std::size_t i = 0; i < signatures.size(); ++i) {
       const Eigen::MatrixXd signature = signatures[i](rows_, Eigen::all);

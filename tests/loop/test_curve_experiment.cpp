@@ -173,6 +173,9 @@ TEST(CurveExperiment, NothingIsFoundWhereNothingIsMissing) {
   const auto plateau = std::find_if(others.begin(), others.end(), [&](int k) { return experiment.candidates()[static_cast<std::size_t>(k)].name == "plateau"; });
   ASSERT_NE(plateau, others.end());
   EXPECT_GT(report.declared.scores.candidates[static_cast<std::size_t>(plateau - others.begin())].visibility, 0.1);
+  // Scores of many marks are judged by a covariance of far more draws than there are marks; sums of squares take time, and a hundred tell.
+  EXPECT_EQ(report.declared.ground->null.cols(), 2000);
+  EXPECT_EQ(report.declared.ground->squares.cols(), 100);
   // Whitened with the bars' own scatter, and not weighed by it once more.
   const auto N = static_cast<Eigen::Index>(experiment.data().size());
   EXPECT_TRUE(report.declared.ground->weight(Eigen::MatrixXd::Identity(N, N)).isIdentity(1e-12));
