@@ -229,5 +229,17 @@ TEST(CurveExperiment, RateIsInTheSet) {
   EXPECT_LE(report.final.misfit.held_out, report.final.misfit.null_held_out);
 }
 
+/// A plateau of 4 % bends the declared hardening until S_inf is below S_y: from there its identification stops at a third of it.
+TEST(CurveExperiment, ALargePlateauIsNamedAlone) {
+  auto start = truth;  // a declaration is never right
+  start["S_y"] = 230.0, start["S_inf"] = 450.0, start["b"] = 14.0, start["H"] = 600.0;
+  CurveExperiment experiment(Communicator(), bars(6, {{"eps_L", 0.04}}), model(start));
+  const Report report = loop_on(experiment);
+  ASSERT_EQ(report.named.size(), 1U) << report.sentence;
+  const Candidate& named = experiment.candidates()[static_cast<std::size_t>(report.named.front())];
+  EXPECT_EQ(named.name, "plateau") << report.sentence;
+  EXPECT_NEAR(report.final.fit.values[static_cast<std::size_t>(named.parameters.front())], 0.04, 1e-3);
+}
+
 }  // namespace
 }  // namespace imic3d::loop
