@@ -4,7 +4,7 @@ plasticity, integrated in small implicit steps; nothing of imic3d), with an effe
 differ, noise and rounding; imic3d has to say what is missing. LOOP: sizes are multiples of the smallest detectable one (MDE), which a
 test without any effect reports.
 
-tools/blind_suite.py [--reduced] [--seeds N] [--out FOLDER] [--imic3d PROGRAM]
+tools/blind_suite.py [--reduced] [--seeds N] [--nulls N] [--only EFFECT ...] [--out FOLDER] [--imic3d PROGRAM]
 
 Writes FOLDER/trials.csv (one line a trial), FOLDER/table.md and prints the table."""
 
@@ -148,6 +148,7 @@ def main():
     parser.add_argument("--reduced", action="store_true", help="six effects, one seed, 10 x MDE, two nulls, one outside the library; fails where a verdict is wrong")
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--nulls", type=int, default=20)
+    parser.add_argument("--only", nargs="+", choices=[*EFFECTS, "left out", "pairs", "outside"], help="these effects and kinds of trials alone")
     parser.add_argument("--out", default="runs/blind_suite")
     parser.add_argument("--imic3d", default="build/release/imic3d")
     options = parser.parse_args()
@@ -161,7 +162,7 @@ def main():
         if seed == 0 and result:
             detectable = {one["name"]: one["sizes"][0]["detectable"] for one in result["before"]["candidates"]}
             for name, (parameter, shapes, _, _) in EFFECTS.items():
-                if shapes and (not options.reduced or name in REDUCED):
+                if shapes and (not options.reduced or name in REDUCED) and (not options.only or name in options.only or {"left out", "pairs"} & set(options.only)):
                     with_it = suite.run(suite.folder / f"declared_{name}", {"declare": {name: {parameter: 0.0} | shapes}}, 1000)
                     if with_it:
                         detectable[name] = (result["before"]["threshold"] + 0.84) * with_it["before"]["parameters"][parameter]["standard_deviation"]
@@ -170,7 +171,8 @@ def main():
         parameter, shapes, usual, _ = EFFECTS[effect]
         return {parameter: usual if multiple == "usual" else NULLS.get(parameter, 0.0) + multiple * detectable[effect]} | shapes
 
-    effects = REDUCED if options.reduced else list(EFFECTS)
+    wanted = lambda what: not options.only or what in options.only
+    effects = [effect for effect in (REDUCED if options.reduced else EFFECTS) if wanted(effect)]
     for effect in effects:
         parameter, _, _, largest = EFFECTS[effect]
         # No multiples where no size would be found.
@@ -182,13 +184,13 @@ def main():
         at_ten = {effect: planted(effect, 10) for effect in EFFECTS if effect in detectable}
         at_ten = {effect: its for effect, its in at_ten.items() if its[EFFECTS[effect][0]] <= EFFECTS[effect][3]}
         for effect, its in at_ten.items():
-            for seed in range(options.seeds):
+            for seed in range(options.seeds if wanted("left out") else 0):
                 suite.trial("without", effect, "-", its | {"leave_out": [effect]}, 50 + seed)
         for pair in PAIRS:
-            for seed in range(options.seeds if set(pair) <= set(at_ten) else 0):
+            for seed in range(options.seeds if wanted("pairs") and set(pair) <= set(at_ten) else 0):
                 suite.trial("pair", " + ".join(pair), "-", at_ten[pair[0]] | at_ten[pair[1]], 200 + seed)
     for name, its in list(OUTSIDE.items())[2 if options.reduced else 0:]:
-        for seed in range(1 if options.reduced else options.seeds):
+        for seed in range(0 if not wanted("outside") else 1 if options.reduced else options.seeds):
             suite.trial("outside", name, "-", its, 100 + seed)
     suite.report()
     if options.reduced:

@@ -156,7 +156,7 @@ class Loop {
       say(fmt::format("  what mesh, correlation and scatter err by is learned: chi {:.3f}", std::sqrt(best.cost / static_cast<double>(rows_.size()))));
       if (experiment_.learned() && !moved_far(at, best)) break;  // scatter of bars, which is put back with no model, is learned again
     }
-    say(fmt::format("null ensemble: 2 x {} draws of the noise", options_.draws));
+    say(fmt::format("null ensemble: {} + {} draws of the noise", options_.draws, experiment_.draws(options_.draws)));
     report_.declared.ground = ground_of(best.values);
     report_.declared.fit = fit(experiment_, report_.declared.ground->weight, rows_, free, best.values);
     finish(report_.declared);
@@ -175,8 +175,9 @@ class Loop {
   std::shared_ptr<const Ground> ground_of(const std::vector<double>& values) const {
     auto ground = std::make_shared<Ground>();
     ground->learned = experiment_.learned();
-    // One half of the draws says how the numbers of a frame vary together, the other what is left of them then: no draw judges itself.
-    Eigen::MatrixXd null = experiment_.noise(values, 2 * options_.draws);
+    // Some draws say how the numbers of a frame vary together, others what is left of them then: no draw judges itself.
+    const int draws = experiment_.draws(options_.draws);
+    Eigen::MatrixXd null = experiment_.noise(values, options_.draws + draws);
     doubt_bias(null);
     Eigen::MatrixXd of_weight = null.leftCols(options_.draws);
     // Numbers whose noise was estimated from themselves are whitened with that; to weigh them by it once more would be to trust it twice.
@@ -184,7 +185,7 @@ class Loop {
     for (Eigen::Index i = 0; i < freedom.size(); ++i)
       if (std::isfinite(freedom[i])) of_weight.row(i).setZero();
     ground->weight = Weight(experiment_.data(), of_weight);
-    ground->null = ground->weight(null.rightCols(options_.draws));
+    ground->null = ground->weight(null.rightCols(draws));
     ground->squares = ground->weight(experiment_.noise_of_squares(values, null.rightCols(options_.draws)));
     if (rigs_ > 1) ground->apart = Weight(experiment_.data(), of_weight, 2, true);
     return ground;
@@ -263,7 +264,7 @@ class Loop {
 
   /// Draws of the null less what the free parameters, fitted to them, explain [N x draws].
   Eigen::MatrixXd fitted(const Eigen::MatrixXd& draws, const Model& model, const Eigen::MatrixXd& pull, const Known& prior) const {
-    return draws - model.fit.sensitivity * (pull * stacked(draws(rows_, Eigen::all), prior.null));
+    return draws - model.fit.sensitivity * (pull * stacked(draws(rows_, Eigen::all), prior.null.leftCols(draws.cols())));
   }
 
   /// Covariance, misfit and scores of a model whose fit is done.
@@ -338,7 +339,7 @@ class Loop {
     if (const Eigen::VectorXd freedom = experiment_.freedom(); freedom.size() > 0)
       problem.freedom = stacked(freedom(rows_), Eigen::VectorXd::Constant(prior.residual.size(), std::numeric_limits<double>::infinity()));
     problem.null = stacked(model.ground->null(rows_, Eigen::all), prior.null);
-    problem.squares = stacked(model.ground->squares(rows_, Eigen::all), prior.null);
+    problem.squares = stacked(model.ground->squares(rows_, Eigen::all), prior.null.leftCols(model.ground->squares.cols()));
     std::vector<int> kept;
     for (std::size_t i = 0; i < signatures.size(); ++i) {
       const Eigen::MatrixXd signature = signatures[i](rows_, Eigen::all);
@@ -425,6 +426,13 @@ class Loop {
     return false;
   }
 
+  bool shaped(int k) const {
+    const auto& its = candidate(k).parameters;
+    return std::any_of(its.begin(), its.end(), [&](int j) { return experiment_.parameters()[static_cast<std::size_t>(j)].info.shape; });
+  }
+  /// An effect of the law without a shape, looked for where the misfit is large.
+  bool from_afar(const Model& at, int k) const { return candidate(k).link == Link::material && !shaped(k) && at.misfit.fitted > 2.0 * at.misfit.null_fitted; }
+
   Round try_candidates(const Model& at) {
     const std::vector<Score>& scores = at.scores.candidates;
     std::vector<std::size_t> order, invisible;
@@ -434,6 +442,9 @@ class Loop {
       std::sort(list->begin(), list->end(), [&](std::size_t a, std::size_t b) { return scores[a].z > scores[b].z; });
       if (list->size() > static_cast<std::size_t>(options_.rivals)) list->resize(static_cast<std::size_t>(options_.rivals));
     }
+    // Far from the truth the linear score says nothing of an effect whose mark changes with its size: it may be that of a negative one.
+    for (std::size_t i = 0; i < at.others.size(); ++i)
+      if (from_afar(at, at.others[i]) && scores[i].visibility >= least_visibility && std::find(order.begin(), order.end(), i) == order.end()) order.push_back(i);
     // An invisible effect whose score is beyond those of all that are seen may be what is there: it is named where it suffices, after those that are seen.
     std::erase_if(invisible, [&](std::size_t i) { return !order.empty() && scores[i].z < scores[order.front()].z; });
     const std::size_t seen = order.size();
@@ -451,18 +462,31 @@ class Loop {
       // From the size that the score predicts (next to the null value where a shape decides what it is, for three of its values), and
       // from the null value; the best one stands.
       const auto& its = candidate(trial.candidate).parameters;
-      const bool shaped = std::any_of(its.begin(), its.end(), [&](int j) { return experiment_.parameters()[static_cast<std::size_t>(j)].info.shape; });
+      const bool with_shape = shaped(trial.candidate);
       std::vector<std::vector<double>> starts;
-      for (double factor : shaped ? std::vector<double>{1.0, 8.0, 0.125} : std::vector<double>{1.0}) {
+      for (double factor : with_shape ? std::vector<double>{1.0, 8.0, 0.125} : std::vector<double>{1.0}) {
         std::vector<double>& start = starts.emplace_back(at.fit.values);
         for (std::size_t k = 0; k < its.size(); ++k) {
           const auto j = static_cast<std::size_t>(its[k]);
           const Parameter& p = experiment_.parameters()[j];
           const double margin = std::isfinite(p.info.upper - p.info.lower) ? 0.05 * (p.info.upper - p.info.lower) : p.step;
-          const double size = shaped ? p.step : at.scores.candidates[i].size[static_cast<Eigen::Index>(k)];
+          const double size = with_shape ? p.step : at.scores.candidates[i].size[static_cast<Eigen::Index>(k)];
           const double wanted = !p.info.shape ? start[j] + size : start[j] != 0.0 ? factor * start[j] : factor < 1.0 ? 0.0 : factor * p.info.scale / 8.0;
           start[j] = std::clamp(wanted, p.info.lower + margin, p.info.upper - margin);
         }
+      }
+      // What is missing bends the declared parameters, and no way may lead from there to where it is: from their declared values too.
+      const bool bent = from_afar(at, trial.candidate);
+      for (double factor : bent ? std::vector<double>{1.0, 3.0} : std::vector<double>{}) {
+        std::vector<double> start = starts.front();
+        for (int j : free_of({}))
+          if (const Parameter& p = experiment_.parameters()[static_cast<std::size_t>(j)]; !p.info.null_value) start[static_cast<std::size_t>(j)] = p.value;
+        for (int j : its) {
+          const auto k = static_cast<std::size_t>(j);
+          const Parameter& p = experiment_.parameters()[k];
+          start[k] = std::clamp(at.fit.values[k] + factor * (start[k] - at.fit.values[k]), p.info.lower, p.info.upper);
+        }
+        starts.push_back(std::move(start));
       }
       starts.push_back(at.fit.values);
       bool fitted = false;
@@ -472,7 +496,7 @@ class Loop {
           if (!fitted || one.cost < trial.model.fit.cost) trial.model.fit = std::move(one);
           fitted = true;
           const bool down_to_noise = std::sqrt(trial.model.fit.cost / static_cast<double>(rows_.size())) < at.misfit.null_fitted;
-          if (trial.model.fit.converged && trial.model.fit.cost < at.fit.cost && (!shaped || down_to_noise)) break;
+          if (trial.model.fit.converged && trial.model.fit.cost < at.fit.cost && (!(with_shape || bent) || down_to_noise)) break;
         } catch (const ConvergenceError& error) {
           trial.model.message = error.what();
         }

@@ -336,7 +336,7 @@ std::vector<Eigen::VectorXd> CurveExperiment::residuals_near(const std::vector<d
   return result;
 }
 
-Eigen::VectorXd CurveExperiment::freedom() const { return freedom_ > 0.0 ? Eigen::VectorXd::Constant(static_cast<Eigen::Index>(bins_.size()), std::max(3.0, freedom_ - degree)) : Eigen::VectorXd(); }
+Eigen::VectorXd CurveExperiment::freedom() const { return freedom_ > 0.0 ? Eigen::VectorXd::Constant(static_cast<Eigen::Index>(bins_.size()), std::max(3.0, freedom_ - coefficients_that_differ() + 1.0)) : Eigen::VectorXd(); }
 
 double CurveExperiment::round_off() const {
   double square = 0.0;
@@ -430,6 +430,21 @@ void CurveExperiment::learn_bias(const std::vector<double>& values) {
   whitening_ = whitening_of(scatter_);
 }
 
+/// Coefficients whose variance is that of the bars, and so estimated from them: tr D (D + s^2 (B^T B)^-1)^-1, the mean of all bars. What the noise of the bins makes of a
+/// coefficient is known from many of them.
+double CurveExperiment::coefficients_that_differ() const {
+  if (scatter_.covariance.size() == 0) return degree + 1;
+  double sum = 0.0, bars_seen = 0.0;
+  for (const auto& [group, bars] : repeated_)
+    for (const auto& bar : bars) {
+      const Eigen::MatrixXd& D = scatter_.covariance;
+      const Eigen::MatrixXd signal = D * (bar.B.transpose() * bar.B) / std::pow(scatter_.bin_noise[bar.curve], 2), unity = Eigen::MatrixXd::Identity(degree + 1, degree + 1);
+      sum += (unity + signal).partialPivLu().solve(signal).trace();
+      bars_seen += 1.0;
+    }
+  return sum / bars_seen;
+}
+
 /// Correlation of what cubics leave of the deviations of a group, from bin to bin: 0 if that is white noise.
 double CurveExperiment::correlation_beyond_cubics(const std::string& group) const {
   const auto& bars = repeated_.at(group);
@@ -485,11 +500,12 @@ Eigen::MatrixXd CurveExperiment::bars_like_these(int draws, double grown, unsign
   return result;
 }
 
+int CurveExperiment::draws(int asked) const { return std::max(asked, 2000); }
+
 /// A score that is weighed with a covariance of p coefficients, itself estimated with n degrees of freedom, varies by n/(n - p - 1) (n - 1)/(n - p) more than that
 /// covariance says (S a Wishart matrix: s^T S^-1 d/sqrt(s^T S^-1 s)); its tails are those of Student's t with n - p + 1.
 Eigen::MatrixXd CurveExperiment::noise(const std::vector<double>&, int draws) {
-  constexpr double p = degree + 1;
-  const double n = std::max(freedom_, p + 2.0);
+  const double p = coefficients_that_differ(), n = std::max(freedom_, p + 2.0);
   Eigen::MatrixXd result = bars_like_these(draws, std::sqrt(n / (n - p - 1.0) * (n - 1.0) / (n - p)), 3);
   for (auto column : result.colwise()) column = whitened(column);
   return result;

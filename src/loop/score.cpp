@@ -5,6 +5,7 @@
 #include <cmath>
 #include <map>
 #include <random>
+#include <utility>
 
 #include "imic3d/loop/statistics.hpp"
 
@@ -16,6 +17,9 @@ namespace {
 struct Columns {
   Eigen::Index first, count;
 };
+
+/// Standard deviation of Student's t.
+double unit_of(double freedom) { return std::sqrt(freedom / (freedom - 2.0)); }
 
 /// Scores with one covariance: what turns z into the statistics.
 class Test {
@@ -36,12 +40,19 @@ class Test {
     const Eigen::VectorXd v = weights_[j] * z;
     return std::max(0.0, v.dot(inverse_[j] * v));
   }
-  [[nodiscard]] double largest_z(const Eigen::VectorXd& z, const std::vector<char>& visible) const {
-    std::map<Eigen::Index, double> statistics;  // the largest of each number of degrees: of these it is the largest statistic
-    for (std::size_t j = 0; j < weights_.size(); ++j)
-      if (visible[j] != 0) statistics[columns_[j].count] = std::max(statistics[columns_[j].count], statistic(j, z));
+  /// Of scores whose noise was estimated from few data: `freedom` of each candidate, `scale` the standard normal number that its estimate comes of in this test.
+  [[nodiscard]] double largest_z(const Eigen::VectorXd& z, const std::vector<char>& visible, const std::vector<double>& freedom, double scale) const {
+    std::map<std::pair<Eigen::Index, double>, double> statistics;  // the largest of each number of degrees and freedom: of these it is the largest statistic
+    for (std::size_t j = 0; j < weights_.size(); ++j) {
+      auto& largest = statistics[{columns_[j].count, freedom[j]}];
+      if (visible[j] != 0) largest = std::max(largest, statistic(j, z));
+    }
     double largest = 0.0;
-    for (const auto& [degrees, its] : statistics) largest = std::max(largest, deviations(log_chi_squared_tail(its, static_cast<int>(degrees))));
+    for (const auto& [group, its] : statistics) {
+      const auto [degrees, of_variance] = group;
+      const double unit = unit_of(of_variance), share = 2.0 / (9.0 * of_variance), ratio = std::pow(std::max(0.1, 1.0 - share + scale * std::sqrt(share)), 3);  // chi^2/freedom (Wilson and Hilferty 1931)
+      largest = std::max(largest, student_as_normal(unit * deviations(log_chi_squared_tail(its / (unit * unit * ratio), static_cast<int>(degrees))), of_variance));
+    }
     return largest;
   }
   /// Of the first `k` parameters, the rest held at null.
@@ -139,11 +150,14 @@ Scores score(const ScoreProblem& problem) {
   result.omnibus_p = 0.5 * std::erfc(result.omnibus / std::sqrt(2.0));
   if (families == 0) return result;
 
-  // Scores are sums of many numbers: Gaussian. The null of the largest z is that of Gaussian scores of covariance C, judged by a covariance that was itself
+  std::vector<double> freedom;
+  for (const auto& [first, count] : columns) freedom.push_back(freedom_of(problem.freedom, A.middleCols(first, count)));
+
+  // Scores are sums of many numbers: Gaussian, and of Student's t where the noise is an estimate, which is one for all: in a test where it is too small all scores are large. The null of the largest z is that of Gaussian scores of covariance C, judged by a covariance that was itself
   // estimated from as many draws: taken as known, it would be too good for the draws that it was made of, and small tails of few draws say little.
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(C);
   const Eigen::MatrixXd root = eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal();
-  std::mt19937_64 random(1);
+  std::mt19937_64 random(1), of_scale(2);
   std::normal_distribution<double> normal;
   const auto drawn = [&](Eigen::Index count) -> Eigen::MatrixXd {
     Eigen::MatrixXd white(m, count);
@@ -155,7 +169,7 @@ Scores score(const ScoreProblem& problem) {
   for (Eigen::Index k = 0; k < covariances; ++k) {
     const Test other(covariance(drawn(Z.cols()), G), G, columns);
     const Eigen::MatrixXd scores = drawn(each);
-    for (Eigen::Index b = 0; b < each; ++b) result.null_largest[k * each + b] = other.largest_z(scores.col(b), visible);
+    for (Eigen::Index b = 0; b < each; ++b) result.null_largest[k * each + b] = other.largest_z(scores.col(b), visible, freedom, std::normal_distribution<double>()(of_scale));
   }
   result.threshold = upper_quantile(result.null_largest, level_of_scores);
 
@@ -167,9 +181,8 @@ Scores score(const ScoreProblem& problem) {
     one.degrees = static_cast<int>(count);
     one.statistic = test.statistic(j, z);
     one.p = chi_squared_tail(one.statistic, one.degrees);
-    const double freedom = freedom_of(problem.freedom, A.middleCols(first, count));
-    const double unit = std::sqrt(freedom / (freedom - 2.0));  // C holds the variance of Student's t
-    one.z = student_as_normal(unit * deviations(log_chi_squared_tail(one.statistic, one.degrees)), freedom);
+    const double unit = unit_of(freedom[j]);  // C holds the variance of Student's t
+    one.z = student_as_normal(unit * deviations(log_chi_squared_tail(one.statistic, one.degrees)), freedom[j]);
     one.visibility = visibility[j];
     if (visible[j] != 0) largest = std::max(largest, one.z);
     const Eigen::MatrixXd own = A.middleCols(first, count);
@@ -179,7 +192,7 @@ Scores score(const ScoreProblem& problem) {
     const Eigen::VectorXd scale = length.segment(first, sizes).cwiseInverse();
     one.size = test.size(j, sizes, z).cwiseProduct(scale);
     one.deviation = test.covariance(j, sizes).diagonal().cwiseMax(0.0).cwiseSqrt().cwiseProduct(scale);
-    one.detectable = (normal_as_student(result.threshold + 0.84, freedom) / unit / test.information(j).diagonal().cwiseMax(1e-300).array().sqrt()).matrix().cwiseQuotient(length.segment(first, count));
+    one.detectable = (normal_as_student(result.threshold + 0.84, freedom[j]) / unit / test.information(j).diagonal().cwiseMax(1e-300).array().sqrt()).matrix().cwiseQuotient(length.segment(first, count));
     one.bias = pull * problem.signatures[j].leftCols(sizes);
     result.candidates.push_back(std::move(one));
   }

@@ -159,6 +159,8 @@ BarResponse pull_bar(const FiniteStrainLaw& law, std::span<const double> paramet
     int count = std::max(1, static_cast<int>(std::ceil(std::abs(way) / options.largest_step - 1e-9))), halvings = 0;
     for (int k = 1; k <= count;) {
       if (bar.step(k == count ? history.strain[row] : from + way * k / count, duration / count)) {
+        // Short steps where they are needed only: one corner of the curve would else cost thousands of them to the end of its row.
+        if (halvings > 0 && k % 2 == 0) --halvings, k /= 2, count /= 2;
         ++k;
         continue;
       }

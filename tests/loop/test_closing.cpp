@@ -336,6 +336,13 @@ TEST(Baselines, SimplerMethodsOnTheSameMarks) {
   EXPECT_NEAR(found.cosine[2], 0.0, 1e-6);
   problem.signatures.push_back(2.0 * problem.signatures[1]);  // a twin explains nothing more
   EXPECT_EQ(baselines(problem).bic, std::vector<int>{1});
+
+  // Of two marks much alike the second explains what it has beyond the first: more than ln 200, of which the whole mark would show a tenth.
+  problem.sensitivity.resize(200, 0);
+  const Eigen::VectorXd first = Eigen::VectorXd::Unit(200, 0), beyond = Eigen::VectorXd::Unit(200, 1);
+  problem.signatures = {first, 0.95 * first + std::sqrt(1.0 - 0.95 * 0.95) * beyond};
+  problem.residual = 20.0 * first - 5.0 * beyond;
+  EXPECT_EQ(baselines(problem).bic, (std::vector<int>{0, 1}));
 }
 
 /// What is left of a large effect that the parameters absorb looks like the twins: it is in the set with them, and not kept out for being invisible.

@@ -173,6 +173,9 @@ TEST(CurveExperiment, NothingIsFoundWhereNothingIsMissing) {
   const auto plateau = std::find_if(others.begin(), others.end(), [&](int k) { return experiment.candidates()[static_cast<std::size_t>(k)].name == "plateau"; });
   ASSERT_NE(plateau, others.end());
   EXPECT_GT(report.declared.scores.candidates[static_cast<std::size_t>(plateau - others.begin())].visibility, 0.1);
+  // Scores of many marks are judged by a covariance of far more draws than there are marks; sums of squares take time, and a hundred tell.
+  EXPECT_EQ(report.declared.ground->null.cols(), 2000);
+  EXPECT_EQ(report.declared.ground->squares.cols(), 100);
   // Whitened with the bars' own scatter, and not weighed by it once more.
   const auto N = static_cast<Eigen::Index>(experiment.data().size());
   EXPECT_TRUE(report.declared.ground->weight(Eigen::MatrixXd::Identity(N, N)).isIdentity(1e-12));
@@ -224,6 +227,18 @@ TEST(CurveExperiment, RateIsInTheSet) {
   EXPECT_NE(std::find(names.begin(), names.end(), "rate"), names.end()) << report.sentence;
   EXPECT_GT(report.declared.misfit.held_out, report.declared.misfit.null_held_out);
   EXPECT_LE(report.final.misfit.held_out, report.final.misfit.null_held_out);
+}
+
+/// A plateau of 4 % bends the declared hardening until S_inf is below S_y: from there its identification stops at a third of it.
+TEST(CurveExperiment, ALargePlateauIsNamedAlone) {
+  auto start = truth;  // a declaration is never right
+  start["S_y"] = 230.0, start["S_inf"] = 450.0, start["b"] = 14.0, start["H"] = 600.0;
+  CurveExperiment experiment(Communicator(), bars(6, {{"eps_L", 0.04}}), model(start));
+  const Report report = loop_on(experiment);
+  ASSERT_EQ(report.named.size(), 1U) << report.sentence;
+  const Candidate& named = experiment.candidates()[static_cast<std::size_t>(report.named.front())];
+  EXPECT_EQ(named.name, "plateau") << report.sentence;
+  EXPECT_NEAR(report.final.fit.values[static_cast<std::size_t>(named.parameters.front())], 0.04, 1e-3);
 }
 
 }  // namespace

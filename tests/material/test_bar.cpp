@@ -85,5 +85,61 @@ TEST(Bar, FollowsSofteningToTheEndAndRefusesPlaneStress) {
   EXPECT_THROW((void)pull_bar(*plane, testing::voce_parameters(), cycle()), std::invalid_argument);
 }
 
+/// A law that follows short steps only where the axial strain is between 0.010 and 0.0125; counts what it is asked.
+class Corner final : public FiniteStrainLaw {
+ public:
+  Corner(std::shared_ptr<const FiniteStrainLaw> law, double shortest) : law_(std::move(law)), shortest_(shortest) {}
+  [[nodiscard]] const std::string& name() const override { return law_->name(); }
+  [[nodiscard]] const std::vector<ParameterInfo>& parameters() const override { return law_->parameters(); }
+  [[nodiscard]] int history_size() const override { return law_->history_size(); }
+  void initialise(std::span<double> history) const override { law_->initialise(history); }
+  [[nodiscard]] int plastic_strain_index() const override { return law_->plastic_strain_index(); }
+  [[nodiscard]] int thickness_strain_index() const override { return law_->thickness_strain_index(); }
+  [[nodiscard]] bool update(const Matrix3& F, double time_increment, std::span<const double> parameters, std::span<const double> history_old, std::span<double> history_new, Response& response,
+                            bool with_tangent) const noexcept override {
+    ++asked;
+    const double strain = std::log(F(0, 0));
+    return !(strain > 0.010 && strain < 0.0125 && time_increment > shortest_) && law_->update(F, time_increment, parameters, history_old, history_new, response, with_tangent);
+  }
+  [[nodiscard]] bool parameter_derivatives(const Matrix3& F, double time_increment, std::span<const double> parameters, std::span<const double> history_old,
+                                           Eigen::Ref<Eigen::Matrix<double, 6, Eigen::Dynamic>> derivatives) const noexcept override {
+    return law_->parameter_derivatives(F, time_increment, parameters, history_old, derivatives);
+  }
+  [[nodiscard]] bool directional_derivatives(const Matrix3& F, std::span<const Matrix3> dF, double time_increment, std::span<const double> parameters, std::span<const double> d_parameters,
+                                             std::span<const double> history_old, std::span<const double> d_history_old, Vector6& kirchhoff, std::span<Vector6> d_kirchhoff,
+                                             std::span<double> d_history_new) const noexcept override {
+    return law_->directional_derivatives(F, dF, time_increment, parameters, d_parameters, history_old, d_history_old, kirchhoff, d_kirchhoff, d_history_new);
+  }
+  mutable int asked = 0;
+
+ private:
+  std::shared_ptr<const FiniteStrainLaw> law_;
+  double shortest_;
+};
+
+TEST(Bar, StepsAreShortWhereTheyMustBeAndLongAgain) {
+  const Corner law(make_law({.hardening = "voce"}), 1e-2);
+  // Two rows of 26 steps of 1.9 units of time; in one place steps must be 256 times as short. To the end of their row they would be 5000.
+  BarHistory history{.time = Eigen::VectorXd::LinSpaced(3, 0.0, 100.0), .strain = Eigen::VectorXd::LinSpaced(3, 0.0, 0.1001)};
+  const BarResponse r = pull_bar(law, testing::voce_parameters(), history);
+  ASSERT_EQ(r.rows, 3);
+  EXPECT_GT(law.asked, 500);
+  EXPECT_LT(law.asked, 3000);
+  const BarResponse straight = pull_bar(*make_law({.hardening = "voce"}), testing::voce_parameters(), history);
+  EXPECT_NEAR(r.kirchhoff[2] / straight.kirchhoff[2], 1.0, 1e-9);
+  RecordProperty("asked", law.asked);
+}
+
+/// 1 + C ln(1 + p'/rate_0) below zero: no yield stress is left, and a viscous stress on top of none is no metal's.
+TEST(Bar, ARateThatTakesTheYieldStressAwayIsNotFollowed) {
+  const auto c = testing::with_effects("rate and viscosity", {"viscosity", "rate"}, {0.7, 1.7, -0.2, 3e-4});
+  const auto pulled = [&](double rate) {
+    const Eigen::VectorXd strain = Eigen::VectorXd::LinSpaced(60, 0.0, 0.1);
+    return pull_bar(*c.made().law, c.parameters, {.time = strain / rate, .strain = strain}).rows;
+  };
+  EXPECT_EQ(pulled(1e-4), 60);  // 1 - 0.2 ln(1.3)
+  EXPECT_LT(pulled(500.0), 60); // 1 - 0.2 ln(1.7e6)
+}
+
 }  // namespace
 }  // namespace imic3d::material

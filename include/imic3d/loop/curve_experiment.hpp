@@ -47,9 +47,11 @@ class CurveExperiment final : public Experiment {
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) override;
   /// 1e-6 of the stress: a law with an effect at its null value solves other equations than one without it.
   [[nodiscard]] double round_off() const override;
-  /// Bars beyond one of each group, less the degree of their polynomial.
+  /// Bars beyond one of each group, less the coefficients that they differ in, plus one.
   [[nodiscard]] Eigen::VectorXd freedom() const override;
   void learn_bias(const std::vector<double>& values) override;
+  /// The covariance of forty scores takes far more draws than are worth their time where each is a simulation.
+  [[nodiscard]] int draws(int asked) const override;
   [[nodiscard]] Eigen::MatrixXd noise(const std::vector<double>& values, int draws) override;
   [[nodiscard]] Eigen::MatrixXd noise_of_squares(const std::vector<double>& values, const Eigen::MatrixXd& noise) override;
 
@@ -97,6 +99,7 @@ class CurveExperiment final : public Experiment {
     std::map<std::string, std::vector<Eigen::VectorXd>> deviations, coefficients;  // of the repeated bars of each group, from its mean: in bins; of the cubics
   };
   void find_repetitions();
+  [[nodiscard]] double coefficients_that_differ() const;
   [[nodiscard]] double correlation_beyond_cubics(const std::string& group) const;
   /// Bars that differ as `scatter_` says, `grown` times as much [N x draws, stress].
   [[nodiscard]] Eigen::MatrixXd bars_like_these(int draws, double grown, unsigned seed) const;

@@ -91,10 +91,12 @@ class Experiment {
     return Eigen::Map<const Eigen::Matrix2Xd>(displacement.data(), 2, displacement.size() / 2).colwise().norm().transpose();
   }
   [[nodiscard]] virtual std::string channel_name(int channel) const { return "camera " + std::to_string(channel); }
+  /// Draws of the null that are made where `asked` are asked for: more where they cost next to nothing.
+  [[nodiscard]] virtual int draws(int asked) const { return asked; }
   /// Residuals of a complete model with these values: random draws of all noise, that of the inputs propagated through the
   /// model [N x draws]. The same on every rank. Collective.
   [[nodiscard]] virtual Eigen::MatrixXd noise(const std::vector<double>& values, int draws) = 0;
-  /// The same for sums of squares, where the noise was estimated from the data: every draw in units of its own estimate. Collective.
+  /// The same for sums of squares, where the noise was estimated from the data: every draw in units of its own estimate; not more than those of `noise`. Collective.
   [[nodiscard]] virtual Eigen::MatrixXd noise_of_squares(const std::vector<double>& /*values*/, const Eigen::MatrixXd& noise) { return noise; }
 };
 

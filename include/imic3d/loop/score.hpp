@@ -50,7 +50,8 @@ constexpr double level_of_scores = 0.04, level_of_omnibus = 0.01;
 
 /// T_j = (G_j^T C^-1 z)^T (G_j^T C^-1 G_j)^-1 (G_j^T C^-1 z) with z = A^T r, A = P S the projected marks of all candidates, G = A^T A
 /// and C the covariance of z under the null. C is that of the draws, drawn towards G (the covariance of white noise) as far
-/// as their number asks for. The largest z is judged by Gaussian scores of covariance C, each tested with a covariance estimated anew from as many draws.
+/// as their number asks for. The largest z is judged by Gaussian scores of covariance C, each tested with a covariance estimated anew from as many draws; where `freedom` is finite they are
+/// of Student's t, with one scale for all scores of a test.
 [[nodiscard]] Scores score(const ScoreProblem& problem);
 
 /// What simpler methods would say of the same residual and the same marks; for comparison, no verdict rests on them.

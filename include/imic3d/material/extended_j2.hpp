@@ -96,6 +96,9 @@ struct ExtendedJ2 {
     if (!root) return false;
     if (const auto there = plain.flow(Dual<1>(*root)); !there || !(value(there->q) > 0.0))
       return false;  // no strength left
+    // A rate that takes the whole yield stress away: what would remain is the viscous stress of a fluid, and several rates for one stress.
+    if (const auto rate = plain.of(Effect::rate); !rate.empty() && step.time_increment > 0.0 && !(value(effects::JohnsonCookRate::factor(rate, Dual<1>(*root / step.time_increment))) > 0.0))
+      return false;
     const T dp = implicit_root(*root, at.residual(T(*root)), residual(Dual<1>::variable(*root, 0)).derivative[0]);
     at.finish(dp, result);
     return true;
