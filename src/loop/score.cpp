@@ -112,6 +112,19 @@ Scores score(const ScoreProblem& problem) {
   for (const auto& signature : problem.signatures) columns.push_back({m, signature.cols()}), m += signature.cols();
 
   const Projection projected(problem.sensitivity);
+  const Eigen::VectorXd Pr = projected(problem.residual);
+  const Eigen::MatrixXd PR = projected(problem.null);
+  Scores result;
+  result.energy = Pr.squaredNorm();
+  const Eigen::VectorXd null_energy = (problem.squares.size() > 0 ? projected(problem.squares) : PR).colwise().squaredNorm().transpose();
+  result.null_energy = null_energy.mean();
+  // The cube root of a sum of squares is all but normal (Wilson and Hilferty 1931); mean and deviation are those of the draws: Student's t.
+  const Eigen::ArrayXd roots = null_energy.array().max(1e-300).pow(1.0 / 3.0);
+  const double draws = static_cast<double>(roots.size()), deviation = std::sqrt((roots - roots.mean()).square().sum() / std::max(1.0, draws - 1.0));
+  result.omnibus = student_as_normal((std::cbrt(result.energy) - roots.mean()) / std::max(deviation * std::sqrt(1.0 + 1.0 / draws), 1e-300), draws - 1.0);
+  result.omnibus_threshold = 2.3263;  // 1 %
+  result.omnibus_p = 0.5 * std::erfc(result.omnibus / std::sqrt(2.0));
+  if (families == 0) return result;
 
   // Columns of unit length; the scales come back with the sizes.
   Eigen::MatrixXd A(N, m);
@@ -124,8 +137,6 @@ Scores score(const ScoreProblem& problem) {
     A.col(i) *= length[i] > 1e-7 * before[i] ? 1.0 / length[i] : 0.0;  // what is left of an invisible mark is round-off
   }
 
-  const Eigen::VectorXd Pr = projected(problem.residual);
-  const Eigen::MatrixXd PR = projected(problem.null);
   const Eigen::MatrixXd G = A.transpose() * A;
   const Eigen::VectorXd z = A.transpose() * Pr;
   const Eigen::MatrixXd Z = A.transpose() * PR;
@@ -137,18 +148,6 @@ Scores score(const ScoreProblem& problem) {
     visibility.push_back((length.segment(first, count).array() / before.segment(first, count).array()).maxCoeff());
     visible.push_back(visibility.back() >= least_visibility ? 1 : 0);
   }
-
-  Scores result;
-  result.energy = Pr.squaredNorm();
-  const Eigen::VectorXd null_energy = (problem.squares.size() > 0 ? projected(problem.squares) : PR).colwise().squaredNorm().transpose();
-  result.null_energy = null_energy.mean();
-  // The cube root of a sum of squares is all but normal (Wilson and Hilferty 1931); mean and deviation are those of the draws: Student's t.
-  const Eigen::ArrayXd roots = null_energy.array().max(1e-300).pow(1.0 / 3.0);
-  const double draws = static_cast<double>(roots.size()), deviation = std::sqrt((roots - roots.mean()).square().sum() / std::max(1.0, draws - 1.0));
-  result.omnibus = student_as_normal((std::cbrt(result.energy) - roots.mean()) / std::max(deviation * std::sqrt(1.0 + 1.0 / draws), 1e-300), draws - 1.0);
-  result.omnibus_threshold = 2.3263;  // 1 %
-  result.omnibus_p = 0.5 * std::erfc(result.omnibus / std::sqrt(2.0));
-  if (families == 0) return result;
 
   std::vector<double> freedom;
   for (const auto& [first, count] : columns) freedom.push_back(freedom_of(problem.freedom, A.middleCols(first, count)));

@@ -169,6 +169,16 @@ TEST(Statistics, StudentsTails) {
 }
 
 /// Noise whose size was estimated with few degrees of freedom: each test's own size is off, and the largest of twenty scores has Student's tails.
+TEST(Closing, AllCandidatesMayBeLeftOut) {
+  Curves experiment(5, {{Curves::kink, 6.0}});
+  LoopOptions none = options;
+  for (const auto& one : experiment.candidates()) none.leave_out.push_back(one.name);
+  const Report report = close_loop(experiment, none);
+  EXPECT_EQ(report.verdict, Verdict::unexplained) << report.sentence;
+  EXPECT_TRUE(report.named.empty());
+  EXPECT_GT(report.declared.scores.omnibus, report.declared.scores.omnibus_threshold);
+}
+
 TEST(Scores, FewDegreesOfFreedomRaiseNoMoreAlarms) {
   constexpr int N = 40, tests = 100;
   constexpr double freedom = 5.0;
