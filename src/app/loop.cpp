@@ -144,6 +144,13 @@ nlohmann::json settle_light(const Communicator& world, std::optional<Observation
   return std::move(found.json);
 }
 
+/// The names, which were checked before, but for those of effects that this test cannot have.
+std::vector<std::string> of_candidates(const loop::Experiment& experiment, std::vector<std::string> names) {
+  const auto& all = experiment.candidates();
+  std::erase_if(names, [&](const std::string& name) { return std::none_of(all.begin(), all.end(), [&](const auto& one) { return loop::key_of(one.name) == loop::key_of(name); }); });
+  return names;
+}
+
 loop::LoopOptions how(const io::Case& test, std::vector<int> held_out) {
   return {.draws = test.loop.draws, .additions = test.loop.additions, .rivals = test.loop.rivals, .starts = test.loop.starts, .leave_out = test.loop.leave_out, .held_out = std::move(held_out)};
 }
@@ -263,7 +270,9 @@ void loop_on_tests(const Communicator& world, const CommandOptions& options, con
     joined.push_back({all.tests[k].name, &tests.back()->experiment(), std::move(held)});
   }
   loop::JointExperiment experiment(std::move(joined));
-  const auto report = loop::close_loop(experiment, how(all, experiment.held_out()), say);
+  auto options_of_all = how(all, experiment.held_out());
+  options_of_all.leave_out = of_candidates(experiment, options_of_all.leave_out);
+  const auto report = loop::close_loop(experiment, options_of_all, say);
   for (std::size_t k = 0; k < tests.size(); ++k) {
     const auto own = folder / all.tests[k].name;
     collectively(world, [&] {
@@ -302,7 +311,9 @@ void loop(const Communicator& world, const CommandOptions& options) {
   check_left_out(test.loop.leave_out, {&test, 1}, {});
   const auto folder = output_folder(test, options, world);
   const auto one = make_test(world, test, say);
-  const auto report = loop::close_loop(one->experiment(), how(test, one->held_out()), say);
+  auto options_of_test = how(test, one->held_out());
+  options_of_test.leave_out = of_candidates(one->experiment(), options_of_test.leave_out);
+  const auto report = loop::close_loop(one->experiment(), options_of_test, say);
   one->write(folder, report, seconds());
 }
 
