@@ -57,20 +57,15 @@ void settle_derivatives(Path& path, const ForwardModel& model, const ImageData& 
   }
 }
 
-/// Of simulations that only lead to where the iterations begin.
-constexpr mechanics::Accuracy accuracy_of_start{.forces = 1e-5, .derivatives = 0.02};
+/// Of simulations that only lead to where the iterations begin: with steps of 10 % it moves by 1e-6, and what comes out by a hundredth of that.
+constexpr mechanics::Accuracy accuracy_of_start{.forces = 1e-7, .derivatives = 1e-5};
 
-/// Whether the next step, after one of this size, is far too large to be the last: its simulation need not be accurate, and decides nothing.
-bool leads_on(double eta, const GaussNewtonOptions& options) {
-  return options.sensitivities == Sensitivities::direct && eta > std::max(0.03, 30.0 * options.eta);
-}
-
-/// Of the simulation after a step `eta`. On the plate of docs/performance.md the residual 1e-8 moves the parameters by 1e-9, and 1e-6 of a derivative
-/// moves a last step below eta_c = 1e-3 by as much. Differences of perturbed simulations need all digits.
-mechanics::Accuracy accuracy_after(double eta, const GaussNewtonOptions& options) {
+/// Of the simulations that steps follow from. What is left depends on the factors at hand, and must not show where a run is taken up again without them (1e-8 of
+/// the parameters): a residual moves them by a tenth of it on the plate of docs/performance.md, by as much where two parameters are
+/// hard to tell apart. Differences of perturbed simulations need all digits.
+mechanics::Accuracy accuracy_of_steps(const GaussNewtonOptions& options) {
   if (options.sensitivities == Sensitivities::perturbed) return {};
-  if (leads_on(eta, options)) return {.forces = 1e-6, .derivatives = 1e-3};
-  return {.forces = std::clamp(1e-5 * options.eta, 1e-10, 1e-8), .derivatives = std::clamp(1e-3 * options.eta, 1e-9, 1e-6)};
+  return {.forces = std::clamp(1e-6 * options.eta, 1e-10, 1e-9), .derivatives = std::clamp(1e-4 * options.eta, 1e-9, 1e-7)};
 }
 
 Linearisation linearise(ForwardModel& model, const ImageData& images, const std::vector<double>& parameters,
@@ -525,7 +520,7 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
   if (at.iterates.empty()) {
     if (model.differentiable() && control_of_images(options) == Control::force)
       parameters = nearest_reaction(model, parameters, information, stage, options);
-    at.linear = linearise(model, images, parameters, stage, options, accuracy_after(0.0, options));
+    at.linear = linearise(model, images, parameters, stage, options, accuracy_of_steps(options));
     if (at.linear.frames == 0) throw ConvergenceError("the first frame cannot be simulated: " + at.linear.message);
     at.normal = assemble(world, model, images, at.linear, stage, options);
     note(0.0, false);
@@ -535,18 +530,17 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
     Eigen::VectorXd step = step_within_bounds(at.normal.matrix, at.normal.right, parameters, information, stage, options);  // Eq. (10)
     const double before = at.iterates.back().cost;
     const int frames_before = at.iterates.back().frames;
-    const bool coarse = leads_on(at.iterates.back().eta, options);
     double eta = 0.0;
     for (int halving = 0;; ++halving) {
       const auto trial = moved(parameters, step, stage);
       eta = relative_size(step, trial, stage, options);  // Eq. (13)
-      if (halving == 0 && eta < options.eta && !coarse) {  // a shortened step starts from where `linear` no longer is
+      if (halving == 0 && eta < options.eta) {  // a shortened step starts from where `linear` no longer is
         parameters = trial;
         extrapolate(at.linear, step);
         at.normal = assemble(world, model, images, at.linear, stage, options);
         break;
       }
-      at.linear = linearise(model, images, trial, stage, options, accuracy_after(eta, options));
+      at.linear = linearise(model, images, trial, stage, options, accuracy_of_steps(options));
       at.normal = assemble(world, model, images, at.linear, stage, options);
       const double after = at.normal.frames > 0 ? at.normal.cost / at.normal.frames : INFINITY;
       // Small steps are taken as they are: the cost no longer tells them apart from the noise.
@@ -557,7 +551,7 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
       }
       step *= 0.5;
     }
-    note(eta, eta < options.eta && !coarse);
+    note(eta, eta < options.eta);
   }
 
   StageResult result{.iterates = std::move(at.iterates), .covariance = {}, .converged = at.converged, .message = at.linear.message};
