@@ -20,3 +20,4 @@ mesh plate_with_hole inputs/two_faces/generate.msh length 36 size_hole 0.6 size_
 mesh plate_with_hole inputs/two_faces/coarse.msh length 22 size_hole 0.9 size_far 2.0
 mesh plate_with_hole inputs/two_faces/fine.msh length 22 size_hole 0.6 size_far 1.4
 tools/meshes/bar.py inputs/two_faces/bar.msh
+mesh plate_with_hole inputs/oht_cfrp/oht.msh width 27 length 84 diameter 10 size_hole 2.6 size_far 4
