@@ -518,7 +518,7 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
   };
 
   if (at.iterates.empty()) {
-    if (model.differentiable() && control_of_images(options) == Control::force)
+    if (options.sensitivities == Sensitivities::direct && control_of_images(options) == Control::force)
       parameters = nearest_reaction(model, parameters, information, stage, options);
     at.linear = linearise(model, images, parameters, stage, options, accuracy_of_steps(options));
     if (at.linear.frames == 0) throw ConvergenceError("the first frame cannot be simulated: " + at.linear.message);

@@ -98,7 +98,7 @@ struct Continuation {
   std::function<void(const StagePoint&)> reached = {};  ///< called on every rank after each iteration, the start included
 };
 
-/// Runs one stage from `parameters` and leaves the result there. A simulation under forces begins where the
+/// Runs one stage from `parameters` and leaves the result there. With direct sensitivities and a simulation under forces it begins where the
 /// reaction of the DIC-driven simulation is nearest to the measured force (Sec. 2.2: their ratio calibrates): a coarse start, which Eqs 10-13 do
 /// not depend on. The last step, below eta_c, is not simulated: what it changes follows from the sensitivities. `information` describes each parameter (bounds).
 /// `report` is called after each iteration. Collective over `world`. Throws std::invalid_argument for direct sensitivities of a model that
