@@ -37,7 +37,7 @@ TRUTH = dict(E=LAW.E, S_y=LAW.S_y, H=LAW.H, delta=LAW.delta)
 EFFECTS = {
     "magnification drift": (dict(magnification_drift=1e-3), "magnification_drift", 1e-3),
     "force gain": (dict(force_gain=1.05), "force_gain", 1.05),
-    "taper": (dict(taper=0.06), "taper_x", 0.06),
+    "taper": (dict(taper=0.06), "taper_x", 0.06 / 28.0),  # over the declared 28 mm
     "power_term": (dict(declared="linear"), None, None),
 }
 
