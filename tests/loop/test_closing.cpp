@@ -72,8 +72,9 @@ class Curves final : public Experiment {
   void put_back(const std::shared_ptr<const Learned>& learned) override { learned_ = std::dynamic_pointer_cast<const Size>(learned); }
   Doubt doubt() const override {
     const Eigen::VectorXd quarter = Eigen::VectorXd::Constant(measured_.size(), 0.25 * bias_of_kink * (learned_ ? std::abs(learned_->kink) : 0.0));
-    return {quarter, quarter};
+    return {(quarter.array() + doubted_each).matrix(), (quarter.array() + doubted_whole).matrix()};
   }
+  double doubted_each = 0.0, doubted_whole = 0.0;  // more of it, whatever there is
   bool costly = false;        // derivatives by the effects take series of their own
   double bias_of_kink = 0.0;  // what the mesh errs by where there is one
   int series = 0;
@@ -169,6 +170,19 @@ TEST(Statistics, StudentsTails) {
 }
 
 /// Noise whose size was estimated with few degrees of freedom: each test's own size is off, and the largest of twenty scores has Student's tails.
+/// Of each frame one direction, which the weight takes out; number by number it is noise.
+TEST(Closing, WhatIsDoubtedAsAWholeIsOneDirection) {
+  const auto deviation = [](double each, double whole) {
+    Curves experiment(5);
+    experiment.doubted_each = each, experiment.doubted_whole = whole;
+    return std::sqrt(close_loop(experiment, options).declared.covariance(0, 0));
+  };
+  const double none = deviation(0.0, 0.0), each = deviation(2.0, 0.0), whole = deviation(0.0, 2.0);
+  EXPECT_GT(each, 1.1 * none);
+  EXPECT_GT(whole, 1.1 * none);
+  EXPECT_GT(each, 3.0 * whole) << none << ' ' << each << ' ' << whole;
+}
+
 TEST(Closing, AllCandidatesMayBeLeftOut) {
   Curves experiment(5, {{Curves::kink, 6.0}});
   LoopOptions none = options;
