@@ -21,7 +21,7 @@ fields: {{files: '{name}/points_*.csv', at_rest: 1-3, {axes}}}
 {loads}
 material: {{law: elastic, parameters: {{E: 190e3, nu: 0.28}}}}
 identify: {{functional: displacement_driven, stages: [{{free: [{free}]}}]}}
-loop: {{draws: 60, modes: 40, additions: 2, rivals: 3, starts: [1.0]}}
+loop: {{draws: 60, modes: 40, additions: 2, rivals: 3, starts: [1.0], leave_out: [rate]}}
 output: {name}/run
 """
 E, NU, NOISE, LOAD_NOISE = 200e3, 0.3, 5e-4, 10.0
