@@ -23,7 +23,9 @@ from calculix_virtual import STATIC, combine, newton, shape, simulate
 LAW = cx.Law()
 TRUTH = dict(E=LAW.E, S_y=LAW.S_y, H=LAW.H, delta=LAW.delta)
 FRAMES, STRAIN, REST = 16, 4.0, 4
-NOISE, LOAD_NOISE, STEP, SUBSET = 2e-3, 10.0, 0.5, 0.3  # of a point [mm], of the load cell [N]; of the points [mm]
+# A plate of half a millimetre is no plane stress at the hole's edge: 27 standard deviations of all points together, which the loop sees.
+THICKNESS = 0.1
+NOISE, LOAD_NOISE, STEP, SUBSET = 2e-3, 2.0, 0.5, 0.3  # of a point [mm], of the load cell [N]; of the points [mm]
 DECLARED = {
     "power": ("power_linear, tie_initial_modulus: true", "E: 190e3, nu: {nu}, S_y: 278, H: 1420, delta: 0.042", "E, S_y, H, delta"),
     "linear": ("linear", "E: 190e3, nu: {nu}, S_y: 400, H: 1400", "E, S_y, H"),
@@ -31,7 +33,7 @@ DECLARED = {
 
 
 def plate(radius=2.5):
-    return cx.Plate(length=40.0, thickness=0.5, radius=radius, around=7, outward=8, along=4, through=1)
+    return cx.Plate(length=40.0, thickness=THICKNESS, radius=radius, around=12, outward=14, along=7, through=1)
 
 
 class Generator:
@@ -42,7 +44,7 @@ class Generator:
 
     def __call__(self, radius=2.5, nu=LAW.nu):
         if (radius, nu) not in self.known:
-            options = SimpleNamespace(strain=STRAIN, frames=FRAMES, theory="hencky", increment=0.15)
+            options = SimpleNamespace(strain=STRAIN, frames=FRAMES, theory="hencky", increment=0.05)
             name = f"radius_{radius:.5f}_nu_{nu:.5f}"
             self.known[radius, nu] = simulate(options, cx.Law(nu=nu), self.folder / name, plate(radius))
         return self.known[radius, nu]
@@ -125,7 +127,7 @@ def make(folder, generator, planted, seed):
     subprocess.run(["gmsh", "-2", "-v", "1", *sizes, "-format", "msh41", Path(__file__).parent / "meshes/plate_with_hole.geo", "-o", folder / "mesh.msh"], check=True)
     hardening, parameters, free = DECLARED[p["declared"]]
     (folder / "case.yaml").write_text(f"""title: blind trial on fields
-specimen: {{mesh: mesh.msh, kinematics: plane_stress, element: quad8, thickness: 0.5, held: bottom, loaded: top}}
+specimen: {{mesh: mesh.msh, kinematics: plane_stress, element: quad8, thickness: {THICKNESS}, held: bottom, loaded: top}}
 fields: {{files: points_*.csv, subset: {SUBSET}, at_rest: 1-{REST}}}
 loads: {{file: loads.csv, image: frame, time: time, force: force, noise: {LOAD_NOISE}}}
 material: {{law: j2, hardening: {hardening}, parameters: {{{parameters.format(nu=LAW.nu)}}}}}
@@ -137,19 +139,19 @@ output: run
 
 # name in the library: (parameter of the generator, an engineer's size, largest that is planted)
 EFFECTS = {
-    "force zero": ("force_offset", 30.0, 300.0),
+    "force zero": ("force_offset", 6.0, 60.0),
     "delay of the force": ("force_delay", 0.2, 1.5),
     "magnification drift": ("magnification_drift", 5e-4, 1e-2),
     "parallax": ("inverse_distance", 5e-3, 5e-2),
     "lens distortion": ("k1", 2e-5, 1e-3),
     "camera bump": ("bump", 3e-4, 1e-2),
-    "preload": ("preload", 100.0, 600.0),
+    "preload": ("preload", 20.0, 120.0),
     "hole radius": ("hole_radius_error", 0.1, 0.4),
     "Poisson's ratio": ("nu", 0.28, 0.40),
 }
 NULLS = {"nu": LAW.nu, "force_gain": 1.0}
 FOUND_AS = {"bump": "step_of_magnification"}
-OUTSIDE = {"oscillating magnification": dict(oscillation=1e-3), "debonded patch": dict(debonded=0.5), "force jumps": dict(jumps=25.0)}
+OUTSIDE = {"oscillating magnification": dict(oscillation=1e-3), "debonded patch": dict(debonded=0.5), "force jumps": dict(jumps=5.0)}
 OTHERS = {"power_term": dict(declared="linear"), "coarse mesh": dict(mesh=(3.5, 6.0))}
 PAIRS = [("force zero", "parallax"), ("hole radius", "magnification drift")]
 

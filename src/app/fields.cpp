@@ -211,12 +211,15 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
   std::vector<double> cut_offs;
   const double longest = test.identify.boundary_smoothing.value_or(0.5 * (high - low));
   if (longest > 0.0) (void)correlation::smoothed_within_noise(*measure, data.displacement, ends, data.noise * std::sqrt(2.0), longest, &cut_offs);
-  data.smooth = [measure, chosen = loop::alike(cut_offs)](Eigen::MatrixXd field) { return correlation::smooth(*measure, std::move(field), chosen); };
+  data.smooth = [measure, chosen = loop::alike(cut_offs)](const Eigen::MatrixXd& field) {
+    return correlation::twicing([&](Eigen::MatrixXd U) { return correlation::smooth(*measure, std::move(U), chosen); }, field);
+  };
   data.driving = data.smooth(data.displacement);
 
   const Points at = points.at;
-  data.correlate = [squares, at](const identification::Specimen& made, const Eigen::MatrixXd& U) {
-    const Eigen::SparseMatrix<double> sample = identification::interpolation(made.surface.mesh, at);
+  const double subset = fields.subset * fields.scale;
+  data.correlate = [squares, at, subset](const identification::Specimen& made, const Eigen::MatrixXd& U) {
+    const Eigen::SparseMatrix<double> sample = identification::means_over_squares(made.surface.mesh, at, subset);
     Eigen::MatrixXd seen(2 * squares->N.cols(), U.cols());
     for (Eigen::Index t = 0; t < U.cols(); ++t) seen.col(t) = interleaved((*squares)(sample * columns_of(U.col(t))));
     return seen;

@@ -88,6 +88,16 @@ Eigen::SparseMatrix<double> interpolation(const mesh::Mesh& quads,
   return matrix;
 }
 
+Eigen::SparseMatrix<double> means_over_squares(const mesh::Mesh& quads, const Eigen::Matrix<double, Eigen::Dynamic, 2>& points, double side) {
+  if (side == 0.0) return interpolation(quads, points);
+  const std::array<std::pair<double, double>, 3> gauss{{{-0.5 * std::sqrt(0.6), 5.0 / 18.0}, {0.0, 8.0 / 18.0}, {0.5 * std::sqrt(0.6), 5.0 / 18.0}}};  // place in the side, weight
+  Eigen::SparseMatrix<double> matrix(points.rows(), quads.nodes.rows());
+  for (const auto& [x, along] : gauss)
+    for (const auto& [y, across] : gauss)
+      matrix += along * across * interpolation(quads, points.rowwise() + side * Eigen::RowVector2d(x, y));
+  return matrix;
+}
+
 Eigen::SparseMatrix<double> of_components(const Eigen::SparseMatrix<double>& scalar, int components) {
   std::vector<Eigen::Triplet<double>> entries;
   for (int column = 0; column < scalar.outerSize(); ++column)

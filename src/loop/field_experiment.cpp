@@ -245,7 +245,7 @@ std::pair<Eigen::MatrixXd, Eigen::VectorXd> FieldExperiment::synthetic_test(cons
     key = {0.0, 1.0, 0.0};
     for (const auto& p : parameters_) key.push_back(p.info.null_value.value_or(0.0));
   }
-  key[0] += finer(), key[1] *= 2.0;
+  key[0] += finer(), key[1] *= std::exp2(finer());
   const auto frames = measured_.force.size();
   Eigen::MatrixXd surface;
   Eigen::VectorXd force;

@@ -28,6 +28,21 @@ Eigen::VectorXd nodal(const mesh::Nodes& nodes, const Field& field) {
   return u;
 }
 
+TEST(Faces, MeansOverSquares) {
+  const mesh::Mesh fine = testing::strip(60, 80);
+  const Eigen::Matrix<double, Eigen::Dynamic, 2> at = Eigen::RowVector2d(0.4, 4.3);
+  const Eigen::VectorXd x = fine.nodes.col(0), y = fine.nodes.col(1);
+  const double side = 1.2;
+  const auto mean = [&](const Eigen::VectorXd& field) { return (means_over_squares(fine, at, side) * field)[0]; };
+  EXPECT_NEAR(mean(Eigen::VectorXd::Ones(x.size())), 1.0, 1e-12);
+  EXPECT_NEAR(mean(x + 2.0 * y), 0.4 + 2.0 * 4.3, 1e-9);
+  const double chords = 0.1 * 0.1 / 6.0;  // by which straight lines between nodes are above a parabola, no more in the mean
+  EXPECT_NEAR(mean(x.cwiseAbs2()), 0.4 * 0.4 + side * side / 12.0, 1.5 * chords);
+  EXPECT_NEAR(mean(y.cwiseAbs2()), 4.3 * 4.3 + side * side / 12.0, 1.5 * chords);
+  EXPECT_NEAR(mean(x.cwiseProduct(y)), 0.4 * 4.3, 1.5 * chords);
+  EXPECT_EQ((Eigen::MatrixXd(means_over_squares(fine, at, 0.0)) - Eigen::MatrixXd(interpolation(fine, at))).norm(), 0.0);
+}
+
 TEST(Faces, ShowTheFieldThatTheVolumeHas) {
   const auto affine = [](const Eigen::Vector3d& x) -> Eigen::Vector3d {
     return Eigen::Matrix3d{{0.01, 0.02, -0.03}, {0.04, -0.01, 0.05}, {0.02, 0.03, -0.02}} * x + Eigen::Vector3d(0.1, 0.2, 0.3);

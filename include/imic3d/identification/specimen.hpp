@@ -75,6 +75,10 @@ struct Specimen {
 [[nodiscard]] Eigen::SparseMatrix<double> interpolation(const mesh::Mesh& quads,
                                                         const Eigen::Matrix<double, Eigen::Dynamic, 2>& points);
 
+/// Means of a quad mesh's nodal field over squares of this side about points [k x 2], by Gauss's three points along each edge: sparse weights
+/// [k x nodes]. What a subset that is correlated by itself takes for the displacement of its centre.
+[[nodiscard]] Eigen::SparseMatrix<double> means_over_squares(const mesh::Mesh& quads, const Eigen::Matrix<double, Eigen::Dynamic, 2>& points, double side);
+
 /// A matrix for one number a node [k x n] as that for several components a node [components * k x components * n].
 [[nodiscard]] Eigen::SparseMatrix<double> of_components(const Eigen::SparseMatrix<double>& scalar, int components = 2);
 

@@ -186,7 +186,7 @@ class FieldExperiment final : public Experiment {
   struct Groups;
   std::unique_ptr<Groups> groups_;
   [[nodiscard]] std::pair<Eigen::MatrixXd, Eigen::VectorXd> synthetic_test(const std::vector<double>& values, const Eigen::MatrixXd& driving);
-  /// How often the mesh of a synthetic test is refined: in space twice would be 64 times the elements.
+  /// How often the mesh of a synthetic test is refined and its increments are halved: in space twice would be 64 times the elements.
   [[nodiscard]] double finer() const { return scene().plane ? 2.0 : 1.0; }
   std::shared_ptr<const Bias> bias_;  // taken off the measured displacement and force
   int simulations_ = 0;
