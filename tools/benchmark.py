@@ -225,6 +225,8 @@ class Benchmark:
 
     def run(self):
         only = self.options.only.split(",")
+        if self.options.cores > 1 and (load := os.getloadavg()[0]) > 0.3:
+            print(f"load {load:.1f}: others use this machine, and wall times are worth little")
         self.against_calculix()
         if "identification" in only or "loop" in only:
             self.identification()
