@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Whole runs as ratios of processor time, each median of several, interleaved: a direct simulation against CalculiX on the same mesh,
-# the identification against a direct simulation, and against a loop of scipy's least_squares and CalculiX. Writes TABLE.md and
+# Whole runs as ratios of processor time, medians of several, taking turns: a direct simulation against CalculiX on the same mesh,
+# the identification against a direct simulation, and a loop of scipy's least_squares and CalculiX against it. Writes TABLE.md and
 # benchmark.json into runs/benchmark. Options: tools/benchmark.py --help
 set -euo pipefail
 cd "$(dirname "$0")/.."
