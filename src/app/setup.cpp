@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
 
 #include "imic3d/core/log.hpp"
 #include "imic3d/mesh/mesh.hpp"
@@ -147,8 +148,8 @@ identification::Specimen make_specimen(const io::Case& test, bool all_components
       for (const auto& key : declared.unused) spdlog::info("specimen.{} says nothing in plane stress", key);
   } else if (mesh.type == mesh::CellType::quad4) {
     const double thickness = declared.mid_plane_symmetry ? 0.5 * declared.thickness : declared.thickness;
-    mesh = mesh::extrude(mesh, thickness, declared.layers);
-    if (declared.layer_ratio != 1.0) mesh::grade_layers(mesh, declared.layer_ratio, declared.mid_plane_symmetry);
+    mesh = mesh::extrude(mesh, thickness, declared.layers << change.refinements);
+    if (declared.layer_ratio != 1.0) mesh::grade_layers(mesh, std::pow(declared.layer_ratio, std::exp2(-change.refinements)), declared.mid_plane_symmetry);
   } else if (mesh.node_groups.contains(declared.front)) {
     mesh::choose_front(mesh, declared.front);
   }

@@ -203,7 +203,7 @@ class Loop {
   }
 
   /// The learned bias is known to a part only (the synthetic images differ from real ones, the finer mesh errs too): what is
-  /// not known of it joins the noise, for each number of a frame and again for all of them together a random polynomial of second degree in time.
+  /// not known of it joins the noise, for each number of a frame and again for all of them together (and for each further thing that is unknown) a random polynomial of second degree in time.
   /// Number by number alone it would cancel over the many numbers that a parameter is found from.
   void doubt_bias(Eigen::MatrixXd& null) const {
     const Experiment::Doubt doubt = experiment_.doubt();
@@ -220,12 +220,13 @@ class Loop {
     for (auto draw : null.colwise()) {
       Eigen::Matrix<double, 3, Eigen::Dynamic> c(3, most);  // coefficients of Legendre polynomials
       for (double& x : c.reshaped()) x = normal(random);
-      const Eigen::Vector3d whole(normal(random), normal(random), normal(random));
+      Eigen::Matrix<double, 3, Eigen::Dynamic> whole(3, doubt.whole.cols());
+      for (double& x : whole.reshaped()) x = normal(random);
       const double size = std::sqrt(1.0 + 1.0 / 3.0 + 0.2);
       for (std::size_t i = 0; i < data.size(); ++i) {
         const double s = frames_ > 1 ? 2.0 * data[i].frame / (frames_ - 1.0) - 1.0 : 0.0;
         const auto row = static_cast<Eigen::Index>(i);
-        const Eigen::Vector3d both = (doubt.each[row] * c.col(place[i]) + doubt.whole[row] * whole) / size;
+        const Eigen::Vector3d both = (doubt.each[row] * c.col(place[i]) + whole * doubt.whole.row(row).transpose()) / size;
         draw[row] += both[0] + both[1] * s + both[2] * 0.5 * (3.0 * s * s - 1.0);
       }
     }

@@ -148,9 +148,16 @@ void JointExperiment::learn_bias(const std::vector<double>& values) {
 }
 
 Experiment::Doubt JointExperiment::doubt() const {
-  Doubt all{Eigen::VectorXd::Zero(first_row_.back()), Eigen::VectorXd::Zero(first_row_.back())};
-  for (std::size_t k = 0; k < tests_.size(); ++k)
-    if (const auto own = tests_[k].experiment->doubt(); own.each.size() > 0) all.each.segment(first_row_[k], own.each.size()) = own.each, all.whole.segment(first_row_[k], own.whole.size()) = own.whole;
+  Doubt all{Eigen::VectorXd::Zero(first_row_.back()), Eigen::MatrixXd::Zero(first_row_.back(), 0)};
+  for (std::size_t k = 0; k < tests_.size(); ++k) {
+    const auto own = tests_[k].experiment->doubt();
+    if (own.each.size() == 0) continue;
+    const auto column = all.whole.cols();
+    all.each.segment(first_row_[k], own.each.size()) = own.each;
+    all.whole.conservativeResize(Eigen::NoChange, column + own.whole.cols());
+    all.whole.rightCols(own.whole.cols()).setZero();
+    all.whole.block(first_row_[k], column, own.whole.rows(), own.whole.cols()) = own.whole;
+  }
   return all;
 }
 

@@ -72,7 +72,7 @@ class Curves final : public Experiment {
   void put_back(const std::shared_ptr<const Learned>& learned) override { learned_ = std::dynamic_pointer_cast<const Size>(learned); }
   Doubt doubt() const override {
     const Eigen::VectorXd quarter = Eigen::VectorXd::Constant(measured_.size(), 0.25 * bias_of_kink * (learned_ ? std::abs(learned_->kink) : 0.0));
-    return {(quarter.array() + doubted_each).matrix(), (quarter.array() + doubted_whole).matrix()};
+    return {(quarter.array() + doubted_each).matrix(), Eigen::VectorXd((quarter.array() + doubted_whole).matrix())};
   }
   double doubted_each = 0.0, doubted_whole = 0.0;  // more of it, whatever there is
   bool costly = false;        // derivatives by the effects take series of their own

@@ -72,9 +72,10 @@ class Experiment {
   /// Learns what the procedure itself errs by with these values: a synthetic test without noise is made of the model on a
   /// finer mesh and taken through the measurement; what is left of it is taken off every residual from then on. Collective.
   virtual void learn_bias(const std::vector<double>& /*values*/) {}
-  /// Standard deviations of what is not known of that, in units of the noise [N]: of each number by itself, and of all together; empty if nothing was learned.
+  /// Standard deviations of what is not known of that, in units of the noise: of each number by itself [N], and of all together [N x what is unknown]; empty if nothing was learned.
   struct Doubt {
-    Eigen::VectorXd each, whole;
+    Eigen::VectorXd each;
+    Eigen::MatrixXd whole;
   };
   [[nodiscard]] virtual Doubt doubt() const { return {}; }
   /// The same to be kept, and put back: another model errs otherwise. Null where what is learned is a matter of the data alone.

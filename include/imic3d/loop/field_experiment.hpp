@@ -127,6 +127,7 @@ class FieldExperiment final : public Experiment {
   struct Bias final : Learned {
     Eigen::MatrixXd displacement;
     Eigen::VectorXd force;
+    Eigen::VectorXd of_depth;  // what ends that move unevenly at depth would add, in units of the noise [N]; empty where that is seen
     Bias(Eigen::MatrixXd u, Eigen::VectorXd f) : displacement(std::move(u)), force(std::move(f)) {}
   };
   struct Simulation;  // what one series is made of
@@ -186,6 +187,8 @@ class FieldExperiment final : public Experiment {
   struct Groups;
   std::unique_ptr<Groups> groups_;
   [[nodiscard]] std::pair<Eigen::MatrixXd, Eigen::VectorXd> synthetic_test(const std::vector<double>& values, const Eigen::MatrixXd& driving);
+  static constexpr double unknown_of_depth = 0.005;  // of the elongation: standard deviation
+  [[nodiscard]] std::optional<std::size_t> unseen_depth() const;
   /// How often the mesh of a synthetic test is refined and its increments are halved: in space twice would be 64 times the elements.
   [[nodiscard]] double finer() const { return scene().plane ? 2.0 : 1.0; }
   std::shared_ptr<const Bias> bias_;  // taken off the measured displacement and force
