@@ -82,6 +82,18 @@ loop::FieldData field_data(const Communicator& world, Observation& seen, const i
   return data;
 }
 
+/// Where a camera was placed by the outline, which tells it to some tenths of a pixel, the rest is one more unknown, if nothing else is declared of it.
+void free_placement(const io::Case& test, std::vector<loop::DeclaredEffect>& effects) {
+  constexpr double pixels = 0.3;
+  const bool both = std::any_of(test.cameras.begin(), test.cameras.end(), [&](const auto& camera) { return camera.face != test.cameras.front().face; });
+  for (const auto& camera : test.cameras) {
+    if (camera.place.automatic.empty()) continue;
+    const std::string effect = both ? camera.face + "_placement" : "placement";
+    if (std::any_of(effects.begin(), effects.end(), [&](const auto& one) { return one.effect == effect; })) continue;
+    for (const char* quantity : {"placement_x", "placement_y", "placement_turn"}) effects.push_back({.effect = effect, .quantity = quantity, .value = {}, .lower = {}, .upper = {}, .free = true, .prior = pixels});
+  }
+}
+
 loop::DeclaredModel declared_model(const io::Case& test, const Material& material) {
   loop::DeclaredModel model;
   model.law = material.law;
@@ -103,6 +115,7 @@ loop::DeclaredModel declared_model(const io::Case& test, const Material& materia
   model.increments = test.identify.steps_per_frame;
   model.groups = test.identify.groups;
   model.effects = declared_effects(test);
+  free_placement(test, model.effects);
   model.unit = [&test](std::string unit) { return unit_in(std::move(unit), test.units); };
   return model;
 }

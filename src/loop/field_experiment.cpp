@@ -119,7 +119,10 @@ void FieldExperiment::make_candidates() {
       const int place = static_cast<int>(parameters_.size());
       parameters_.push_back({.info = {.name = q.name, .unit = model_.unit ? model_.unit(q.unit) : q.unit, .description = q.description, .lower = q.lower, .upper = q.upper, .null_value = q.null, .shape = q.shape, .scale = q.scale},
                              .value = q.null, .step = q.step, .prior = 0.0, .free = false});
-      if (!declare(parameters_.back(), keys.back(), model_.effects)) candidate.parameters.push_back(place);
+      if (const auto* declared = declare(parameters_.back(), keys.back(), model_.effects))
+        parameters_.back().prior = declared->prior * q.size;
+      else
+        candidate.parameters.push_back(place);
       parameters_.back().info.name = key_of(which) + q.name;
     }
     if (!candidate.parameters.empty()) ordered.push_back(std::move(candidate));

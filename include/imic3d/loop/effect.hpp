@@ -137,6 +137,7 @@ struct DeclaredEffect {
   std::string effect, quantity;            ///< the former as `key_of` writes it
   std::optional<double> value, lower, upper;
   bool free = false;
+  double prior = 0.0;                      ///< standard deviation of what is known beforehand, in units of Quantity::size; 0: nothing is
 };
 
 /// All effects that act outside the law but on the grey levels, in the order of the links.

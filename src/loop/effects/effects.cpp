@@ -6,7 +6,7 @@
 namespace imic3d::loop {
 
 std::vector<std::shared_ptr<const Effect>> effects() {
-  return {coarse_mesh(),  large_increments(), interpolation_bias(), force_gain(), force_offset(),    force_delay(), magnification_drift(), parallax(), lens_distortion(),
+  return {coarse_mesh(),  large_increments(), interpolation_bias(), force_gain(), force_offset(),    force_delay(), magnification_drift(), parallax(), lens_distortion(), placement(),
           camera_bump(),  hole_radius(),      hole_offset(),        taper(),      preload(),         residual_stress(), misalignment(),    grip_slip(),
           friction(),     stiff_region(),     strain_gain(),        compliance()};
 }

@@ -22,6 +22,7 @@ std::shared_ptr<const Effect> strain_gain();
 std::shared_ptr<const Effect> compliance();
 std::shared_ptr<const Effect> parallax();
 std::shared_ptr<const Effect> lens_distortion();
+std::shared_ptr<const Effect> placement();
 std::shared_ptr<const Effect> camera_bump();
 std::shared_ptr<const Effect> light_gain();
 std::shared_ptr<const Effect> light_offset();
