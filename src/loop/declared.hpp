@@ -11,7 +11,7 @@
 
 namespace imic3d::loop {
 
-/// Gives an effect's parameter what the model declares of it; whether it declares anything. Throws InputError: a value beyond the bounds.
+/// Gives an effect's parameter what the model declares of it; null if it declares nothing. Throws InputError: a value beyond the bounds.
 inline const DeclaredEffect* declare(Parameter& parameter, const std::string& effect, const std::vector<DeclaredEffect>& declared) {
   const auto its = std::find_if(declared.begin(), declared.end(), [&](const auto& one) { return one.effect == key_of(effect) && one.quantity == parameter.info.name; });
   if (its == declared.end()) return nullptr;

@@ -305,8 +305,6 @@ std::optional<std::size_t> FieldExperiment::unseen_depth() const {
   return std::nullopt;
 }
 
-/// Ends that are cut from a longer specimen do not move alike at every depth once it yields: the middle's elongation is 0.3 to 0.5 % larger than the front's on
-/// plates with a hole that are 0.4 of their width thick, cut one to two thicknesses from the hole.
 /// Where plastic fronts cross the elements the error falls with the size's power of 0.7: of the whole, two refinements leave 0.4 and one 0.6. What is left looks like what was learned.
 Experiment::Doubt FieldExperiment::doubt() const {
   const Eigen::VectorXd learned = bias(), whole = (finer() > 1.0 ? 0.5 : 1.0) * learned;
