@@ -4,9 +4,10 @@
 fields   an elastic strip whose motion is a formula (tests/cases/fields.py), tables of points with noise
 curves   bars of a program of its own (tools/blind_suite.py)
 images   the whole pipeline: a plate of 250 x 320 px, images by `imic3d virtual` on a finer and longer mesh, 8 bits, noise
+space    images of a plate of 8 mm in three dimensions, made on a finer mesh whose grips are 23 mm behind the cuts
 plate    the same with the plate of inputs/paper_pair (500 x 640 px, 29 frames), its own law declared
 
-tools/false_alarms.py {fields,curves,images,plate} [--count N] [--first SEED] [--out FOLDER] [--imic3d PROGRAM] [--judge]
+tools/false_alarms.py {fields,curves,images,space,plate} [--count N] [--first SEED] [--out FOLDER] [--imic3d PROGRAM] [--judge]
 
 Noise is another one in each test. Prints the rate of false alarms with the 95 % bound of Clopper and Pearson, Kolmogorov's test of the p-values of the largest score and of the
 energy, and how far parameters are off in units of their standard deviations (1 if these are right). Writes FOLDER/nulls.csv and FOLDER/p_values.png. With --judge
@@ -69,13 +70,28 @@ output: run
 """
 
 
-def images(program):
+def in_space(text, element):
+    """The plate 8 mm thick in three dimensions, 34 mm of it seen."""
+    for old, new in (("kinematics: plane_stress, refine: 2, element: quad8", element), ("kinematics: plane_stress, element: quad8", element), ("159.5", "209.5"), ("[250, 320]", "[250, 420]"), ("speckle_size: 5", "speckle_size: 4"),
+                     ("[0, 0.012, 0.03, 0.048, 0.06, 0.09, 0.12, 0.15, 0.22, 0.3, 0.44, 0.6, 0.8, 1.0, 1.2, 1.4]", "[0, 0.038, 0.09, 0.13, 0.15, 0.18, 0.22, 0.26, 0.34, 0.45, 0.65, 0.9, 1.2, 1.5, 1.8, 2.1, 2.5, 2.9]")):
+        text = text.replace(old, new)
+    return text
+
+
+def images(program, space=False):
     def make(folder, planted, seed):
         from runs import gmsh
-        gmsh("plate_with_hole", folder / "generate.msh", length=40, size_hole=1.6, size_far=2.5)
-        gmsh("plate_with_hole", folder / "identify.msh", length=24, size_hole=1.6, size_far=4.0)
-        (folder / "virtual.yaml").write_text(VIRTUAL.format(law=LAW % "E: 198e3, nu: 0.25, S_y: 284, H: 1480, delta: 0.042", seed=seed))
-        (folder / "case.yaml").write_text(DECLARED.format(law=LAW % "E: 190e3, nu: 0.25, S_y: 278, H: 1420, delta: 0.042"))
+        virtual, declared = VIRTUAL, DECLARED
+        if space:
+            gmsh("plate_with_hole", folder / "generate.msh", length=80, size_hole=0.7, size_far=1.6)
+            gmsh("plate_with_hole", folder / "identify.msh", length=34, size_hole=1.6, size_far=4.0)
+            virtual = in_space(virtual, "element: hex20, layers: 3, layer_ratio: 1.6, mid_plane_symmetry: true")
+            declared = in_space(declared, "element: hex20, layers: 1, mid_plane_symmetry: true")
+        else:
+            gmsh("plate_with_hole", folder / "generate.msh", length=40, size_hole=1.6, size_far=2.5)
+            gmsh("plate_with_hole", folder / "identify.msh", length=24, size_hole=1.6, size_far=4.0)
+        (folder / "virtual.yaml").write_text(virtual.format(law=LAW % "E: 198e3, nu: 0.25, S_y: 284, H: 1480, delta: 0.042", seed=seed))
+        (folder / "case.yaml").write_text(declared.format(law=LAW % "E: 190e3, nu: 0.25, S_y: 278, H: 1420, delta: 0.042"))
         with open(folder / "virtual.txt", "w") as log:
             subprocess.run([program, "virtual", "virtual.yaml"], cwd=folder, check=True, stdout=log, stderr=subprocess.STDOUT)
     return make
@@ -98,7 +114,7 @@ def plate(program):
 def kinds(program):
     import blind_suite
     plate_truth = dict(E=198e3, S_y=284.0, H=1480.0, delta=0.042)
-    return {"fields": (strip, dict(E=200e3, nu=0.3)), "curves": (bars, blind_suite.TRUTH), "images": (images(program), plate_truth), "plate": (plate(program), plate_truth)}
+    return {"fields": (strip, dict(E=200e3, nu=0.3)), "curves": (bars, blind_suite.TRUTH), "images": (images(program), plate_truth), "space": (images(program, space=True), plate_truth), "plate": (plate(program), plate_truth)}
 
 
 def plot(file, p, title):
@@ -118,7 +134,7 @@ def plot(file, p, title):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("kind", choices=("fields", "curves", "images", "plate"))
+    parser.add_argument("kind", choices=("fields", "curves", "images", "space", "plate"))
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--first", type=int, default=100)
     parser.add_argument("--out")
