@@ -284,15 +284,16 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
   };
   // The noise of the ends would be taken off the residual a second time, in the null it would not: simulated and smoothed again, little of it is left. More often, and
   // the synthetic test would lack what smoothing takes away.
-  const Eigen::MatrixXd driving = measured_.smooth(followed(measured_.driving).displacement);
+  const auto nominal = followed(measured_.driving);
+  const Eigen::MatrixXd driving = measured_.smooth(nominal.displacement);
   const auto [seen, force] = synthetic_test(values, driving);
   const auto p = followed(measured_.smooth(seen));
   Bias learned(seen - p.displacement, force - p.force);
   if (const auto j = unseen_depth()) {
     std::vector<double> other = values;
     other[*j] += unknown_of_depth;
-    const auto uneven = predict({values, other}, {&measured_.driving, &measured_.driving});
-    if (uneven[0].force.size() > 0 && uneven[1].force.size() > 0) learned.of_depth = whitened(uneven[1].displacement - uneven[0].displacement, uneven[1].force - uneven[0].force);
+    const auto uneven = predict({other}, {&measured_.driving}).front();
+    if (uneven.force.size() > 0) learned.of_depth = whitened(uneven.displacement - nominal.displacement, uneven.force - nominal.force);
   }
   bias_ = std::make_shared<Bias>(std::move(learned));
 }
