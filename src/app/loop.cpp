@@ -57,7 +57,8 @@ int last_frame(const io::Case& test, const identification::Record& record) {
   return last;
 }
 
-loop::FieldData field_data(const Communicator& world, Observation& seen, const io::Case& test, const identification::Specimen& specimen) {
+/// `shown` gets the images of every synthetic test, if it is one then.
+loop::FieldData field_data(const Communicator& world, Observation& seen, const io::Case& test, const identification::Specimen& specimen, const ImageShown& shown) {
   const auto record = make_record(seen, test, specimen);
   const auto images = make_image_data(seen, test);
   const int frames = 1 + last_frame(test, record);
@@ -71,8 +72,8 @@ loop::FieldData field_data(const Communicator& world, Observation& seen, const i
   for (auto& face : seen.faces) face.driving_cut_off = loop::alike(face.driving_cut_off);
   data.smooth = [&seen](const Eigen::MatrixXd& field) { return correlation::twicing([&seen](Eigen::MatrixXd U) { return driving_displacement(seen, std::move(U)); }, field); };
   data.driving = data.smooth(data.displacement);
-  data.correlate = [&seen, &test, &world, frames](const identification::Specimen& made, const Eigen::MatrixXd& U) {
-    return correlated_images(seen, test, world, made, U.leftCols(frames));
+  data.correlate = [&seen, &test, &world, &shown, frames](const identification::Specimen& made, const Eigen::MatrixXd& U) {
+    return correlated_images(seen, test, world, made, U.leftCols(frames), shown);
   };
   data.frames.assign(record.frames.begin(), record.frames.begin() + frames);
   data.time = record.time.head(frames);
@@ -120,43 +121,6 @@ loop::DeclaredModel declared_model(const io::Case& test, const Material& materia
   return model;
 }
 
-/// Shows images of the declared model's motion on a finer mesh, correlated.
-void show_synthetic(const Communicator& world, Observation& seen, const io::Case& test, const identification::Specimen& specimen, const Material& material, const ImageShown& shown) {
-  loop::FieldData data = field_data(world, seen, test, specimen);
-  data.correlate = [&](const identification::Specimen& made, const Eigen::MatrixXd& U) { return correlated_images(seen, test, world, made, U, shown); };
-  loop::FieldExperiment experiment(world, std::move(data), declared_model(test, material), {.modes = 2});
-  std::vector<double> values;
-  for (const auto& p : experiment.parameters()) values.push_back(p.value);
-  experiment.learn_bias(values);
-}
-
-/// Looks at the light; where it changes and the correlation has left it alone, the images are correlated again with gain and offset of each frame, or of each
-/// element, fitted. For result.json.
-nlohmann::json settle_light(const Communicator& world, std::optional<Observation>& seen, io::Case& test, const identification::Specimen& specimen, const Material& material,
-                            const loop::LoopOptions& options, const std::function<void(const std::string&)>& say) {
-  const auto look = [&] {
-    identification::Record record;
-    for (int place : seen->places) record.frames.push_back(test.frames[static_cast<std::size_t>(place)]);
-    return look_at_light(*seen, test, 1 + last_frame(test, record), [&](const ImageShown& shown) { show_synthetic(world, *seen, test, specimen, material, shown); }, options,
-                         [&](const std::string& line) { say("light: " + line); });
-  };
-  auto found = look();
-  if (!found.gain_or_offset && !found.gradient) return std::move(found.json);
-  bool& option = found.gradient ? test.dic.local_brightness : test.dic.brightness;
-  option = true;
-  const std::string name = found.gradient ? "dic.local_brightness" : "dic.brightness";
-  say(fmt::format("light: {}; the images are correlated again with {}", found.sentence, name));
-  seen.reset();
-  seen = observe(test, specimen);
-  correlate(*seen, test, world);
-  const auto after = look();
-  const double worst_before = found.rms, now = after.rms;
-  say(fmt::format("light: grey levels left {:.3f} -> {:.3f}; {}", worst_before, now, after.sentence));
-  found.json["corrected"] = {{"option", name}, {"rms_before", worst_before}, {"rms_after", now}, {"unit", "grey level"}, {"after", after.json}};
-  found.json["sentence"] = fmt::format("{} The images were correlated again with {}: grey levels left {:.2f} -> {:.2f}. {}", found.sentence, name, worst_before, now, after.sentence);
-  return std::move(found.json);
-}
-
 /// The names, which were checked before, but for those of effects that this test cannot have.
 std::vector<std::string> of_candidates(const loop::Experiment& experiment, std::vector<std::string> names) {
   const auto& all = experiment.candidates();
@@ -176,18 +140,14 @@ class FieldTest final : public LoopTest {
     check_light_effects(test_, specimen_.faces.front().surface.mesh);
     if (!test_.fields) seen_ = observe(test_, specimen_);
     spdlog::info("{}: {} frames, {} surface nodes", test_.title, seen_ ? seen_->places.size() : test_.frames.size(), specimen_.surface.mesh.nodes.rows());
-    if (seen_) {
-      correlate(*seen_, test_, world);
-      std::vector<int> frames;
-      for (int place : seen_->places) frames.push_back(test_.frames[static_cast<std::size_t>(place)]);
-      auto of_light = how(test_, places_held_out(frames));
-      of_light.starts = {1.0};
-      of_light.leave_out.clear();
-      light_ = settle_light(world, seen_, test_, specimen_, material_, of_light, say);
+    if (!seen_) {
+      lay_out(imported_fields(test_, specimen_));
+      return;
     }
-    experiment_ = std::make_unique<loop::FieldExperiment>(world, seen_ ? field_data(world, *seen_, test_, specimen_) : imported_fields(test_, specimen_), declared_model(test_, material_), loop::FieldOptions{.modes = test_.loop.modes});
-    if (seen_)
-      spdlog::info("noise: {:.3f} grey levels{}", seen_->noise, std::isfinite(experiment_->measured().force_noise) ? fmt::format(", {:.4g} {} of the force", experiment_->measured().force_noise, test_.units.force) : "");
+    correlate(*seen_, test_, world);
+    lay_out(field_data(world, *seen_, test_, specimen_, shown_));
+    settle_light(say);
+    spdlog::info("noise: {:.3f} grey levels{}", seen_->noise, std::isfinite(experiment_->measured().force_noise) ? fmt::format(", {:.4g} {} of the force", experiment_->measured().force_noise, test_.units.force) : "");
   }
   loop::Experiment& experiment() override { return *experiment_; }
   std::vector<int> held_out() const override { return places_held_out(experiment_->measured().frames); }
@@ -207,12 +167,52 @@ class FieldTest final : public LoopTest {
     return held;
   }
 
+  void lay_out(loop::FieldData data) {
+    experiment_ = std::make_unique<loop::FieldExperiment>(world_, std::move(data), declared_model(test_, material_), loop::FieldOptions{.modes = test_.loop.modes});
+  }
+  /// Looks at the light, beside images of the declared model's motion on a finer mesh, of which the experiment learns its bias; where it changes and the correlation has left it alone, the images are
+  /// correlated again with gain and offset of each frame, or of each element, fitted.
+  void settle_light(const std::function<void(const std::string&)>& say) {
+    std::vector<int> frames;
+    for (int place : seen_->places) frames.push_back(test_.frames[static_cast<std::size_t>(place)]);
+    auto options = how(test_, places_held_out(frames));
+    options.starts = {1.0};
+    options.leave_out.clear();
+    const auto synthetic = [&](const ImageShown& shown) {
+      std::vector<double> values;
+      for (const auto& p : experiment_->parameters()) values.push_back(p.value);
+      shown_ = shown;
+      experiment_->learn_bias(values);
+      shown_ = {};
+    };
+    const auto look = [&] {
+      return look_at_light(*seen_, test_, static_cast<int>(experiment_->frame_numbers().size()), synthetic, options, [&](const std::string& line) { say("light: " + line); });
+    };
+    auto found = look();
+    light_ = std::move(found.json);
+    if (!found.gain_or_offset && !found.gradient) return;
+    bool& option = found.gradient ? test_.dic.local_brightness : test_.dic.brightness;
+    option = true;
+    const std::string name = found.gradient ? "dic.local_brightness" : "dic.brightness";
+    say(fmt::format("light: {}; the images are correlated again with {}", found.sentence, name));
+    experiment_.reset();
+    seen_.reset();
+    seen_ = observe(test_, specimen_);
+    correlate(*seen_, test_, world_);
+    lay_out(field_data(world_, *seen_, test_, specimen_, shown_));
+    const auto after = look();
+    say(fmt::format("light: grey levels left {:.3f} -> {:.3f}; {}", found.rms, after.rms, after.sentence));
+    light_["corrected"] = {{"option", name}, {"rms_before", found.rms}, {"rms_after", after.rms}, {"unit", "grey level"}, {"after", after.json}};
+    light_["sentence"] = fmt::format("{} The images were correlated again with {}: grey levels left {:.2f} -> {:.2f}. {}", found.sentence, name, found.rms, after.rms, after.sentence);
+  }
+
   const Communicator& world_;
   io::Case test_;  // with what the light asks of the correlation
   nlohmann::json light_;
   Material material_;
   identification::Specimen specimen_;
   std::optional<Observation> seen_;
+  ImageShown shown_;  // gets the images of a synthetic test
   std::unique_ptr<loop::FieldExperiment> experiment_;
 };
 

@@ -78,6 +78,7 @@ class Loop {
       say(fmt::format("added: {}", candidate(best->candidate).name));
       at = best->model;
       experiment_.put_back(at.ground->learned);
+      if (!at.traced) trace(at, known(at));
       if (last) {
         report_.set = round.set;
         report_.verdict = round.set.size() == 1 ? Verdict::attributed : Verdict::ambiguous;
@@ -148,13 +149,13 @@ class Loop {
       }
     }
     if (best.values.empty()) throw ConvergenceError(failure);
-    // What the mesh and the correlation err by is learned at the first parameters, and again at those that it leads to.
+    // What the mesh and the correlation err by is learned at the first parameters, unless it was near them, and again at those that it leads to.
     for (int pass = 0; pass < 2; ++pass) {
+      if (const auto known = experiment_.learned(); known && !known->at.empty() && !moved_far(known->at, best)) break;  // scatter of bars, which is put back with no model, is learned again
       const std::vector<double> at = best.values;
       experiment_.learn_bias(at);
       best = fit(experiment_, plain, rows_, free, at);
       say(fmt::format("  what mesh, correlation and scatter err by is learned: chi {:.3f}", std::sqrt(best.cost / static_cast<double>(rows_.size()))));
-      if (experiment_.learned() && !moved_far(at, best)) break;  // scatter of bars, which is put back with no model, is learned again
     }
     say(fmt::format("null ensemble: {} + {} draws of the noise", options_.draws, experiment_.draws(options_.draws)));
     report_.declared.ground = ground_of(best.values);
@@ -268,7 +269,7 @@ class Loop {
     return draws - model.fit.sensitivity * (pull * stacked(draws(rows_, Eigen::all), prior.null.leftCols(draws.cols())));
   }
 
-  /// Covariance, misfit and scores of a model whose fit is done.
+  /// Covariance, misfit, energy of a model whose fit is done; the scores of all other candidates, whose marks take most of the time, where the energy does not say already that something is left.
   void finish(Model& model) {
     const Known prior = known(model);
     const Eigen::MatrixXd& null = model.ground->null;
@@ -298,7 +299,8 @@ class Loop {
       misfit.frames[t] = chi(Eigen::VectorXd(model.fit.residual(rows)));
       misfit.null_frames[t] = null_of(rows);
     }
-    score_others(model, prior);
+    model.scores = score(problem_of(model, prior));
+    if (model.added.empty() || !omnibus_significant(model)) trace(model, prior);
   }
 
   /// chi of the chosen rows of the residual r under the parameters of the others, and its 95 % quantile under the null; 0 where nothing is chosen.
@@ -326,14 +328,8 @@ class Loop {
     }
   }
 
-  void score_others(Model& model, const Known& prior) {
-    for (int k = 0; k < static_cast<int>(experiment_.candidates().size()); ++k) {
-      if (left_out_[static_cast<std::size_t>(k)] != 0 || std::find(model.added.begin(), model.added.end(), k) != model.added.end() || !has_its_turn(k, model)) continue;
-      const auto& its = candidate(k).parameters;
-      if (std::any_of(its.begin(), its.end(), [&](int j) { return std::find(model.fit.free.begin(), model.fit.free.end(), j) != model.fit.free.end(); })) continue;
-      model.others.push_back(k);
-    }
-    const auto signatures = marks(experiment_, model.ground->weight, model.fit.values, model.others);
+  /// What is scored, without any candidate.
+  ScoreProblem problem_of(const Model& model, const Known& prior) const {
     ScoreProblem problem;
     problem.residual = stacked(model.fit.residual(rows_), prior.residual);
     problem.sensitivity = stacked(model.fit.sensitivity(rows_, Eigen::all), prior.sensitivity);
@@ -341,6 +337,20 @@ class Loop {
       problem.freedom = stacked(freedom(rows_), Eigen::VectorXd::Constant(prior.residual.size(), std::numeric_limits<double>::infinity()));
     problem.null = stacked(model.ground->null(rows_, Eigen::all), prior.null);
     problem.squares = stacked(model.ground->squares(rows_, Eigen::all), prior.null.leftCols(model.ground->squares.cols()));
+    return problem;
+  }
+
+  /// The scores of all other candidates.
+  void trace(Model& model, const Known& prior) {
+    model.traced = true;
+    for (int k = 0; k < static_cast<int>(experiment_.candidates().size()); ++k) {
+      if (left_out_[static_cast<std::size_t>(k)] != 0 || std::find(model.added.begin(), model.added.end(), k) != model.added.end() || !has_its_turn(k, model)) continue;
+      const auto& its = candidate(k).parameters;
+      if (std::any_of(its.begin(), its.end(), [&](int j) { return std::find(model.fit.free.begin(), model.fit.free.end(), j) != model.fit.free.end(); })) continue;
+      model.others.push_back(k);
+    }
+    const auto signatures = marks(experiment_, model.ground->weight, model.fit.values, model.others);
+    ScoreProblem problem = problem_of(model, prior);
     std::vector<int> kept;
     for (std::size_t i = 0; i < signatures.size(); ++i) {
       const Eigen::MatrixXd signature = signatures[i](rows_, Eigen::all);
@@ -444,6 +454,7 @@ class Loop {
       if (list->size() > static_cast<std::size_t>(options_.rivals)) list->resize(static_cast<std::size_t>(options_.rivals));
     }
     // Far from the truth the linear score says nothing of an effect whose mark changes with its size: it may be that of a negative one.
+    const std::size_t near = order.size();
     for (std::size_t i = 0; i < at.others.size(); ++i)
       if (from_afar(at, at.others[i]) && scores[i].visibility >= least_visibility && std::find(order.begin(), order.end(), i) == order.end()) order.push_back(i);
     // An invisible effect whose score is beyond those of all that are seen may be what is there: it is named where it suffices, after those that are seen.
@@ -452,12 +463,15 @@ class Loop {
     order.insert(order.end(), invisible.begin(), invisible.end());
     Round round;
     std::size_t seen_in_set = 0;
-    for (std::size_t i : order) {
+    for (std::size_t place = 0; place < order.size(); ++place) {
+      // An effect of the law that only the large misfit asks for: not where the test itself, its record or its cameras explain all of it.
+      if (place >= near && place < seen && std::any_of(round.set.begin(), round.set.end(), [&](int k) { return candidate(k).link != Link::material; })) continue;
+      const std::size_t i = order[place];
       Trial trial;
       experiment_.put_back(at.ground->learned);
       trial.model.ground = at.ground;
       trial.candidate = at.others[i];
-      trial.visible = round.trials.size() < seen;
+      trial.visible = place < seen;
       trial.model.added = at.added;
       trial.model.added.push_back(trial.candidate);
       // From the size that the score predicts (next to the null value where a shape decides what it is, for three of its values), and

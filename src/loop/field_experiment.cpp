@@ -83,7 +83,7 @@ FieldExperiment::FieldExperiment(Communicator world, FieldData data, DeclaredMod
   for (const auto& info : model_.lacking) parameters_.push_back(at_null(info));
   candidates_ = law_candidates(model_.lacking, std::vector<char>(model_.lacking.size(), 0), static_cast<int>(model_.values.size()));
   if (poissons_ratio) candidates_.push_back(*poissons_ratio);
-  bias_ = std::make_shared<Bias>(Eigen::MatrixXd::Zero(measured_.displacement.rows(), measured_.displacement.cols()), Eigen::VectorXd::Zero(measured_.force.size()));
+  bias_ = std::make_shared<Bias>(std::vector<double>(), Eigen::MatrixXd::Zero(measured_.displacement.rows(), measured_.displacement.cols()), Eigen::VectorXd::Zero(measured_.force.size()));
   make_scene();
   make_candidates();
   M_ = blocks(measured_.faces, [](const FieldFace& face) { return face.M; });
@@ -288,7 +288,7 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
   const Eigen::MatrixXd driving = measured_.smooth(nominal.displacement);
   const auto [seen, force] = synthetic_test(values, driving);
   const auto p = followed(measured_.smooth(seen));
-  Bias learned(seen - p.displacement, force - p.force);
+  Bias learned(values, seen - p.displacement, force - p.force);
   if (const auto j = unseen_depth()) {
     std::vector<double> other = values;
     other[*j] += unknown_of_depth;

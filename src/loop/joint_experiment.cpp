@@ -144,6 +144,7 @@ Eigen::VectorXd JointExperiment::freedom() const {
 }
 
 void JointExperiment::learn_bias(const std::vector<double>& values) {
+  learned_at_ = values;
   for (std::size_t k = 0; k < tests_.size(); ++k) tests_[k].experiment->learn_bias(values_of(k, values));
 }
 
@@ -163,14 +164,17 @@ Experiment::Doubt JointExperiment::doubt() const {
 
 std::shared_ptr<const Experiment::Learned> JointExperiment::learned() const {
   auto all = std::make_shared<LearnedByTests>();
+  all->at = learned_at_;
   for (const Test& test : tests_) all->of.push_back(test.experiment->learned());
   const bool any = std::any_of(all->of.begin(), all->of.end(), [](const auto& one) { return one != nullptr; });
   return any ? all : nullptr;
 }
 
 void JointExperiment::put_back(const std::shared_ptr<const Learned>& learned) {
-  if (const auto all = std::dynamic_pointer_cast<const LearnedByTests>(learned))
-    for (std::size_t k = 0; k < tests_.size(); ++k) tests_[k].experiment->put_back(all->of[k]);
+  const auto all = std::dynamic_pointer_cast<const LearnedByTests>(learned);
+  if (!all) return;
+  learned_at_ = all->at;
+  for (std::size_t k = 0; k < tests_.size(); ++k) tests_[k].experiment->put_back(all->of[k]);
 }
 
 Eigen::MatrixXd JointExperiment::noise(const std::vector<double>& values, int draws) {

@@ -56,7 +56,8 @@ struct Model {
   Fit fit;
   Eigen::MatrixXd covariance;   ///< of the free parameters, from the null draws [free x free]
   Misfit misfit;
-  Scores scores;                ///< of all other candidates
+  Scores scores;                ///< of all other candidates; the energy alone until these are traced
+  bool traced = false;
   Baselines baselines;          ///< of the same, in the declared model alone
   std::vector<int> others;      ///< the candidates that `scores` and `baselines` are about
   std::vector<int> too_small;   ///< candidates that are not tested: no size within their bounds would be found

@@ -80,6 +80,7 @@ class Experiment {
   [[nodiscard]] virtual Doubt doubt() const { return {}; }
   /// The same to be kept, and put back: another model errs otherwise. Null where what is learned is a matter of the data alone.
   struct Learned {
+    std::vector<double> at;  ///< the values of the parameters that it was learned with; empty: nothing was
     virtual ~Learned() = default;
   };
   [[nodiscard]] virtual std::shared_ptr<const Learned> learned() const { return nullptr; }

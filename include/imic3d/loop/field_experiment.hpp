@@ -128,7 +128,7 @@ class FieldExperiment final : public Experiment {
     Eigen::MatrixXd displacement;
     Eigen::VectorXd force;
     Eigen::VectorXd of_depth;  // what ends that move unevenly at depth would add, in units of the noise [N]; empty where that is seen
-    Bias(Eigen::MatrixXd u, Eigen::VectorXd f) : displacement(std::move(u)), force(std::move(f)) {}
+    Bias(std::vector<double> values, Eigen::MatrixXd u, Eigen::VectorXd f) : displacement(std::move(u)), force(std::move(f)) { at = std::move(values); }
   };
   struct Simulation;  // what one series is made of
   struct Variant;     // a specimen with its forward model

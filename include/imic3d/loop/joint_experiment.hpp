@@ -67,6 +67,7 @@ class JointExperiment final : public Experiment {
   std::vector<Datum> data_;
   std::vector<int> first_frame_;
   std::vector<Eigen::Index> first_row_;  // and the number of rows
+  std::vector<double> learned_at_;
 };
 
 }  // namespace imic3d::loop

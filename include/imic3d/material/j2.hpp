@@ -1,7 +1,9 @@
 #pragma once
 // Von Mises plasticity with associated flow and isotropic hardening, integrated by backward Euler (radial return).
 
+#include <algorithm>
 #include <cmath>
+#include <optional>
 #include <utility>
 
 #include "imic3d/material/scalar_root.hpp"
@@ -80,6 +82,35 @@ struct J2 {
     result.stress = add_spherical((1.0 - 2.0 * G * flow) * s, pressure);
     result.state[0] = ep_old + dep;
     return true;
+  }
+
+  /// eps_33 that makes the stress through the thickness vanish, added to the trial strain: one equation in the plane, in which the stress returns by
+  /// s = s_trial/(1 + E f/(3 - 3 nu)), sigma_22 - sigma_11 and sigma_12 by 1/(1 + 2 G f), dep = 2/3 f q (Simo and Taylor 1986; de Souza Neto et al. 2008, box 9.5).
+  /// None where the yield stress goes with the volume, or falls.
+  [[nodiscard]] std::optional<double> thickness_strain(const StrainStep<double>& step) const noexcept {
+    if (cauchy_yield) return std::nullopt;
+    const std::span<const double> p = step.parameters, hardening = p.subspan(2);
+    const double E = p[0], nu = p[1], ep = step.state[0], G = E / (2.0 * (1.0 + nu)), of_sum = E / (3.0 * (1.0 - nu));
+    const auto& e = step.trial_strain;
+    const double sum = E / (1.0 - nu) * (e[0] + e[1]), difference = 2.0 * G * (e[1] - e[0]), shear = 2.0 * G * e[3];
+    const auto equivalent = [&](const auto& f) {  // von Mises stress
+      using std::sqrt;
+      const auto a = sum / (1.0 + of_sum * f), b = 1.0 / (1.0 + 2.0 * G * f);
+      return sqrt(0.25 * a * a + (0.75 * difference * difference + 3.0 * shear * shear) * b * b);
+    };
+    const double q = equivalent(0.0), yield_old = yield_stress(ep, hardening, E);
+    if (!(yield_old > 0.0)) return std::nullopt;
+    double f = 0.0;
+    if (q > yield_old) {
+      const auto residual = [&](const Dual<1>& flow) {
+        const Dual<1> there = equivalent(flow);
+        return there - yield_stress(Dual<1>(ep) + 2.0 / 3.0 * flow * there, hardening, E);
+      };
+      const auto root = bracketed_newton(residual, 0.0, (q / yield_old - 1.0) / std::min(of_sum, 2.0 * G), q);
+      if (!root) return std::nullopt;
+      f = *root;
+    }
+    return -sum / (1.0 + of_sum * f) * (nu / E + f / 3.0) - e[2];
   }
 
   /// De Souza Neto et al. (2008), Eq. (7.120), with engineering shears.

@@ -2,6 +2,7 @@
 // Makes a three-dimensional law one of plane stress: the strain through the thickness is what makes its stress vanish.
 
 #include <algorithm>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -13,7 +14,7 @@ namespace imic3d::material {
 /// Plane stress in logarithmic strain. Axis 3 is a principal axis of every strain and stress, so that the logarithmic
 /// strain through the thickness, eps_33 = ln(lambda_3), is decoupled from the plane and adds to the trial strain:
 ///
-///   stress_33(E_trial + eps_33 e_3 (x) e_3) = 0, a scalar equation in eps_33, solved at the point.
+///   stress_33(E_trial + eps_33 e_3 (x) e_3) = 0, a scalar equation in eps_33, solved at the point (by the law itself, where it has a `thickness_strain`).
 ///
 /// LogStrainLaw<PlaneStress<Law>> is given F with F_33 = 1 (and F_13 = F_23 = F_31 = F_32 = 0): its trial strain then holds
 /// -Ep_33 through the thickness, to which eps_33 is added here. Of the tangent only the components in the plane have a
@@ -50,7 +51,9 @@ struct PlaneStress {
       scale = std::sqrt(double_dot(stress, stress));
       return there.stress[2];
     };
-    const auto root = increasing_newton(normal_stress, value(step.state[thickness_strain_index]), [&] { return scale; });
+    std::optional<double> root;
+    if constexpr (requires { law.thickness_strain(plain); }) root = law.thickness_strain(plain);
+    if (!root) root = increasing_newton(normal_stress, value(step.state[thickness_strain_index]), [&] { return scale; });
     if (!root) return false;
 
     // (ii) its derivatives, from the equation at the root

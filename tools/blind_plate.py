@@ -1,0 +1,241 @@
+#!/usr/bin/python3
+"""Blind trials of `imic3d loop` on a plate with a hole that CalculiX pulls between grips (thin; quadratic bricks, a finer mesh and a longer specimen than is
+declared). Something is done to the test that the case file does not declare, and imic3d has to say what is missing.
+
+images   a speckle of discs given by formulas, mapped back sample by sample, averaged over the pixels, with noise, in 8 bits: 250 x 320 px
+fields   the displacement at points as a subset correlation would give it, with noise, rounded
+
+tools/blind_plate.py {images,fields} [--reduced] [--seeds N] [--nulls N] [--only NAME,NAME] [--out FOLDER] [--imic3d PROGRAM]
+
+Sizes are multiples of the smallest detectable one (MDE), which the first test without any effect reports. Writes FOLDER/trials.csv (one line a
+trial), FOLDER/table.md and prints the table. A trial whose result is there is not run again."""
+
+import argparse
+import shutil
+import subprocess
+import sys
+import zlib
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+from PIL import Image
+
+import blind
+import calculix as cx
+from calculix_virtual import STATIC, combine, newton, picture, shape, simulate, speckle
+
+LAW = cx.Law()
+TRUTH = dict(E=LAW.E, S_y=LAW.S_y, H=LAW.H, delta=LAW.delta)
+FRAMES, STRAIN, REST = 16, 4.0, 4
+# A plate of half a millimetre is no plane stress at the hole's edge: 27 standard deviations of all points together, which the loop sees.
+THICKNESS, RADIUS = 0.1, 2.5
+LOAD_NOISE = 2.0  # [N]
+NOISE, STEP, SUBSET = 2e-3, 0.5, 0.3  # of a point, step and subset of the points [mm]
+PIXEL, WIDTH, HEIGHT, GREY_NOISE = 0.09, 250, 320, 2.0  # [mm], [px], [grey levels]
+DECLARED = {
+    "power": ("power_linear, tie_initial_modulus: true", "E: 190e3, nu: {nu}, S_y: 278, H: 1420, delta: 0.042", "E, S_y, H, delta"),
+    "linear": ("linear", "E: 190e3, nu: {nu}, S_y: 400, H: 1400", "E, S_y, H"),
+}
+# What the generator can do to a test. Lengths in mm, forces in N, times in frames; `mesh`: declared sizes at the hole and far from it.
+NOTHING = dict(force_offset=0.0, force_gain=1.0, force_delay=0.0, preload=0.0, jumps=0.0, hole_radius_error=0.0, nu=LAW.nu, magnification_drift=0.0, drift_with_load=0.0, inverse_distance=0.0, k1=0.0,
+               bump=0.0, oscillation=0.0, debonded=0.0, dropped=0, duplicated=0, white=255.0, declared_noise=0.0, force_unit=1.0, thickness=THICKNESS, declared="power", mesh=None)
+
+
+class Generator:
+    """The plate's front face in every frame, for each hole and Poisson's ratio: nodes (n, 2), faces (m, 8), displacement (FRAMES + 1, n, 3), force (FRAMES + 1); simulated once."""
+
+    def __init__(self, folder, fine):
+        self.folder, self.fine = folder, fine
+
+    def __call__(self, radius, nu):
+        file = self.folder / f"radius_{radius:.5f}_nu_{nu:.5f}.npz"
+        if not file.exists():
+            around, outward, along, increment = (12, 14, 7, 0.05) if self.fine else (8, 9, 5, 0.1)
+            plate = cx.Plate(length=40.0, thickness=THICKNESS, radius=radius, around=around, outward=outward, along=along, through=1)
+            result = simulate(SimpleNamespace(strain=STRAIN, frames=FRAMES, theory="hencky", increment=increment), cx.Law(nu=nu), file.with_suffix(""), plate)
+            np.savez(file, **dict(zip(("nodes", "faces", "displacement", "force"), result)))
+        known = np.load(file)
+        return known["nodes"], known["faces"], known["displacement"][STATIC - 1:], known["force"][STATIC - 1:]
+
+
+def test(generator, p, random):
+    """The test as it is recorded, the reference first: nodes (n, 2), faces (m, 8), the nodes where the camera sees them (FRAMES + 1, n, 2), force (FRAMES + 1)."""
+    nodes, faces, u, force = generator(RADIUS + p["hole_radius_error"], p["nu"])
+    time = np.arange(FRAMES + 1.0)
+    record = np.interp(time - p["force_delay"], time, force) * p["force_gain"] + p["force_offset"]
+    if p["preload"]:
+        # The reference was taken under load, in the elastic range: record and displacement count from there.
+        share = p["preload"] / force[3]
+        u, record = u - share * u[3], record - p["preload"]
+        record[0], u[0] = p["force_offset"], 0.0
+    record[1:] += p["jumps"] * random.choice([-1.0, 1.0], FRAMES) * (np.arange(FRAMES) % 3 == 0)
+    clock = time / time[-1]
+    growth = p["magnification_drift"] * clock + p["drift_with_load"] * force / force.max() + p["oscillation"] * np.sin(2 * np.pi * 2.5 * clock) + p["bump"] * (time > FRAMES // 2)
+    at = nodes + u[:, :, :2]
+    seen = at * (1.0 + growth[:, None, None] + p["inverse_distance"] * u[:, :, 2:] + p["k1"] * np.sum(at**2, axis=2, keepdims=True))
+    if p["debonded"]:  # paint that no longer follows
+        patch, last = np.hypot(nodes[:, 0] - 5, nodes[:, 1] - 5) < 1.8, FRAMES // 2
+        seen[last + 1:, patch] = seen[last, patch] + (1 - p["debonded"]) * (seen[last + 1:, patch] - seen[last, patch])
+    return nodes, faces, seen, record
+
+
+def sampled(nodes, faces, values, at):
+    """Fields (frames, n, k) of the face at points (m, 2) of the undeformed plate, the mean over a subset: (frames, m, k); NaN off it."""
+    result = np.zeros((len(values), len(at), values.shape[2]))
+    offsets = SUBSET * np.linspace(-1 / 3, 1 / 3, 3)
+    for dx in offsets:
+        for dy in offsets:
+            places, found = at + [dx, dy], np.full(result.shape, np.nan)
+            for face in faces:
+                corners = nodes[face]
+                near = np.flatnonzero(np.all((places > corners.min(0) - 0.05) & (places < corners.max(0) + 0.05), axis=1))
+                if len(near) == 0:
+                    continue
+                xi, eta = newton(corners, places[near, 0], places[near, 1], np.zeros(len(near)), np.zeros(len(near)), 12)
+                inside = (np.abs(xi) < 1 + 1e-9) & (np.abs(eta) < 1 + 1e-9)
+                N, _, _ = shape(xi[inside], eta[inside])
+                for k in range(result.shape[2]):
+                    found[:, near[inside], k] = combine(N, values[:, face, k].T[:, :, None])
+            result += found / 9
+    return result
+
+
+def points(folder, nodes, faces, seen, p, seed, random):
+    """Tables of points; what the case file says of them."""
+    x, y = np.meshgrid(np.arange(-9.5, 9.51, STEP), np.arange(-12.5, 12.51, STEP))
+    at = np.column_stack([x.ravel(), y.ravel()])
+    at = at[np.hypot(at[:, 0], at[:, 1]) > RADIUS + 0.4 + max(0.0, p["hole_radius_error"])]
+    u = sampled(nodes, faces, seen[1:] - seen[0], at)
+    if np.isnan(u).any():
+        sys.exit(f"{folder}: points off the plate")
+    common = random.normal(size=at.shape) * NOISE  # of the reference
+    for number, field in enumerate(np.concatenate([np.zeros((REST,) + at.shape), u]), 1):
+        noisy = np.round(field + common + random.normal(size=at.shape) * NOISE, 5)
+        np.savetxt(folder / f"points_{number:03}.csv", np.column_stack([at, noisy]), delimiter=",", header="x,y,u,v", comments="", fmt="%.6g")
+    return f"fields: {{files: points_*.csv, subset: {SUBSET}, at_rest: 1-{REST}}}"
+
+
+def pictures(folder, nodes, faces, seen, p, seed, random):
+    """Images; what the case file says of them. Those without noise are kept for other tests of the same speckle in which the camera sees the same."""
+    known = folder.parent / "pictures" / f"{zlib.crc32(np.round(seen, 9).tobytes()):08x}_{seed}.npy"
+    if not known.exists():
+        options = SimpleNamespace(width=WIDTH, height=HEIGHT, pixel=PIXEL, samples=3)
+        discs = speckle(options, np.random.default_rng(seed))
+        clean = [picture(nodes, faces, moved, discs, options)[0] for moved in seen]
+        known.parent.mkdir(parents=True, exist_ok=True)
+        np.save(known, np.array(clean, np.float32))
+    clean = np.load(known)
+    shutil.rmtree(folder / "images", ignore_errors=True)
+    (folder / "images").mkdir()
+    frames = [0] * REST + list(range(1, FRAMES + 1))
+    if p["dropped"]:  # an image that was not written: those after it have numbers one too small
+        del frames[REST - 1 + p["dropped"]]
+    if p["duplicated"]:  # an image that was written twice, in the place of the next
+        frames[REST + p["duplicated"]] = p["duplicated"]
+    for number, frame in enumerate(frames):
+        grey = np.clip(np.rint(clean[frame] + random.normal(size=clean[frame].shape) * GREY_NOISE), 0, p["white"])
+        Image.fromarray(grey.astype(np.uint8)).save(folder / f"images/frame_{number:03}.png")
+    noise = f", noise: {p['declared_noise']}" if p["declared_noise"] else ""
+    return f"cameras: [{{name: front, pixel_size: {PIXEL}, place: {{origin: [{(WIDTH - 1) / 2}, {(HEIGHT - 1) / 2}]}}, images: \"images/*.png\", reference: 0-{REST - 1}{noise}}}]"
+
+
+def make(kind, generator, folder, planted, seed):
+    """Data, record and case file of one trial. The speckle is the seed's, noise is the trial's."""
+    p = NOTHING | planted
+    random = np.random.default_rng([seed, zlib.crc32(folder.name.encode())])
+    folder.mkdir(parents=True, exist_ok=True)
+    nodes, faces, seen, record = test(generator, p, random)
+    data = {"images": pictures, "fields": points}[kind](folder, nodes, faces, seen, p, seed, random)
+    force = np.concatenate([np.full(REST, record[0]), record[1:]]) + random.normal(size=REST + FRAMES) * LOAD_NOISE
+    first = {"images": 0, "fields": 1}[kind]  # number of the first frame
+    rows = [f"{first + n},{max(0, n + 1 - REST)},{f / p['force_unit']:.7g}" for n, f in enumerate(force)][:REST + FRAMES - bool(p["dropped"])]
+    (folder / "loads.csv").write_text("frame,time,force\n" + "\n".join(rows) + "\n")
+    hole, far = p["mesh"] or {"images": (1.6, 4.0), "fields": (1.0, 2.5)}[kind]
+    sizes = [a for key, value in (("length", 24), ("size_hole", hole), ("size_far", far)) for a in ("-setnumber", key, str(value))]
+    subprocess.run(["gmsh", "-2", "-v", "1", *sizes, "-format", "msh41", Path(__file__).parent / "meshes/plate_with_hole.geo", "-o", folder / "mesh.msh"], check=True)
+    hardening, parameters, free = DECLARED[p["declared"]]
+    (folder / "case.yaml").write_text(f"""title: blind trial on {kind}
+specimen: {{mesh: mesh.msh, kinematics: plane_stress, element: quad8, thickness: {p["thickness"]}, held: bottom, loaded: top}}
+{data}
+loads: {{file: loads.csv, image: frame, time: time, force: force, noise: {LOAD_NOISE / p["force_unit"]}}}
+material: {{law: j2, hardening: {hardening}, parameters: {{{parameters.format(nu=LAW.nu)}}}}}
+identify: {{functional: displacement_driven, stages: [{{free: [{free}]}}]}}
+loop: {{draws: 60, additions: 2, rivals: 3, starts: [1.0]}}
+output: run
+""")
+
+
+# name in the library: (parameter of the generator, an engineer's size, largest that is planted)
+EFFECTS = {
+    "force zero": ("force_offset", 6.0, 60.0),
+    "delay of the force": ("force_delay", 0.2, 1.5),
+    "magnification drift": ("magnification_drift", 5e-4, 1e-2),
+    "parallax": ("inverse_distance", 5e-3, 5e-2),
+    "lens distortion": ("k1", 2e-5, 1e-3),
+    "camera bump": ("bump", 3e-4, 1e-2),
+    "preload": ("preload", 20.0, 120.0),
+    "hole radius": ("hole_radius_error", 0.1, 0.4),
+    "Poisson's ratio": ("nu", 0.28, 0.40),
+}
+NULLS = {"nu": LAW.nu, "force_gain": 1.0}
+FOUND_AS = {"bump": "step_of_magnification"}
+OUTSIDE = {"oscillating magnification": dict(oscillation=1e-3), "debonded patch": dict(debonded=0.5), "force jumps": dict(jumps=5.0)}
+OTHERS = {"power_term": dict(declared="linear"), "coarse mesh": dict(mesh=(3.5, 6.0))}
+PAIRS = [("force zero", "parallax"), ("hole radius", "magnification drift")]
+REDUCED = ["force zero", "delay of the force", "magnification drift", "lens distortion", "camera bump"]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("kind", choices=("images", "fields"))
+    parser.add_argument("--reduced", action="store_true", help="one null, five effects at 10 x MDE and the paper's pair of laws, from a coarser simulation; fails where a verdict is wrong")
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--nulls", type=int, default=10)
+    parser.add_argument("--multiples", default="1,3,10,50")
+    parser.add_argument("--only", default="", help="names, with commas between them")
+    parser.add_argument("--out", type=Path)
+    parser.add_argument("--imic3d", default="build/release/imic3d")
+    options = parser.parse_args()
+    out = options.out or Path(f"runs/blind_{options.kind}")
+    generator = Generator(out / "calculix", not options.reduced)
+    suite = blind.Suite(out, options.imic3d, lambda folder, planted, seed: make(options.kind, generator, folder, planted, seed), TRUTH)
+    only = set(filter(None, options.only.split(",")))
+    wanted = lambda name: not only or name in only
+    seeds = lambda name: range(options.seeds if wanted(name) else 0)
+
+    first = None
+    for seed in range(1 if options.reduced or only else options.nulls):
+        result = suite.trial("null", "-", "0", {}, 1 + seed)
+        first = first or result
+    if first is None:
+        sys.exit("the program failed without any effect: see log.txt")
+    # of the bump the step of magnification, which is the generator's
+    its_size = lambda one: next((size for size in one["sizes"] if size["parameter"] in FOUND_AS.values()), one["sizes"][0])
+    detectable = {one["name"]: its_size(one)["detectable"] for one in first["before"]["candidates"]}
+    for name, (parameter, usual, largest) in EFFECTS.items():
+        if options.reduced and name not in REDUCED:
+            continue
+        null = NULLS.get(parameter, 0.0)
+        multiples = ["10"] if options.reduced else options.multiples.split(",")
+        sizes = {k: null + float(k) * detectable[name] for k in multiples if name in detectable} | ({} if options.reduced else {"usual": usual})
+        for multiple, size in sizes.items():
+            for seed in seeds(name) if abs(size) <= largest else []:
+                suite.trial("effect", name, multiple, {parameter: size}, 1 + seed, FOUND_AS.get(parameter, parameter))
+    for name, planted in OTHERS.items():
+        for seed in seeds(name) if not options.reduced or name == "power_term" else []:
+            suite.trial("effect", name, "-", planted, 1 + seed)
+    if not options.reduced:
+        for name, planted in OUTSIDE.items():
+            for seed in seeds(name):
+                suite.trial("outside", name, "-", planted, 1 + seed)
+        for pair in PAIRS:
+            for seed in seeds(" + ".join(pair)):
+                suite.trial("pair", " + ".join(pair), "-", {EFFECTS[n][0]: EFFECTS[n][1] for n in pair}, 1 + seed)
+    suite.report()
+    if options.reduced:
+        suite.fail_unless_right()
+
+
+if __name__ == "__main__":
+    main()
