@@ -457,8 +457,8 @@ class Loop {
     const std::size_t near = order.size();
     for (std::size_t i = 0; i < at.others.size(); ++i)
       if (from_afar(at, at.others[i]) && scores[i].visibility >= least_visibility && std::find(order.begin(), order.end(), i) == order.end()) order.push_back(i);
-    // An invisible effect whose score is beyond those of all that are seen may be what is there: it is named where it suffices, after those that are seen.
-    std::erase_if(invisible, [&](std::size_t i) { return !order.empty() && scores[i].z < scores[order.front()].z; });
+    // An invisible effect whose score is as large as those of all that are seen, within their noise, may be what is there: it is named where it suffices, after those that are seen.
+    std::erase_if(invisible, [&](std::size_t i) { return !order.empty() && scores[i].z < scores[order.front()].z - 1.0; });
     const std::size_t seen = order.size();
     order.insert(order.end(), invisible.begin(), invisible.end());
     Round round;
