@@ -36,7 +36,7 @@ class Suite:
         return json.loads(done.read_text())
 
     def trial(self, kind, effect, multiple, planted, seed, parameter=None):
-        """kind: null, effect, pair (`a + b`), outside, without (the effect, which is not among the candidates); `parameter`: of the size in the result, compared with what was planted first."""
+        """kind: null, effect, pair (`a + b`), outside, fault, without (the effect, which is not among the candidates); `parameter`: of the size in the result, compared with what was planted first."""
         result = self.run(self.folder / f"{kind}_{effect}_{multiple}_{seed}".replace(" ", "_").replace("'", ""), planted, seed)
         nan = math.nan
         row = dict(kind=kind, effect=effect, multiple=multiple, seed=seed, verdict="failed", named="", set="", outcome="failed", chi=nan, null=nan, held_before=nan, held_after=nan, held_null=nan,
@@ -70,7 +70,7 @@ class Suite:
     def outcome(kind, effect, verdict, named, chosen):
         if kind == "null":
             return "nothing" if verdict == "nothing found" else "false alarm"
-        if kind in ("outside", "without"):
+        if kind in ("outside", "without", "fault"):
             return {"nothing found": "missed", "unexplained": "unexplained"}.get(verdict, "wrong")
         if verdict == "nothing found":
             return "missed"
@@ -95,7 +95,7 @@ class Suite:
             writer.writeheader()
             writer.writerows(self.rows)
         lines = ["| trial | n | found | right, alone | in the set, or with another | unexplained | missed | wrong | failed |", "|---|---|---|---|---|---|---|---|---|"]
-        title = lambda kind, m: {"outside": "outside the library", "pair": "two at once", "without": "10 × MDE, not among the candidates"}.get(kind) or {"usual": "an engineer's size", "-": "law or mesh"}.get(m, f"{m} × MDE")
+        title = lambda kind, m: {"outside": "outside the library", "pair": "two at once", "without": "10 × MDE, not among the candidates", "fault": "a fault of the test"}.get(kind) or {"usual": "an engineer's size", "-": "law or mesh"}.get(m, f"{m} × MDE")
         for kind, multiple in dict.fromkeys((r["kind"], r["multiple"]) for r in self.rows if r["kind"] != "null"):
             its = [r for r in self.rows if r["kind"] == kind and r["multiple"] == multiple]
             count = lambda *names: sum(r["outcome"] in names for r in its)

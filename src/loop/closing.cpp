@@ -13,6 +13,7 @@
 #include "imic3d/core/error.hpp"
 #include "imic3d/loop/effect.hpp"
 #include "imic3d/loop/statistics.hpp"
+#include "ground.hpp"
 #include "remainder.hpp"
 #include "sentence.hpp"
 
@@ -158,7 +159,7 @@ class Loop {
       say(fmt::format("  what mesh, correlation and scatter err by is learned: chi {:.3f}", std::sqrt(best.cost / static_cast<double>(rows_.size()))));
     }
     say(fmt::format("null ensemble: {} + {} draws of the noise", options_.draws, experiment_.draws(options_.draws)));
-    report_.declared.ground = ground_of(best.values);
+    report_.declared.ground = ground_of(experiment_, best.values, options_.draws);
     report_.declared.fit = fit(experiment_, report_.declared.ground->weight, rows_, free, best.values);
     finish(report_.declared);
     announce(report_.declared, "declared model");
@@ -172,26 +173,6 @@ class Loop {
     });
   }
 
-  /// Draws of the noise at these values, with what was learned now.
-  std::shared_ptr<const Ground> ground_of(const std::vector<double>& values) const {
-    auto ground = std::make_shared<Ground>();
-    ground->learned = experiment_.learned();
-    // Some draws say how the numbers of a frame vary together, others what is left of them then: no draw judges itself.
-    const int draws = experiment_.draws(options_.draws);
-    Eigen::MatrixXd null = experiment_.noise(values, options_.draws + draws);
-    doubt_bias(null);
-    Eigen::MatrixXd of_weight = null.leftCols(options_.draws);
-    // Numbers whose noise was estimated from themselves are whitened with that; to weigh them by it once more would be to trust it twice.
-    const Eigen::VectorXd freedom = experiment_.freedom();
-    for (Eigen::Index i = 0; i < freedom.size(); ++i)
-      if (std::isfinite(freedom[i])) of_weight.row(i).setZero();
-    ground->weight = Weight(experiment_.data(), of_weight);
-    ground->null = ground->weight(null.rightCols(draws));
-    ground->squares = ground->weight(experiment_.noise_of_squares(values, null.rightCols(options_.draws)));
-    if (rigs_ > 1) ground->apart = Weight(experiment_.data(), of_weight, 2, true);
-    return ground;
-  }
-
   /// A model that is another one than that under which the ground was laid: what it errs by, and what noise leaves, is found anew.
   void settle(Model& model) const {
     experiment_.learn_bias(model.fit.values);
@@ -199,38 +180,8 @@ class Loop {
     const std::vector<double> at = model.fit.values;
     model.fit = fit(experiment_, weight, rows_, model.fit.free, at);
     if (moved_far(at, model.fit)) experiment_.learn_bias(model.fit.values);
-    model.ground = ground_of(model.fit.values);
+    model.ground = ground_of(experiment_, model.fit.values, options_.draws);
     model.fit = fit(experiment_, model.ground->weight, rows_, model.fit.free, model.fit.values);
-  }
-
-  /// The learned bias is known to a part only (the synthetic images differ from real ones, the finer mesh errs too): what is
-  /// not known of it joins the noise, for each number of a frame and again for all of them together (and for each further thing that is unknown) a random polynomial of second degree in time.
-  /// Number by number alone it would cancel over the many numbers that a parameter is found from.
-  void doubt_bias(Eigen::MatrixXd& null) const {
-    const Experiment::Doubt doubt = experiment_.doubt();
-    if (doubt.each.size() == 0) return;
-    const auto& data = experiment_.data();
-    std::vector<Eigen::Index> place(data.size());  // of a number within its frame
-    Eigen::Index most = 0;
-    for (std::size_t i = 0; i < data.size(); ++i) {
-      place[i] = i > 0 && data[i].frame == data[i - 1].frame ? place[i - 1] + 1 : 0;
-      most = std::max(most, place[i] + 1);
-    }
-    std::mt19937_64 random(11);
-    std::normal_distribution<double> normal;
-    for (auto draw : null.colwise()) {
-      Eigen::Matrix<double, 3, Eigen::Dynamic> c(3, most);  // coefficients of Legendre polynomials
-      for (double& x : c.reshaped()) x = normal(random);
-      Eigen::Matrix<double, 3, Eigen::Dynamic> whole(3, doubt.whole.cols());
-      for (double& x : whole.reshaped()) x = normal(random);
-      const double size = std::sqrt(1.0 + 1.0 / 3.0 + 0.2);
-      for (std::size_t i = 0; i < data.size(); ++i) {
-        const double s = frames_ > 1 ? 2.0 * data[i].frame / (frames_ - 1.0) - 1.0 : 0.0;
-        const auto row = static_cast<Eigen::Index>(i);
-        const Eigen::Vector3d both = (doubt.each[row] * c.col(place[i]) + whole * doubt.whole.row(row).transpose()) / size;
-        draw[row] += both[0] + both[1] * s + both[2] * 0.5 * (3.0 * s * s - 1.0);
-      }
-    }
   }
 
   /// What is known of the free parameters beforehand is data beside the others.
