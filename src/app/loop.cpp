@@ -154,6 +154,7 @@ class FieldTest final : public LoopTest {
   int simulations() const override { return experiment_->simulations(); }
   void write(const std::filesystem::path& folder, const loop::Report& report, double seconds) override {
     const LoopFields fields = loop_fields(*experiment_, report);  // collective
+    for (auto& doubt : unlikely_values(test_, material_, report.final.fit.values)) test_.doubts.push_back(std::move(doubt));
     collectively(world_, [&] {
       if (world_.is_root()) write_loop_report(folder, test_, *experiment_, report, fields, light_, seconds);
     });

@@ -189,6 +189,7 @@ void write_loop_report(const std::filesystem::path& folder, const io::Case& test
   json["title"] = test.title;
   json["time"] = io::quantity(seconds, "s");
   json["simulations"] = experiment.simulations();
+  if (!test.doubts.empty()) json["doubts"] = test.doubts;
   if (!light.is_null()) json["light"] = light;
   if (!light.is_null() && light["verdict"] != "nothing found") json["sentence"] = fmt::format("{} The light: {}", report.sentence, light["sentence"].get<std::string>());
   if (std::isfinite(experiment.measured().force_noise)) json["force_residual"] = {{"before", numbers(fields.force_before)}, {"after", numbers(fields.force_after)}, {"unit", test.units.force}};

@@ -177,6 +177,9 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
                        const std::vector<StageSummary>& stages, double seconds, const std::map<std::string, std::vector<GroupTime>>& groups) {
   if (!file_) return;
   auto json = io::summary(*file_);
+  auto doubts = test_.doubts;
+  for (auto& doubt : unlikely_values(test_, material, material.values)) doubts.push_back(std::move(doubt));
+  if (!doubts.empty()) json["doubts"] = doubts;
   for (const auto& stage : stages) {
     json["stages"].push_back({{"free", stage.free}, {"iterations", stage.iterations}, {"converged", stage.converged}, {"message", stage.message}});
     for (std::size_t j = 0; j < stage.free.size(); ++j) {

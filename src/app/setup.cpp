@@ -13,6 +13,9 @@ namespace imic3d::app {
 
 namespace {
 
+/// Young's modulus and the yield stress are declared within this factor of what they are, if units are as they should be.
+constexpr double largest_change = 20.0;
+
 material::LawChoice choice(const io::MaterialCase& declared, bool plane_stress = false) {
   return {.law = declared.law,
           .hardening = declared.hardening,
@@ -46,7 +49,7 @@ int Material::index(const std::string& name) const {
 }
 
 io::Case read_case(const CommandOptions& options, std::vector<std::string> sections, bool images, bool fields, bool several) {
-  return io::read_case(options.case_file,
+  io::Case test = io::read_case(options.case_file,
                        {.parameters_of = [](const io::MaterialCase& m) { return material::make_law(choice(m))->parameters(); },
                         .read_mesh = [](const std::filesystem::path& file) { return mesh::read(file); },
                         .effects = effect_quantities(),
@@ -54,6 +57,8 @@ io::Case read_case(const CommandOptions& options, std::vector<std::string> secti
                         .images = images,
                         .fields = fields,
                         .several = several});
+  for (const auto& doubt : test.doubts) spdlog::warn("{}", doubt);
+  return test;
 }
 
 namespace {
@@ -80,6 +85,21 @@ ExtendedMaterial material_of(const io::Case& test, const material::LawChoice& ch
 }  // namespace
 
 Material make_material(const io::Case& test) { return material_of(test, choice(test.material, test.specimen.plane_stress())); }
+
+std::vector<std::string> unlikely_values(const io::Case& test, const Material& material, const std::vector<double>& values) {
+  std::vector<std::string> doubts;
+  for (std::size_t j = 0; j < material.values.size(); ++j) {
+    const auto& info = material.information[j];
+    const auto declared = test.material.parameters.find(info.name);
+    if ((info.name != "E" && info.name != "S_y") || declared == test.material.parameters.end()) continue;  // hardening may be anything
+    const double ratio = values[j] / declared->second.value;
+    if (ratio < largest_change && ratio > 1.0 / largest_change) continue;
+    doubts.push_back(fmt::format("{} is {:.4g} {} where {:.4g} was declared: are force, length and material in the units of the case file ({}, {})?", info.name, values[j], info.unit, declared->second.value,
+                                 test.units.force, test.units.length));
+    spdlog::warn("{}", doubts.back());
+  }
+  return doubts;
+}
 
 std::shared_ptr<const material::FiniteStrainLaw> extended_law(const io::Case& test, const std::vector<std::string>& effects) {
   material::LawChoice chosen = choice(test.material, test.specimen.plane_stress());

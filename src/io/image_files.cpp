@@ -193,6 +193,13 @@ std::optional<int> number_in_name(const std::filesystem::path& file) {
   return std::stoi(name.substr(start, end - start));
 }
 
+bool same_content(const std::filesystem::path& a, const std::filesystem::path& b) {
+  std::error_code error;
+  if (std::filesystem::file_size(a, error) != std::filesystem::file_size(b, error) || error) return false;
+  std::ifstream first(a, std::ios::binary), second(b, std::ios::binary);
+  return std::equal(std::istreambuf_iterator<char>(first), {}, std::istreambuf_iterator<char>(second));
+}
+
 ImageHeader read_image_header(const std::filesystem::path& file) {
   Bytes bytes(file);
   if (bytes.size() < 32) bytes.unknown();

@@ -18,6 +18,9 @@ namespace imic3d::io {
 /// The last number in a file's name, without its extension; nothing if there is none.
 [[nodiscard]] std::optional<int> number_in_name(const std::filesystem::path& file);
 
+/// Whether two files hold the same bytes.
+[[nodiscard]] bool same_content(const std::filesystem::path& a, const std::filesystem::path& b);
+
 /// What an image's header says; read without decoding the pixels.
 struct ImageHeader {
   int columns = 0, rows = 0;

@@ -118,6 +118,8 @@ void write_loop_page(const std::filesystem::path& page, const json& summary, con
                      (summary["set"].empty() ? "" : ": " + escaped(joined(summary["set"]))) + (summary.contains("light") ? "; of the light: <strong>" + escaped(summary["light"]["verdict"].get<std::string>()) + "</strong>" : ""),
                      escaped(summary["held_out"].dump()));
 
+  if (summary.contains("doubts"))
+    for (const auto& doubt : summary["doubts"]) out += fmt::format("<p class=\"note\">{}</p>\n", escaped(doubt.get<std::string>()));
   out += "<h2>Error before and after</h2>\n<table>\n<tr><th></th><th>before</th><th>after</th><th>noise alone, 95 %</th></tr>\n";
   for (const auto& [key, null, what] : {std::array{"fitted", "null_fitted", "χ of the fitted frames"}, std::array{"held_out", "null_held_out", "χ of the held-out frames"}})
     out += fmt::format("<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>\n", what, shown(before["chi"][key], 4), shown(after["chi"][key], 4), shown(after["chi"][null], 4));

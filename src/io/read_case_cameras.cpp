@@ -213,6 +213,10 @@ void CaseReader::check_images(const Section& section, const CameraCase& camera) 
       found.insert(found.end(), error.mistakes().begin(), error.mistakes().end());
     }
   }
+  if (found.empty())
+    for (std::size_t i = 1; i < camera.images.size(); ++i)
+      if (same_content(camera.images[i - 1], camera.images[i]))
+        case_.doubts.push_back(fmt::format("{} and {} are the same picture: was a frame written twice?", camera.images[i - 1].string(), camera.images[i].filename().string()));
   check_number_of_images(section, camera);
   if (!case_.loads.records.empty()) {
     std::set<int> recorded;

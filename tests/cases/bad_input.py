@@ -5,7 +5,7 @@ Usage: bad_input.py EXECUTABLE [--ranks 2] [--only NAME] [--limit SECONDS] [--ke
 
 For each row `EXECUTABLE check case.yaml` runs on some ranks. Every rank must end with status 2; stderr must be the golden
 lines and nothing else (so rank 0 alone speaks); the time from the start of the ranks must stay below the limit. The good
-case itself must pass with status 0. A golden line that starts with "re:" is a regular expression.
+case itself must pass with status 0, without a warning; what is only doubted passes with one warning. A golden line that starts with "re:" is a regular expression.
 """
 import argparse
 import os
@@ -54,8 +54,8 @@ def speckle(seed=1, columns=COLUMNS, rows=ROWS, top=255):
     return noise * top
 
 
-def write_image(path, columns=COLUMNS, rows=ROWS, bits=8):
-    values = speckle(columns=columns, rows=rows, top=2**bits - 1)
+def write_image(path, columns=COLUMNS, rows=ROWS, bits=8, seed=1):
+    values = speckle(seed, columns=columns, rows=rows, top=2**bits - 1)
     path.parent.mkdir(exist_ok=True)
     Image.fromarray(values.astype(numpy.uint8 if bits == 8 else numpy.uint16)).save(path)
 
@@ -88,7 +88,7 @@ def write_good_case(folder):
     (folder / "loads.csv").write_text("frame,t_s,F_N\n" + "".join(f"{i},{i}.0,{100 * i}\n" for i in range(FRAMES)))
     write_mesh(folder / "strip.msh")
     for i in range(FRAMES):
-        write_image(folder / f"images/frame_{i}.png")
+        write_image(folder / f"images/frame_{i}.png", seed=1 + i)
 
 
 def change(name, old, new):
@@ -206,8 +206,15 @@ TABLE = [
 ]
 
 
+# What may be meant: a name, what is done to the good case, the warnings.
+DOUBTED = [
+    ("image_twice", lambda folder: shutil.copy(folder / "images/frame_2.png", folder / "images/frame_3.png"),
+     ["images/frame_2.png and frame_3.png are the same picture: was a frame written twice?"]),
+]
+
+
 def run(arguments, folder):
-    """Statuses of the ranks, stderr's lines without the folder's name, seconds."""
+    """Statuses of the ranks, stderr's lines without the folder's name, warnings, seconds."""
     # The shell of each rank says its status, so that the launcher has no failure to comment on.
     script = '"$0" check "$1"; echo "exit status $?"'
     command = [*shlex.split(arguments.launcher), "-n", str(arguments.ranks), "sh", "-c", script, arguments.executable,
@@ -218,7 +225,8 @@ def run(arguments, folder):
     process = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment, cwd=folder.parent)
     seconds = time.monotonic() - start
     said = process.stderr.replace(f"{folder}/", "")
-    return re.findall(r"^exit status (\d+)$", process.stdout, re.M), said.splitlines(), seconds
+    warnings = re.findall(r"^\[.*\] warning (.*)$", said, re.M)
+    return re.findall(r"^exit status (\d+)$", process.stdout, re.M), said.splitlines(), warnings, seconds
 
 
 def fits(golden, line):
@@ -246,18 +254,20 @@ def main():
     parser.add_argument("--launcher", default="mpirun --oversubscribe")
     arguments = parser.parse_args()
     folder = (arguments.keep or pathlib.Path(tempfile.mkdtemp(prefix="imic3d_bad_input_"))).resolve()
-    rows = [("good_case", lambda _: None, None), *TABLE]
+    rows = [("good_case", lambda _: None, None, []), *((name, spoil, None, warnings) for name, spoil, warnings in DOUBTED), *((*row, []) for row in TABLE)]
     failed, longest = 0, 0.0
-    for name, spoil, golden in rows:
+    for name, spoil, golden, doubted in rows:
         if arguments.only and arguments.only not in name:
             continue
         case = folder / name
         shutil.rmtree(case, ignore_errors=True)
         write_good_case(case)
         spoil(case)
-        statuses, lines, seconds = run(arguments, case)
+        statuses, lines, warnings, seconds = run(arguments, case)
         longest = max(longest, seconds)
         found = faults(statuses, lines, seconds, golden, 0 if golden is None else 2, arguments)
+        if warnings != doubted:
+            found.append(f"warned {warnings}, not {doubted}")
         if golden is None and found:
             found += ["said:"] + [f"  {line}" for line in lines]
         failed += bool(found)

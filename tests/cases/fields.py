@@ -52,9 +52,9 @@ def tables(folder, scale, turn, y_down, origin, drift=0.0, seed=1):
     (folder / "loads.csv").write_text("\n".join(rows) + "\n")
 
 
-def case(name, axes="", loads=True, free="E, nu"):
+def case(name, axes="", loads=True, free="E, nu", load_noise=LOAD_NOISE):
     """The case file of the tables in the folder `name`. The mesh is 7 mm wide within a strip of 8: as thick as to carry the strip's force."""
-    record = f"loads: {{file: {name}/loads.csv, image: frame, time: time, force: force, noise: {LOAD_NOISE}}}" if loads else ""
+    record = f"loads: {{file: {name}/loads.csv, image: frame, time: time, force: force, noise: {load_noise}}}" if loads else ""
     return CASE.format(name=name, axes="columns: {x: X, y: Y, u: U, v: V}" + axes, loads=record, free=free)
 
 
@@ -63,8 +63,8 @@ def main():
     folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_fields_"))
     bar(folder / "strip.msh", -11.0, 11.0, 22, columns=6, half_width=3.5)
 
-    def loop(name, axes, ranks, loads=True, free="E, nu"):
-        (folder / f"{name}.yaml").write_text(case(name, axes, loads, free))
+    def loop(name, axes, ranks, loads=True, free="E, nu", load_noise=LOAD_NOISE):
+        (folder / f"{name}.yaml").write_text(case(name, axes, loads, free, load_noise))
         run(program, "loop", folder / f"{name}.yaml", ranks)
         return json.loads((folder / name / "run/result.json").read_text())
 
@@ -76,6 +76,13 @@ def main():
     for name, truth in (("E", E), ("nu", NU)):
         off = (found[name]["value"] - truth) / found[name]["standard_deviation"]
         require(abs(off) < 4, f"{name} {found[name]['value']:.5g} +- {found[name]['standard_deviation']:.2g}, true {truth:g}")
+
+    require("doubts" not in result, "nothing is doubted")
+    shutil.copytree(folder / "nothing", folder / "kilonewton", ignore=shutil.ignore_patterns("run"))
+    rows = (folder / "nothing/loads.csv").read_text().split()
+    (folder / "kilonewton/loads.csv").write_text("\n".join([rows[0]] + [",".join([*row.split(",")[:2], f"{float(row.split(',')[2]) / 1000:.6f}"]) for row in rows[1:]]) + "\n")
+    result = loop("kilonewton", "", 1, load_noise=LOAD_NOISE / 1000)
+    require(abs(result["before"]["parameters"]["E"]["value"] / E * 1000 - 1) < 0.05 and len(result.get("doubts", [])) == 1 and "units" in result["doubts"][0], f"a force in kN is doubted: {result.get('doubts')}")
 
     drift = 1.5e-3
     tables(folder / "drift", 0.05, 12.0, True, (300.0, 410.0), drift, 2)

@@ -30,6 +30,8 @@ struct Material {
 [[nodiscard]] std::string unit_in(std::string unit, const io::Units& units);
 
 [[nodiscard]] Material make_material(const io::Case& test);
+/// What the found `values` of the material's parameters, far from the declared ones, let suspect; said in the log, too.
+[[nodiscard]] std::vector<std::string> unlikely_values(const io::Case& test, const Material& material, const std::vector<double>& values);
 
 /// The declared law extended by everything that it may lack: what is not declared stands at its null value.
 struct ExtendedMaterial : Material {

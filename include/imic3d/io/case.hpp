@@ -250,6 +250,7 @@ struct Case {
   std::optional<SimulateCase> simulate;
   std::optional<VirtualCase> virtual_test;
   std::filesystem::path output;  ///< folder for results
+  std::vector<std::string> doubts;  ///< what is allowed, but hardly meant, a sentence each
 
   /// Numbers of the frames of the series: those with an image, or 0, 1, 2 … of `simulate` where there are no images.
   Frames frames;
