@@ -119,10 +119,16 @@ void FieldExperiment::make_candidates() {
       const int place = static_cast<int>(parameters_.size());
       parameters_.push_back({.info = {.name = q.name, .unit = model_.unit ? model_.unit(q.unit) : q.unit, .description = q.description, .lower = q.lower, .upper = q.upper, .null_value = q.null, .shape = q.shape, .scale = q.scale},
                              .value = q.null, .step = q.step, .prior = 0.0, .free = false});
-      if (const auto* declared = declare(parameters_.back(), keys.back(), model_.effects))
-        parameters_.back().prior = declared->prior * q.size;
-      else
+      if (const auto* declared = declare(parameters_.back(), keys.back(), model_.effects)) {
+        Parameter& known = parameters_.back();
+        known.prior = declared->prior * q.size;
+        if (known.prior > 0.0) {  // what is farther off is something else
+          known.info.lower = std::max(known.info.lower, known.value - 5.0 * known.prior);
+          known.info.upper = std::min(known.info.upper, known.value + 5.0 * known.prior);
+        }
+      } else {
         candidate.parameters.push_back(place);
+      }
       parameters_.back().info.name = key_of(which) + q.name;
     }
     if (!candidate.parameters.empty()) ordered.push_back(std::move(candidate));

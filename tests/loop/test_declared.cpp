@@ -43,6 +43,23 @@ TEST(Declared, AFreeEffectIsIdentified) {
   EXPECT_NEAR(found.values[static_cast<std::size_t>(offset)], 120.0, 0.5);
 }
 
+/// A load cell that is off by twelve times what is known of it is not explained by that.
+TEST(Declared, WhatIsKnownBeforehandGoesNoFartherThanItIsKnown) {
+  Strip strip(120.0);
+  strip.model.effects = {{.effect = "force_zero", .quantity = "force_offset", .value = {}, .lower = {}, .upper = {}, .free = true, .prior = 1.0}};
+  const double whole = strip.experiment().parameters()[static_cast<std::size_t>(place_of(strip.experiment(), "force_offset"))].prior;
+  strip.model.effects.front().prior = 10.0 / whole;
+  FieldExperiment experiment = strip.experiment();
+  const int offset = place_of(experiment, "force_offset");
+  const auto& known = experiment.parameters()[static_cast<std::size_t>(offset)];
+  EXPECT_DOUBLE_EQ(known.prior, 10.0);
+  EXPECT_DOUBLE_EQ(known.info.upper, 50.0);
+  EXPECT_DOUBLE_EQ(known.info.lower, -50.0);
+  const Weight weight(experiment.data(), Eigen::MatrixXd(static_cast<Eigen::Index>(experiment.data().size()), 0));
+  const Fit found = fit(experiment, weight, rows_of_frames(experiment.data(), {1, 1, 1, 1}), {offset}, declared(experiment));
+  EXPECT_NEAR(found.values[static_cast<std::size_t>(offset)], 50.0, 1e-6);
+}
+
 TEST(Declared, OneOfTwoQuantitiesLeavesTheOtherACandidate) {
   Strip strip(0.0);
   strip.model.effects = {{.effect = "taper", .quantity = "taper_y", .value = 0.01, .lower = {}, .upper = {}}};
