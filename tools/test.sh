@@ -8,5 +8,4 @@ tools/build.sh
 tools/make_meshes.sh
 export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 HWLOC_HIDE_ERRORS=2
 if [ $# -eq 0 ]; then set -- -LE 'nightly|slurm'; fi
-# One test more than there are processors: those on two ranks leave one of them idle half of the time.
-ctest --preset release -j "$(($(nproc) + 1))" "$@"
+ctest --preset release -j "$(nproc)" "$@"
