@@ -400,6 +400,21 @@ TEST(Closing, AnInvisibleEffectWithAsLargeAScoreIsInTheSet) {
   EXPECT_GE(in_set, 9);
 }
 
+/// Effects of the law that only a large misfit asks for are tried beside another one of the law, not where a camera explains all of it.
+TEST(Closing, EffectsOfTheLawAreLookedForFromAfarWhereTheTestItselfDoesNotExplainAll) {
+  LoopOptions one_rival = options;
+  one_rival.rivals = 1;
+  const auto trials = [&](int effect) {
+    Curves curves(3, {{effect, 30.0}});
+    const Report report = close_loop(curves, one_rival);
+    EXPECT_GT(report.declared.misfit.fitted, 2.0 * report.declared.misfit.null_fitted);
+    EXPECT_EQ(report.named, std::vector<int>{effect});
+    return report.rounds.front().trials.size();
+  };
+  EXPECT_EQ(trials(Curves::drift), 1U);
+  EXPECT_GT(trials(Curves::kink), 1U);
+}
+
 TEST(Closing, TwoEffectsAreFoundOneAfterTheOther) {
   const Report report = loop_on(Curves(5, {{Curves::drift, 5.0}, {Curves::offset, 20.0}}));
   EXPECT_EQ(report.verdict, Verdict::attributed) << report.sentence;
