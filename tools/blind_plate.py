@@ -5,7 +5,7 @@ declared). Something is done to the test that the case file does not declare, an
 images   a speckle of discs given by formulas, mapped back sample by sample, averaged over the pixels, with noise, in 8 bits: 250 x 320 px
 fields   the displacement at points as a subset correlation would give it, with noise, rounded
 
-tools/blind_plate.py {images,fields} [--reduced] [--seeds N] [--nulls N] [--only NAME,NAME] [--out FOLDER] [--imic3d PROGRAM]
+tools/blind_plate.py {images,fields} [--reduced] [--waist] [--seeds N] [--nulls N] [--only NAME,NAME] [--out FOLDER] [--imic3d PROGRAM]
 
 Sizes are multiples of the smallest detectable one (MDE), which the first test without any effect reports. Writes FOLDER/trials.csv (one line a
 trial), FOLDER/table.md and prints the table. A trial whose result is there is not run again."""
@@ -42,17 +42,28 @@ NOTHING = dict(force_offset=0.0, force_gain=1.0, force_delay=0.0, preload=0.0, j
                bump=0.0, oscillation=0.0, debonded=0.0, dropped=0, duplicated=0, white=255.0, declared_noise=0.0, force_unit=1.0, thickness=THICKNESS, declared="power", mesh=None)
 
 
+def waisted(points):
+    """The points (n, 2 or 3) of the plate, those of one with a waist: three quarters as wide at the hole, which is elliptical then."""
+    return np.column_stack([points[:, 0] * (1 - 0.25 * np.exp(-(points[:, 1] / 6) ** 2)), points[:, 1:]])
+
+
+class Waisted(cx.Plate):
+    def mesh(self):
+        nodes, cells = super().mesh()
+        return waisted(nodes), cells
+
+
 class Generator:
     """The plate's front face in every frame, for each hole and Poisson's ratio: nodes (n, 2), faces (m, 8), displacement (FRAMES + 1, n, 3), force (FRAMES + 1); simulated once."""
 
-    def __init__(self, folder, fine):
-        self.folder, self.fine = folder, fine
+    def __init__(self, folder, fine, waist):
+        self.folder, self.fine, self.waist = folder, fine, waist
 
     def __call__(self, radius, nu):
         file = self.folder / f"radius_{radius:.5f}_nu_{nu:.5f}.npz"
         if not file.exists():
             around, outward, along, increment = (12, 14, 7, 0.05) if self.fine else (8, 9, 5, 0.1)
-            plate = cx.Plate(length=40.0, thickness=THICKNESS, radius=radius, around=around, outward=outward, along=along, through=1)
+            plate = (Waisted if self.waist else cx.Plate)(length=40.0, thickness=THICKNESS, radius=radius, around=around, outward=outward, along=along, through=1)
             result = simulate(SimpleNamespace(strain=STRAIN, frames=FRAMES, theory="hencky", increment=increment), cx.Law(nu=nu), file.with_suffix(""), plate)
             np.savez(file, **dict(zip(("nodes", "faces", "displacement", "force"), result)))
         known = np.load(file)
@@ -140,6 +151,16 @@ def pictures(folder, nodes, faces, seen, p, seed, random):
     return f"cameras: [{{name: front, pixel_size: {PIXEL}, place: {{origin: [{(WIDTH - 1) / 2}, {(HEIGHT - 1) / 2}]}}, images: \"images/*.png\", reference: 0-{REST - 1}{noise}}}]"
 
 
+def waist_mesh(path):
+    """Moves the nodes of a mesh (Gmsh 2.2)."""
+    lines = path.read_text().splitlines()
+    first = lines.index("$Nodes") + 2
+    for i in range(first, lines.index("$EndNodes")):
+        number, *at = lines[i].split()
+        lines[i] = " ".join([number, *map(repr, waisted(np.array([at], float))[0].tolist())])
+    path.write_text("\n".join(lines) + "\n")
+
+
 def make(kind, generator, folder, planted, seed):
     """Data, record and case file of one trial. The speckle is the seed's, noise is the trial's."""
     p = NOTHING | planted
@@ -153,7 +174,9 @@ def make(kind, generator, folder, planted, seed):
     (folder / "loads.csv").write_text("frame,time,force\n" + "\n".join(rows) + "\n")
     hole, far = p["mesh"] or {"images": (1.6, 4.0), "fields": (1.0, 2.5)}[kind]
     sizes = [a for key, value in (("length", 24), ("size_hole", hole), ("size_far", far)) for a in ("-setnumber", key, str(value))]
-    subprocess.run(["gmsh", "-2", "-v", "1", *sizes, "-format", "msh41", Path(__file__).parent / "meshes/plate_with_hole.geo", "-o", folder / "mesh.msh"], check=True)
+    subprocess.run(["gmsh", "-2", "-v", "1", *sizes, "-format", "msh22", Path(__file__).parent / "meshes/plate_with_hole.geo", "-o", folder / "mesh.msh"], check=True)
+    if generator.waist:
+        waist_mesh(folder / "mesh.msh")
     hardening, parameters, free = DECLARED[p["declared"]]
     (folder / "case.yaml").write_text(f"""title: blind trial on {kind}
 specimen: {{mesh: mesh.msh, kinematics: plane_stress, element: quad8, thickness: {p["thickness"]}, held: bottom, loaded: top}}
@@ -200,6 +223,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("kind", choices=("images", "fields"))
     parser.add_argument("--reduced", action="store_true", help="one null and three effects at 10 x MDE (of fields the paper's pair of laws, too), from a coarser simulation; fails where a verdict is wrong")
+    parser.add_argument("--waist", action="store_true", help="a plate with a waist and an elliptical hole")
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--nulls", type=int, default=10)
     parser.add_argument("--multiples", default="1,3,10,50")
@@ -208,7 +232,7 @@ def main():
     parser.add_argument("--imic3d", default="build/release/imic3d")
     options = parser.parse_args()
     out = options.out or Path(f"runs/blind_{options.kind}")
-    generator = Generator(out / "calculix", not options.reduced)
+    generator = Generator(out / "calculix", not options.reduced, options.waist)
     suite = blind.Suite(out, options.imic3d, lambda folder, planted, seed: make(options.kind, generator, folder, planted, seed), TRUTH)
     only = set(filter(None, options.only.split(",")))
     wanted = lambda name: not only or name in only

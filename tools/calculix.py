@@ -275,8 +275,8 @@ def plate_deck(plate, law, strains, clamped, theory="simo", largest_increment=1e
     x, y, z = nodes.T
     tiny, end, face = 1e-6, plate.length / 2.0, plate.thickness / 2.0
     sets = {"MX": where(x < tiny), "MY": where(y < tiny), "MZ": where(z < tiny), "END": where(y > end - tiny),
-            "POLE": where((x < tiny) & (abs(y - plate.radius) < tiny) & (z > face - tiny)),
-            "EQUATOR": where((abs(x - plate.radius) < tiny) & (y < tiny) & (z > face - tiny))}
+            "POLE": where((x < tiny) & (y < y[x < tiny].min() + tiny) & (z > face - tiny)),
+            "EQUATOR": where((x < x[y < tiny].min() + tiny) & (y < tiny) & (z > face - tiny))}
     if front:
         sets["FRONT"] = where(z > face - tiny)
     deck = [mesh_cards(nodes, cells), *(set_cards("NSET", *item) for item in sets.items()),

@@ -1,9 +1,7 @@
 #include "checkpoint.hpp"
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
-#include "imic3d/app/program.hpp"
 #include "imic3d/core/interrupt.hpp"
 #include "imic3d/core/log.hpp"
 
@@ -171,57 +169,16 @@ std::string reached_by(const RunState& state) {
 }  // namespace
 
 RunCheckpoint::RunCheckpoint(const Communicator& world, const std::filesystem::path& folder, const io::Case& test, bool resume)
-    : world_(world), path_(folder / "checkpoint.h5") {
-  bool there = false;
-  collectively(world, [&] {
-    if (!world.is_root()) return;
-    const auto sections = io::fingerprint(test);
-    std::error_code error;
-    there = resume && std::filesystem::exists(path_, error);
-    if (there) {
-      constexpr const char* or_anew = "without --resume the run starts anew";
-      content_ = Checkpoint::read(path_);
-      if (content_.text("program") != revision())
-        throw InputError(path_.string(), "a checkpoint of imic3d " + content_.text("program"), fmt::format("one of this program, {}; {}", revision(), or_anew));
-      std::vector<std::string> others;
-      for (const auto& [section, hash] : sections)
-        if (!content_.has("case/" + section) || content_.text("case/" + section) != hash) others.push_back(section);
-      if (!others.empty())
-        throw InputError(path_.string(), fmt::format("a checkpoint of another case: {} changed, or what {} names", fmt::join(others, ", "), others.size() == 1 ? "it" : "they"),
-                         fmt::format("the same case; {}", or_anew));
-    } else {
-      std::filesystem::remove(path_, error);
-      content_.put("program", revision());
-      for (const auto& [section, hash] : sections) content_.put("case/" + section, hash);
-    }
-  });
-  there = world.max(there ? 1.0 : 0.0) > 0.5;
-  if (resume && !there) spdlog::info("{}: no checkpoint, the run starts from the beginning", path_.string());
-  if (!there) return;
-  Checkpoint all = content_;
-  all.broadcast(world);
-  found_ = state_of(all);
+    : world_(world), file_(world, folder / "checkpoint.h5", [&] { return io::fingerprint(test); }, resume) {
+  if (!file_.found()) return;
+  found_ = state_of(file_.everywhere());
   stages_ = found_.stages.size();
   for (const auto& series : found_.dic) kept_.push_back(series.frames.size());
-  spdlog::info("goes on from {}: {}", path_.string(), reached_by(found_));
-}
-
-void RunCheckpoint::write() {
-  if (!world_.is_root()) return;
-  const auto start = std::chrono::steady_clock::now();
-  try {
-    content_.write(path_);
-  } catch (const std::exception& error) {
-    std::error_code ignored;
-    spdlog::warn("no checkpoint: {}. The run goes on; {}", error.what(), std::filesystem::exists(path_, ignored) ? "the checkpoint before stays" : "there is none yet");
-  }
-  // Of the time no more than a twentieth goes into checkpoints of the correlation.
-  const auto end = std::chrono::steady_clock::now();
-  next_ = end + std::max<std::chrono::steady_clock::duration>(std::chrono::seconds(10), 20 * (end - start));
+  spdlog::info("goes on from {}: {}", file_.path().string(), reached_by(found_));
 }
 
 void RunCheckpoint::reaction_noise(double noise) {
-  if (world_.is_root()) content_.put("reaction_noise", noise);
+  if (world_.is_root()) file_.content().put("reaction_noise", noise);
 }
 
 void RunCheckpoint::dic(std::size_t face, const correlation::DicSeries& series, std::size_t frames) {
@@ -229,53 +186,53 @@ void RunCheckpoint::dic(std::size_t face, const correlation::DicSeries& series, 
   const bool first_frames = kept_[face] == 0 && !series.frames.empty();
   const auto keep = [&] {
     if (!world_.is_root()) return;
-    app::put(content_, fmt::format("dic/{}/", face), series, kept_[face]);
+    app::put(file_.content(), fmt::format("dic/{}/", face), series, kept_[face]);
     kept_[face] = series.frames.size();
   };
   try {
     stop_if_asked(world_);
   } catch (const Interrupted&) {
-    keep(), write();
+    keep(), file_.write();
     throw;
   }
-  if (first_frames || series.frames.size() == frames || std::chrono::steady_clock::now() >= next_) keep(), write();
+  if (first_frames || series.frames.size() == frames || file_.due()) keep(), file_.write();
 }
 
 void RunCheckpoint::put(const identification::Solutions& solutions) {
-  content_.erase("solutions/");
+  file_.content().erase("solutions/");
   for (std::size_t k = 0; k < solutions.size(); ++k) {
     const std::string of = fmt::format("solutions/{}/", k);
     const auto& solution = solutions[k];
-    content_.put(of + "parameters", column(solution.parameters));
-    content_.put(of + "free", column({solution.free.begin(), solution.free.end()}));
-    content_.put(of + "displacement", columns(solution.displacement));
+    file_.content().put(of + "parameters", column(solution.parameters));
+    file_.content().put(of + "free", column({solution.free.begin(), solution.free.end()}));
+    file_.content().put(of + "displacement", columns(solution.displacement));
     for (std::size_t j = 0; j < solution.free.size(); ++j) {
       std::vector<VectorXd> derivative;
       for (const auto& of_frame : solution.d_displacement) derivative.push_back(of_frame.at(j));
-      content_.put(fmt::format("{}derivative/{}", of, j), columns(derivative));
+      file_.content().put(fmt::format("{}derivative/{}", of, j), columns(derivative));
     }
   }
 }
 
 void RunCheckpoint::stage_point(const identification::StagePoint& point, const identification::Solutions& solutions) {
   if (world_.is_root()) {
-    content_.erase("point/");
-    app::put(content_, "point/", point);
+    file_.content().erase("point/");
+    app::put(file_.content(), "point/", point);
     put(solutions);
   }
-  write();
+  file_.write();
   stop_if_asked(world_);
 }
 
 void RunCheckpoint::stage_done(const StageDone& stage, const identification::Solutions* solutions) {
   if (world_.is_root()) {
-    content_.erase("point/");
-    content_.erase("solutions/");
-    app::put(content_, fmt::format("stages/{}/", stages_), stage);
+    file_.content().erase("point/");
+    file_.content().erase("solutions/");
+    app::put(file_.content(), fmt::format("stages/{}/", stages_), stage);
     if (solutions != nullptr) put(*solutions);
   }
   ++stages_;
-  write();
+  file_.write();
   stop_if_asked(world_);
 }
 

@@ -1,7 +1,6 @@
 #pragma once
 // checkpoint.h5 of `imic3d identify`: what a run has reached, so that --resume goes on from there.
 
-#include <chrono>
 #include <filesystem>
 #include <optional>
 #include <string>
@@ -9,7 +8,7 @@
 
 #include "imic3d/correlation/global_dic.hpp"
 #include "imic3d/identification/gauss_newton.hpp"
-#include "imic3d/io/checkpoint.hpp"
+#include "checkpoint_file.hpp"
 
 namespace imic3d::app {
 
@@ -28,12 +27,10 @@ struct RunState {
   std::optional<identification::Solutions> solutions;       ///< where its next simulation starts
 };
 
-/// The file. Rank 0 reads and writes it; every function is called on every rank. A file that cannot be written is warned of, and the run
-/// goes on: what was written before stays.
+/// The file; every function is called on every rank.
 class RunCheckpoint {
  public:
-  /// With `resume` takes up what the folder's checkpoint holds; where there is none, a line says so and the run starts anew. Without
-  /// `resume` an old one is removed. Throws InputError if the checkpoint is broken, or of another case or program. Collective.
+  /// As a CheckpointFile. Collective.
   RunCheckpoint(const Communicator& world, const std::filesystem::path& folder, const io::Case& test, bool resume);
 
   [[nodiscard]] const RunState& found() const { return found_; }
@@ -47,16 +44,13 @@ class RunCheckpoint {
   void stage_done(const StageDone& stage, const identification::Solutions* solutions);
 
  private:
-  void write();
   void put(const identification::Solutions& solutions);
 
   Communicator world_;
-  std::filesystem::path path_;
+  CheckpointFile file_;
   RunState found_;
-  io::Checkpoint content_;  // on rank 0
   std::size_t stages_ = 0;
-  std::vector<std::size_t> kept_;  // frames of each face in `content_`
-  std::chrono::steady_clock::time_point next_{};
+  std::vector<std::size_t> kept_;  // frames of each face in the file
 };
 
 }  // namespace imic3d::app

@@ -14,6 +14,7 @@
 #include "imic3d/app/output.hpp"
 #include "imic3d/app/program.hpp"
 #include "imic3d/app/setup.hpp"
+#include "imic3d/core/interrupt.hpp"
 #include "imic3d/core/log.hpp"
 #include "imic3d/correlation/smoothing.hpp"
 #include "imic3d/io/run_results.hpp"
@@ -21,8 +22,10 @@
 #include "imic3d/io/loop_page.hpp"
 #include "imic3d/loop/field_experiment.hpp"
 #include "imic3d/loop/joint_experiment.hpp"
+#include "imic3d/loop/recorded.hpp"
 #include "fields.hpp"
 #include "light.hpp"
+#include "loop_checkpoint.hpp"
 #include "loop_report.hpp"
 #include "loop_test.hpp"
 #include "rig.hpp"
@@ -270,11 +273,24 @@ std::vector<io::Case> cases_of_tests(const io::Case& all, const CommandOptions& 
   return cases;
 }
 
+/// The loop on an experiment whose answers are kept in `checkpoint`, to go on from.
+loop::Report close_loop(loop::Experiment& experiment, const loop::LoopOptions& options, const Say& say, LoopCheckpoint& checkpoint) {
+  loop::RecordedExperiment recorded(experiment, checkpoint.known(), [&](const loop::Answer& answer) { checkpoint.keep(answer); });
+  try {
+    return loop::close_loop(recorded, options, say);
+  } catch (const Interrupted&) {
+    checkpoint.write();
+    throw;
+  }
+}
+
 /// Several tests at once: the report of all, and in a folder of each test what it shows of that.
 void loop_on_tests(const Communicator& world, const CommandOptions& options, const io::Case& all, const std::function<double()>& seconds, const Say& say) {
   const std::vector<io::Case> cases = cases_of_tests(all, options);
   check_left_out(all.loop.leave_out, cases, all.tests);
+  const SignalWatch watch;
   const auto folder = output_folder(all, options, world);
+  LoopCheckpoint checkpoint(world, folder, all, cases, options.resume);
   std::vector<std::unique_ptr<LoopTest>> tests;
   std::vector<loop::JointExperiment::Test> joined;
   for (std::size_t k = 0; k < cases.size(); ++k) {
@@ -286,7 +302,7 @@ void loop_on_tests(const Communicator& world, const CommandOptions& options, con
   loop::JointExperiment experiment(std::move(joined));
   auto options_of_all = how(all, experiment.held_out());
   options_of_all.leave_out = of_candidates(experiment, options_of_all.leave_out);
-  const auto report = loop::close_loop(experiment, options_of_all, say);
+  const auto report = close_loop(experiment, options_of_all, say, checkpoint);
   for (std::size_t k = 0; k < tests.size(); ++k) {
     const auto own = folder / all.tests[k].name;
     collectively(world, [&] {
@@ -324,10 +340,16 @@ void loop(const Communicator& world, const CommandOptions& options) {
   check_law_and_cameras(test);
   check_left_out(test.loop.leave_out, {&test, 1}, {});
   const auto folder = output_folder(test, options, world);
+  std::optional<SignalWatch> watch;
+  std::optional<LoopCheckpoint> checkpoint;
+  if (test.experiments.empty())
+    watch.emplace(), checkpoint.emplace(world, folder, test, std::span<const io::Case>(), options.resume);
+  else if (options.resume)
+    spdlog::info("a loop on curves begins anew: it takes no checkpoint");
   const auto one = make_test(world, test, say);
   auto options_of_test = how(test, one->held_out());
   options_of_test.leave_out = of_candidates(one->experiment(), options_of_test.leave_out);
-  const auto report = loop::close_loop(one->experiment(), options_of_test, say);
+  const auto report = checkpoint ? close_loop(one->experiment(), options_of_test, say, *checkpoint) : loop::close_loop(one->experiment(), options_of_test, say);
   one->write(folder, report, seconds());
 }
 

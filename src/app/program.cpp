@@ -51,7 +51,7 @@ int run(int argc, char** argv) {
     CLI::App program("Identifies elasto-plastic parameters from the images and the load record of a mechanical test.",
                      "imic3d");
     program.footer("PETSc options are written with a single dash: -mechanics_ksp_type cg -log_view\n"
-                   "Exit status: 0 done, 2 bad input, 3 did not converge, 4 stopped (SIGTERM, SIGUSR1) and can be resumed: imic3d identify case.yaml --resume.");
+                   "Exit status: 0 done, 2 bad input, 3 did not converge, 4 stopped (SIGTERM, SIGUSR1) and can be resumed: the same command with --resume.");
     CommandOptions options;
     std::function<void()> command;
     const auto add = [&](const std::string& name, const std::string& what, auto function, const std::string& file) {
@@ -68,7 +68,8 @@ int run(int argc, char** argv) {
     add("dic", "global finite-element digital image correlation", dic, "case");
     add("identify", "the parameters of the law and their covariance", identify, "case")
         ->add_flag("--resume", options.resume, "goes on from the checkpoint in the folder of the results; from the beginning if there is none");
-    add("loop", "finds what the identified model leaves unexplained, names it, adds it, and reports the error before and after", loop, "case");
+    add("loop", "finds what the identified model leaves unexplained, names it, adds it, and reports the error before and after", loop, "case")
+        ->add_flag("--resume", options.resume, "goes on from the checkpoint in the folder of the results; from the beginning if there is none");
     CLI::App* reverse = add("explain", "which effect of the test, if it was left out, carries one set of identified parameters into another", explain, "case");
     reverse->add_option("--from", options.from, "result.json of the parameters that are taken for true")->required();
     reverse->add_option("--to", options.to, "result.json of the parameters identified in the test of the case file")->required();

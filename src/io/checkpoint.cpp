@@ -136,12 +136,16 @@ Checkpoint Checkpoint::read(const std::filesystem::path& path) {
   throw InputError(path.string(), found, allowed);
 }
 
-std::map<std::string, std::string> fingerprint(const Case& test) {
+std::map<std::string, std::string> fingerprint(const Case& test, bool of_loop) {
   std::map<std::string, Hash> parts;
   auto keys = read_yaml(test.file).root;
   for (const char* section : {"dic", "identify"})
     if (keys.contains(section) && keys[section].is_object()) keys[section].erase("groups");
-  for (const char* section : {"units", "specimen", "cameras", "loads", "material", "dic", "identify"}) parts[section].add(keys.contains(section) ? keys[section].dump() : "");
+  std::vector<std::string> sections = {"units", "specimen", "cameras", "loads", "material", "dic", "identify"};
+  if (of_loop) sections.insert(sections.end(), {"fields", "effects", "loop"});
+  for (const auto& section : sections) parts[section].add(keys.contains(section) ? keys[section].dump() : "");
+  if (of_loop && test.fields)
+    for (const auto& file : test.fields->files) parts["fields"].add_file(file);
   parts["specimen"].add_file(test.specimen.mesh);
   for (const auto& camera : test.cameras) {
     Hash& hash = parts["cameras"];

@@ -502,16 +502,17 @@ class Loop {
     const Model& model = trial.model;
     trial.sufficient = !significant(model);
     const auto& parameters = experiment_.parameters();
-    for (int j : candidate(trial.candidate).parameters) {
-      const auto& info = parameters[static_cast<std::size_t>(j)].info;
-      if (info.shape) continue;
-      const double value = model.fit.values[static_cast<std::size_t>(j)];
-      const double margin = std::isfinite(info.upper - info.lower) ? 0.01 * (info.upper - info.lower) : 0.1 * parameters[static_cast<std::size_t>(j)].step;
-      if (value < info.lower + margin || value > info.upper - margin) {
-        trial.plausible = false;
-        trial.objection = fmt::format("{} = {:.4g} is at its bound", info.name, value);
+    for (int k : model.added)
+      for (int j : candidate(k).parameters) {
+        const auto& info = parameters[static_cast<std::size_t>(j)].info;
+        if (info.shape) continue;
+        const double value = model.fit.values[static_cast<std::size_t>(j)];
+        const double margin = std::isfinite(info.upper - info.lower) ? 0.01 * (info.upper - info.lower) : 0.1 * parameters[static_cast<std::size_t>(j)].step;
+        if (value < info.lower + margin || value > info.upper - margin) {
+          trial.plausible = false;
+          trial.objection = fmt::format("{} = {:.4g} is at its bound", info.name, value);
+        }
       }
-    }
     if (model.misfit.checkerboard > at.misfit.checkerboard * 1.02 && at.misfit.checkerboard > at.misfit.null_checkerboard) {
       trial.plausible = false;
       trial.objection = fmt::format("half of the surface is explained worse by the other half: chi {:.3f} after {:.3f}", model.misfit.checkerboard, at.misfit.checkerboard);

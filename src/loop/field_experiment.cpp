@@ -304,6 +304,18 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
   bias_ = std::make_shared<Bias>(std::move(learned));
 }
 
+std::vector<Eigen::MatrixXd> FieldExperiment::learned_numbers() const {
+  if (!measured_.correlate) return {};
+  return {bias_->displacement, bias_->force, bias_->of_depth};
+}
+
+void FieldExperiment::learn_again(const std::vector<double>& values, const std::vector<Eigen::MatrixXd>& numbers) {
+  if (!measured_.correlate) return;
+  Bias learned(values, numbers.at(0), numbers.at(1));
+  learned.of_depth = numbers.at(2);
+  bias_ = std::make_shared<Bias>(std::move(learned));
+}
+
 /// Where cameras see one face only, the parameter that makes the driven ends move differently at depth.
 std::optional<std::size_t> FieldExperiment::unseen_depth() const {
   if (scene().plane || faces_.size() > 1) return std::nullopt;

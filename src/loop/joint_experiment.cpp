@@ -177,6 +177,29 @@ void JointExperiment::put_back(const std::shared_ptr<const Learned>& learned) {
   for (std::size_t k = 0; k < tests_.size(); ++k) tests_[k].experiment->put_back(all->of[k]);
 }
 
+/// How many numbers each test has, then these.
+std::vector<Eigen::MatrixXd> JointExperiment::learned_numbers() const {
+  Eigen::RowVectorXd counts(static_cast<Eigen::Index>(tests_.size()));
+  std::vector<Eigen::MatrixXd> all(1);
+  for (std::size_t k = 0; k < tests_.size(); ++k) {
+    const auto own = tests_[k].experiment->learned_numbers();
+    counts[static_cast<Eigen::Index>(k)] = static_cast<double>(own.size());
+    all.insert(all.end(), own.begin(), own.end());
+  }
+  all.front() = counts;
+  return all;
+}
+
+void JointExperiment::learn_again(const std::vector<double>& values, const std::vector<Eigen::MatrixXd>& numbers) {
+  learned_at_ = values;
+  auto next = numbers.begin() + 1;
+  for (std::size_t k = 0; k < tests_.size(); ++k) {
+    const auto count = static_cast<std::ptrdiff_t>(numbers.front()(0, static_cast<Eigen::Index>(k)));
+    tests_[k].experiment->learn_again(values_of(k, values), {next, next + count});
+    next += count;
+  }
+}
+
 Eigen::MatrixXd JointExperiment::noise(const std::vector<double>& values, int draws) {
   Eigen::MatrixXd all(first_row_.back(), draws);
   for (std::size_t k = 0; k < tests_.size(); ++k) all.middleRows(first_row_[k], first_row_[k + 1] - first_row_[k]) = tests_[k].experiment->noise(values_of(k, values), draws);

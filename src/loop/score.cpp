@@ -115,7 +115,7 @@ Scores score(const ScoreProblem& problem) {
   const Eigen::VectorXd Pr = projected(problem.residual);
   const Eigen::MatrixXd PR = projected(problem.null);
   Scores result;
-  result.energy = Pr.squaredNorm();
+  result.energy = problem.residual.squaredNorm();  // what the parameters would explain, too, were they not held by their bounds
   const Eigen::VectorXd null_energy = (problem.squares.size() > 0 ? projected(problem.squares) : PR).colwise().squaredNorm().transpose();
   result.null_energy = null_energy.mean();
   // The cube root of a sum of squares is all but normal (Wilson and Hilferty 1931); mean and deviation are those of the draws: Student's t.

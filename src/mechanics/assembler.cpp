@@ -268,6 +268,7 @@ bool Assembler::evaluate_cells(double time_increment, std::span<const double> pa
 bool Assembler::assemble(Vec u, double time_increment, std::span<const double> parameters, Vec force, Vec increment,
                          Vec lifting) {
   const bool with_tangent = increment != nullptr;
+  const LoggedEvent logged(LoggedEvent::named(with_tangent ? "imic3dTangent" : "imic3dForces"));
   gather(u, u_local_);
   if (with_tangent) gather(increment, increment_local_);
   if (integration_ == mesh::Integration::one_point_stabilised) {
@@ -334,6 +335,7 @@ bool Assembler::differentiate_cells(double time_increment, std::span<const doubl
 
 bool Assembler::differentiate(const std::vector<Vec>& du, double time_increment, std::span<const double> parameters,
                               std::span<const double> d_parameters, const std::vector<Vec>& d_force) {
+  const LoggedEvent logged(LoggedEvent::named("imic3dDeriv"));
   for (std::size_t k = 0; k < du.size(); ++k) gather(du[k], du_local_[k]);
   const bool good = type_ == mesh::CellType::quad4   ? differentiate_cells<4, 2>(time_increment, parameters, d_parameters)
                     : type_ == mesh::CellType::quad8 ? differentiate_cells<8, 2>(time_increment, parameters, d_parameters)

@@ -85,6 +85,7 @@ struct Equilibrium::Implementation {
         axes(assembler.axes()) {
     IMIC3D_PETSC(MatCreateVecs(assembler.tangent(), &u, nullptr));
     for (Vec* vector : {&optical_force, &force, &external, &residual, &increment, &lifting, &correction}) IMIC3D_PETSC(VecDuplicate(u, vector));
+    attach_near_null_space();  // for GAMG, the default or an option
     factors.push_back(make_solver());
     make_refiner();
   }
@@ -114,7 +115,6 @@ struct Equilibrium::Implementation {
       IMIC3D_PETSC(KSPSetType(solver, law->symmetric_tangent() ? KSPCG : KSPGMRES));
       IMIC3D_PETSC(PCSetType(preconditioner, PCGAMG));
       IMIC3D_PETSC(KSPSetTolerances(solver, 1e-8, PETSC_DEFAULT, PETSC_DEFAULT, 1000));
-      attach_near_null_space();
     }
     IMIC3D_PETSC(KSPSetFromOptions(solver));
     IMIC3D_PETSC(KSPSetOperators(solver, assembler.tangent(), assembler.tangent()));

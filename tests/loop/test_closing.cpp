@@ -4,10 +4,13 @@
 
 #include <Eigen/Dense>
 #include <cmath>
+#include <deque>
 #include <random>
+#include <utility>
 
 #include "imic3d/core/error.hpp"
 #include "imic3d/loop/closing.hpp"
+#include "imic3d/loop/recorded.hpp"
 #include "imic3d/loop/statistics.hpp"
 
 namespace imic3d::loop {
@@ -52,6 +55,11 @@ class Curves final : public Experiment {
     return *this;
   }
 
+  Curves& limit(std::size_t parameter, double lower, double upper) {
+    parameters_[parameter].info.lower = lower, parameters_[parameter].info.upper = upper;
+    return *this;
+  }
+
   /// A parameter is known beforehand.
   Curves& know(std::size_t parameter, double value, double deviation) {
     parameters_[parameter].value = value, parameters_[parameter].prior = deviation;
@@ -78,9 +86,11 @@ class Curves final : public Experiment {
   bool costly = false;        // derivatives by the effects take series of their own
   double bias_of_kink = 0.0;  // what the mesh errs by where there is one
   double unlike_twins = 0.2;  // the rest of gain
+  bool follows = true;        // what its model is asked for
   int series = 0;
 
   std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) override {
+    if (!follows) throw ConvergenceError("the model cannot follow");
     series += static_cast<int>(sets.size());
     std::vector<Eigen::VectorXd> all;
     for (const auto& set : sets) all.emplace_back(measured_ - predict(set));
@@ -465,6 +475,77 @@ TEST(Closing, AModelThatErrsByMoreThanItExplainsIsNotPlausible) {
     EXPECT_EQ(trial->objection.find("a finer mesh would tell") != std::string::npos, bias > 1.0) << trial->objection;
     EXPECT_EQ(std::count(report.named.begin(), report.named.end(), static_cast<int>(Curves::kink)), bias < 1.0 ? 1 : 0) << report.sentence;
   }
+}
+
+/// What a loop with a record of `known` answers says, and all its answers.
+struct Recorded {
+  Report report;
+  std::deque<Answer> answers;
+  Recorded(Curves& experiment, std::deque<Answer> known) : answers(known) {
+    RecordedExperiment recorded(experiment, std::move(known), [&](const Answer& answer) { answers.push_back(answer); });
+    report = close_loop(recorded, options);
+  }
+};
+
+TEST(Closing, WhatAParameterOnItsBoundLeavesIsLeft) {
+  Curves experiment(4);
+  experiment.limit(0, 1.0, 10.0);  // it is 10.6
+  const Report report = close_loop(experiment, options);
+  EXPECT_GT(report.declared.misfit.fitted, 1.3 * report.declared.misfit.null_fitted);
+  EXPECT_GT(report.declared.scores.omnibus, report.declared.scores.omnibus_threshold);
+  EXPECT_NE(report.verdict, Verdict::nothing_found) << report.sentence;
+}
+
+TEST(Recorded, GoesOnFromWhatWasAnswered) {
+  const auto made = [] {
+    Curves experiment(4, {{Curves::kink, 4.0}, {Curves::offset, 30.0}});
+    experiment.bias_of_kink = 0.1;
+    return experiment;
+  };
+  Curves experiment = made();
+  const Report plain = close_loop(experiment, options);
+  const int series = std::exchange(experiment.series, 0);
+  ASSERT_GT(plain.rounds.size(), 1U);
+  experiment = made();
+  const Recorded whole(experiment, {});
+  const auto count = whole.answers.size();
+  EXPECT_EQ(experiment.series, series);
+  int fewer = series;
+  for (const std::size_t kept : {std::size_t{0}, std::size_t{3}, count / 2, count - 1, count}) {
+    Curves again = made();
+    const Recorded resumed(again, {whole.answers.begin(), whole.answers.begin() + static_cast<std::ptrdiff_t>(kept)});
+    EXPECT_EQ(resumed.report.sentence, plain.sentence);
+    EXPECT_EQ(resumed.report.named, plain.named);
+    EXPECT_EQ(resumed.report.final.fit.values, plain.final.fit.values) << kept;
+    EXPECT_EQ(resumed.report.final.covariance, plain.final.covariance);
+    EXPECT_EQ(resumed.answers.size(), count);
+    EXPECT_LE(again.series, fewer);
+    fewer = again.series;
+  }
+  EXPECT_EQ(fewer, 0);
+}
+
+TEST(Recorded, AnswersToOtherQuestionsAreNotTaken) {
+  Curves one(4, {{Curves::kink, 4.0}}), other(4, {{Curves::kink, 4.0}}), untouched(4, {{Curves::kink, 4.0}});
+  other.know(0, 10.0, 5.0), untouched.know(0, 10.0, 5.0);  // its second question is another one
+  const Recorded before(one, {});
+  const Recorded after(other, before.answers);
+  EXPECT_EQ(after.report.final.fit.values, close_loop(untouched, options).final.fit.values);
+  EXPECT_GT(other.series, untouched.series / 2);
+}
+
+TEST(Recorded, WhatFailedFailsAgain) {
+  Curves experiment(4), silent(4);
+  experiment.follows = false;
+  std::deque<Answer> answers;
+  std::vector<double> values;
+  for (const auto& p : experiment.parameters()) values.push_back(p.value);
+  EXPECT_THROW((void)RecordedExperiment(experiment, {}, [&](const Answer& answer) { answers.push_back(answer); }).residuals({values}), ConvergenceError);
+  ASSERT_EQ(answers.size(), 1U);
+  RecordedExperiment again(silent, answers, [](const Answer&) {});
+  EXPECT_THROW((void)again.residuals({values}), ConvergenceError);
+  EXPECT_EQ(silent.series, 0);
+  EXPECT_EQ(again.residuals({values}).size(), 1U);  // the next question
 }
 
 TEST(Closing, HeldOutFramesAreBlocksInside) {

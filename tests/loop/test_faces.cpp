@@ -148,6 +148,10 @@ TEST(BothFaces, BendingIsNotLearnedAsBias) {
   const double bending = (experiment.residuals({values}).front() - straight + experiment.bias()).norm();
   EXPECT_LT((experiment.bias() - before).norm(), 0.05 * bending);
   EXPECT_GT(bending, 10.0);
+  FieldExperiment other = with.experiment();
+  other.learn_again(values, experiment.learned_numbers());
+  EXPECT_EQ(other.bias(), experiment.bias());
+  EXPECT_EQ(other.learned()->at, values);
 }
 
 TEST(BothFaces, ADeclaredEffectNamesItsCamera) {

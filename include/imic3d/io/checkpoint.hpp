@@ -42,8 +42,8 @@ class Checkpoint {
   std::map<std::string, std::string> texts_;
 };
 
-/// What the result of `imic3d identify` depends on, as hashes by the section of the case file: its keys (not how they are written, and
-/// without `groups`) and the files that it names: mesh, load record and calibrations by their contents, images by number, name and size.
-[[nodiscard]] std::map<std::string, std::string> fingerprint(const Case& test);
+/// What the result of `imic3d identify`, or of `imic3d loop`, depends on, as hashes by the section of the case file: its keys (not how they are written, and
+/// without `groups`) and the files that it names: mesh, load record, calibrations and tables of points by their contents, images by number, name and size.
+[[nodiscard]] std::map<std::string, std::string> fingerprint(const Case& test, bool of_loop = false);
 
 }  // namespace imic3d::io

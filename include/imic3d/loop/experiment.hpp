@@ -85,6 +85,9 @@ class Experiment {
   };
   [[nodiscard]] virtual std::shared_ptr<const Learned> learned() const { return nullptr; }
   virtual void put_back(const std::shared_ptr<const Learned>& /*learned*/) {}
+  /// What `learn_bias` left, as numbers that `learn_again` takes up where it was called with the same values; empty where that takes no simulation.
+  [[nodiscard]] virtual std::vector<Eigen::MatrixXd> learned_numbers() const { return {}; }
+  virtual void learn_again(const std::vector<double>& values, const std::vector<Eigen::MatrixXd>& /*numbers*/) { learn_bias(values); }
   /// The numbers of one frame, in units of the noise, as the displacement of the surface's nodes that has them [unknowns, length]; empty where
   /// there is no surface.
   [[nodiscard]] virtual Eigen::VectorXd displacement_of(const Eigen::VectorXd& /*frame*/) const { return {}; }

@@ -110,6 +110,8 @@ class FieldExperiment final : public Experiment {
   void put_back(const std::shared_ptr<const Learned>& learned) override {
     if (const auto bias = std::dynamic_pointer_cast<const Bias>(learned)) bias_ = bias;
   }
+  [[nodiscard]] std::vector<Eigen::MatrixXd> learned_numbers() const override;
+  void learn_again(const std::vector<double>& values, const std::vector<Eigen::MatrixXd>& numbers) override;
   [[nodiscard]] Eigen::MatrixXd noise(const std::vector<double>& values, int draws) override;
   [[nodiscard]] Eigen::VectorXd displacement_of(const Eigen::VectorXd& frame) const override;
   [[nodiscard]] Eigen::VectorXd lengths_of(const Eigen::VectorXd& displacement) const override;

@@ -40,6 +40,8 @@ class JointExperiment final : public Experiment {
   [[nodiscard]] Doubt doubt() const override;
   [[nodiscard]] std::shared_ptr<const Learned> learned() const override;
   void put_back(const std::shared_ptr<const Learned>& learned) override;
+  [[nodiscard]] std::vector<Eigen::MatrixXd> learned_numbers() const override;
+  void learn_again(const std::vector<double>& values, const std::vector<Eigen::MatrixXd>& numbers) override;
   [[nodiscard]] Eigen::MatrixXd noise(const std::vector<double>& values, int draws) override;
   [[nodiscard]] Eigen::MatrixXd noise_of_squares(const std::vector<double>& values, const Eigen::MatrixXd& noise) override;
 

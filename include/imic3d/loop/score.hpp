@@ -8,7 +8,7 @@ namespace imic3d::loop {
 
 /// The linearised problem at the identified parameters, all in units of the noise.
 struct ScoreProblem {
-  Eigen::VectorXd residual;                 ///< measured - predicted [N]
+  Eigen::VectorXd residual;                 ///< measured - predicted, the parameters fitted as far as their bounds let them [N]
   Eigen::MatrixXd sensitivity;              ///< d(predicted)/d(free parameters) [N x p], prior rows included
   std::vector<Eigen::MatrixXd> signatures;  ///< of each candidate: d(predicted)/d(its sizes), then with other shapes [N x columns]
   std::vector<int> sizes;                   ///< of each candidate: the columns that are sizes [k]; empty: all
@@ -34,7 +34,7 @@ struct Scores {
   std::vector<Score> candidates;
   double threshold = 0.0;      ///< of the largest z over all visible candidates: one null test of 25 has more
   double largest_p = 1.0;      ///< of the largest z of these: the share of null tests that have as much or more
-  double energy = 0.0;         ///< |P r|^2
+  double energy = 0.0;         ///< |r|^2: what parameters on their bounds leave counts
   double null_energy = 0.0;    ///< its mean under the null
   double omnibus = 0.0;        ///< how far the energy lies beyond the null's, as standard deviations of a normal distribution
   double omnibus_threshold = 0.0;  ///< one null test of a hundred has more

@@ -1,6 +1,7 @@
 #pragma once
 // PETSc calls whose errors are exceptions, and PETSc objects that are destroyed at the end of their scope.
 
+#include <petsclog.h>
 #include <petscsys.h>
 
 #include <stdexcept>
@@ -49,6 +50,24 @@ class PetscOwner {
 
  private:
   Object object_ = nullptr;
+};
+
+/// A piece of work whose time is in PETSc's log (-log_view) under a name, while an object of this lives.
+class LoggedEvent {
+ public:
+  explicit LoggedEvent(PetscLogEvent event) : event_(event) { (void)PetscLogEventBegin(event_, nullptr, nullptr, nullptr, nullptr); }
+  ~LoggedEvent() { (void)PetscLogEventEnd(event_, nullptr, nullptr, nullptr, nullptr); }
+  LoggedEvent(const LoggedEvent&) = delete;
+  LoggedEvent& operator=(const LoggedEvent&) = delete;
+  /// The event of a name, the same one for the same name.
+  [[nodiscard]] static PetscLogEvent named(const char* name) {
+    PetscLogEvent event = -1;
+    if (PetscLogEventGetId(name, &event) != 0 || event < 0) (void)PetscLogEventRegister(name, PETSC_OBJECT_CLASSID, &event);
+    return event;
+  }
+
+ private:
+  PetscLogEvent event_;
 };
 
 }  // namespace imic3d
