@@ -247,14 +247,10 @@ std::pair<Eigen::MatrixXd, Eigen::VectorXd> FieldExperiment::unwhitened(const st
   return {measured_.displacement - bias_->displacement - p.displacement, measured_.force - bias_->force - p.force};
 }
 
-std::pair<Eigen::MatrixXd, Eigen::VectorXd> FieldExperiment::synthetic_test(const std::vector<double>& values, const Eigen::MatrixXd& driving_as_seen) {
+std::pair<Eigen::MatrixXd, Eigen::VectorXd> FieldExperiment::synthetic_test(const std::vector<double>& values, const Eigen::MatrixXd& driving_as_seen, int refined) {
   Simulation one = simulation_of(values, true_motion(values, driving_as_seen));
-  std::vector<double>& key = one.variant.specimen;
-  if (key.empty()) {
-    key = {0.0, 1.0, 0.0};
-    for (const auto& p : parameters_) key.push_back(p.info.null_value.value_or(0.0));
-  }
-  key[0] += finer(), key[1] *= std::exp2(finer());
+  std::vector<double>& key = specimen_key(one);
+  key[0] += refined, key[1] *= more_increments();
   const auto frames = measured_.force.size();
   Eigen::MatrixXd surface;
   Eigen::VectorXd force;
@@ -292,27 +288,64 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
   // the synthetic test would lack what smoothing takes away.
   const auto nominal = followed(measured_.driving);
   const Eigen::MatrixXd driving = measured_.smooth(nominal.displacement);
-  const auto [seen, force] = synthetic_test(values, driving);
-  const auto p = followed(measured_.smooth(seen));
-  Bias learned(values, seen - p.displacement, force - p.force);
+  const auto left = [&](int refined) {
+    const auto [seen, force] = synthetic_test(values, driving, refined);
+    const auto p = followed(measured_.smooth(seen));
+    return Prediction{seen - p.displacement, force - p.force};
+  };
+  const auto of_noise = [&](const Prediction& p) { return whitened(p.displacement, p.force); };
+  Bias learned(values, {}, {});
+  const auto doubt_too = [&learned](const Eigen::VectorXd& column) {
+    learned.doubt.conservativeResize(column.size(), learned.doubt.cols() + 1);
+    learned.doubt.rightCols(1) = column;
+  };
+  Prediction bias = left(refinements());
+  if (refinements() > 1) {
+    // What further refinements would show, each a share q of the one before.
+    const Prediction coarser = left(refinements() - 1), last{bias.displacement - coarser.displacement, bias.force - coarser.force};
+    const Eigen::VectorXd first = of_noise(coarser);
+    const double q = std::clamp(first.dot(of_noise(last)) / std::max(1e-300, first.squaredNorm()), 0.0, 0.7), beyond = q / (1.0 - q);
+    doubt_too(0.1 * of_noise(bias));  // synthetic images are not real ones
+    bias.displacement += beyond * last.displacement, bias.force += beyond * last.force;
+    doubt_too(beyond * of_noise(last));
+  } else {
+    doubt_too(of_noise(bias));
+  }
+  if (const auto more = what_more_increments_show(values); more.force.size() > 0) {
+    bias.displacement += more.displacement, bias.force += more.force;
+    doubt_too(0.5 * of_noise(more));
+  }
+  learned.of_numerics = learned.doubt.cols();
+  learned.displacement = std::move(bias.displacement), learned.force = std::move(bias.force);
   if (const auto j = unseen_depth()) {
     std::vector<double> other = values;
     other[*j] += unknown_of_depth;
     const auto uneven = predict({other}, {&measured_.driving}).front();
-    if (uneven.force.size() > 0) learned.of_depth = whitened(uneven.displacement - nominal.displacement, uneven.force - nominal.force);
+    if (uneven.force.size() > 0) doubt_too(whitened(uneven.displacement - nominal.displacement, uneven.force - nominal.force));
   }
   bias_ = std::make_shared<Bias>(std::move(learned));
 }
 
+FieldExperiment::Prediction FieldExperiment::what_more_increments_show(const std::vector<double>& values) {
+  constexpr double again = 4.0;
+  std::vector<Simulation> wanted(2, simulation_of(values, true_motion(values, measured_.driving)));
+  specimen_key(wanted[0])[1] *= more_increments(), specimen_key(wanted[1])[1] *= again * more_increments();
+  const auto series = simulate(wanted);
+  if (series[0].R.size() == 0 || series[1].R.size() == 0) return {};
+  const Prediction few = observed(values, {series[0].U, series[0].R}), many = observed(values, {series[1].U, series[1].R});
+  constexpr double all = again / (again - 1.0);  // the error goes with the increments' length
+  return {all * (many.displacement - few.displacement), all * (many.force - few.force)};
+}
+
 std::vector<Eigen::MatrixXd> FieldExperiment::learned_numbers() const {
   if (!measured_.correlate) return {};
-  return {bias_->displacement, bias_->force, bias_->of_depth};
+  return {bias_->displacement, bias_->force, bias_->doubt, Eigen::MatrixXd::Constant(1, 1, static_cast<double>(bias_->of_numerics))};
 }
 
 void FieldExperiment::learn_again(const std::vector<double>& values, const std::vector<Eigen::MatrixXd>& numbers) {
   if (!measured_.correlate) return;
   Bias learned(values, numbers.at(0), numbers.at(1));
-  learned.of_depth = numbers.at(2);
+  learned.doubt = numbers.at(2), learned.of_numerics = static_cast<Eigen::Index>(numbers.at(3)(0, 0));
   bias_ = std::make_shared<Bias>(std::move(learned));
 }
 
@@ -324,13 +357,9 @@ std::optional<std::size_t> FieldExperiment::unseen_depth() const {
   return std::nullopt;
 }
 
-/// Where plastic fronts cross the elements the error falls with the size's power of 0.7: of the whole, two refinements leave 0.4 and one 0.6. What is left looks like what was learned.
 Experiment::Doubt FieldExperiment::doubt() const {
-  const Eigen::VectorXd learned = bias(), whole = (finer() > 1.0 ? 0.5 : 1.0) * learned;
-  Eigen::MatrixXd all(learned.size(), bias_->of_depth.size() > 0 ? 2 : 1);
-  all.col(0) = whole;
-  if (all.cols() > 1) all.col(1) = bias_->of_depth;
-  return {0.2 * whole, all};
+  if (bias_->doubt.cols() == 0) return {Eigen::VectorXd::Zero(static_cast<Eigen::Index>(data_.size())), Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(data_.size()), 1)};
+  return {0.2 * bias_->doubt.leftCols(bias_->of_numerics).rowwise().norm(), bias_->doubt};
 }
 
 /// Sets that differ from `values` in numbers of the law or in what drives the ends are taken along the derivatives of one series; the others

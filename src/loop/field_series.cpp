@@ -236,6 +236,15 @@ FieldExperiment::Prediction FieldExperiment::observed(const std::vector<double>&
   return true_one;
 }
 
+std::vector<double>& FieldExperiment::specimen_key(Simulation& one) const {
+  std::vector<double>& key = one.variant.specimen;
+  if (key.empty()) {
+    key = {0.0, 1.0, 0.0};
+    for (const auto& p : parameters_) key.push_back(p.info.null_value.value_or(0.0));
+  }
+  return key;
+}
+
 std::vector<std::pair<double, FieldExperiment::Simulation>> FieldExperiment::simulations_of(const std::vector<double>& values, const Eigen::MatrixXd& driving) const {
   Simulation base = simulation_of(values, driving);
   std::vector<std::pair<double, Simulation>> all;
@@ -246,11 +255,7 @@ std::vector<std::pair<double, FieldExperiment::Simulation>> FieldExperiment::sim
     const auto its = values_of(k, values);
     if ((numerics.refinements == 0 && numerics.increments_factor == 1) || its[0] == 0.0) continue;
     Simulation other = base;
-    std::vector<double>& key = other.variant.specimen;
-    if (key.empty()) {
-      key = {0.0, 1.0, 0.0};
-      for (const auto& p : parameters_) key.push_back(p.info.null_value.value_or(0.0));
-    }
+    std::vector<double>& key = specimen_key(other);
     key[0] = numerics.refinements, key[1] = numerics.increments_factor;
     rest -= its[0];
     all.emplace_back(its[0], std::move(other));

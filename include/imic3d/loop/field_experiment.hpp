@@ -129,7 +129,10 @@ class FieldExperiment final : public Experiment {
   struct Bias final : Learned {
     Eigen::MatrixXd displacement;
     Eigen::VectorXd force;
-    Eigen::VectorXd of_depth;  // what ends that move unevenly at depth would add, in units of the noise [N]; empty where that is seen
+    /// Standard deviations of what is not known of it, in units of the noise, a column for each thing that is unknown [N x things]: of the mesh, of the increments; then what ends that move unevenly at
+    /// depth would add, where that is not seen.
+    Eigen::MatrixXd doubt;
+    Eigen::Index of_numerics = 0;  // columns of mesh and increments
     Bias(std::vector<double> values, Eigen::MatrixXd u, Eigen::VectorXd f) : displacement(std::move(u)), force(std::move(f)) { at = std::move(values); }
   };
   struct Simulation;  // what one series is made of
@@ -188,13 +191,20 @@ class FieldExperiment final : public Experiment {
   Eigen::MatrixXd over_time_;       // inverse of the Cholesky factor of 1 + 11^T/references [frames x frames]
   struct Groups;
   std::unique_ptr<Groups> groups_;
-  [[nodiscard]] std::pair<Eigen::MatrixXd, Eigen::VectorXd> synthetic_test(const std::vector<double>& values, const Eigen::MatrixXd& driving);
+  [[nodiscard]] std::pair<Eigen::MatrixXd, Eigen::VectorXd> synthetic_test(const std::vector<double>& values, const Eigen::MatrixXd& driving, int refined);
+  /// What infinitely many increments would show beyond those of the synthetic test, on the declared mesh; without forces where the model could not follow.
+  [[nodiscard]] Prediction what_more_increments_show(const std::vector<double>& values);
   /// By how much of the elongation ends differ at depth, standard deviation. Ends that are cut from a longer specimen do not move alike at every depth once it yields: the middle's elongation is
   /// 0.3 to 0.5 % larger than the front's on plates with a hole that are 0.4 of their width thick, cut one to two thicknesses from the hole.
   static constexpr double unknown_of_depth = 0.005;
   [[nodiscard]] std::optional<std::size_t> unseen_depth() const;
-  /// How often the mesh of a synthetic test is refined and its increments are halved: in space twice would be 64 times the elements.
-  [[nodiscard]] double finer() const { return scene().plane ? 2.0 : 1.0; }
+  /// How often the mesh of a synthetic test is refined: in space twice would be 64 times the elements.
+  [[nodiscard]] int refinements() const { return scene().plane ? 2 : 1; }
+  /// Its increments over the declared ones.
+  [[nodiscard]] double more_increments() const { return scene().plane ? 4.0 : 2.0; }
+  /// The part of a simulation's key that says geometry and numerics (refinements, factor of the increments, whether there is a state before the test, values of all parameters), made if the
+  /// simulation is that of the declared ones.
+  [[nodiscard]] std::vector<double>& specimen_key(Simulation& one) const;
   std::shared_ptr<const Bias> bias_;  // taken off the measured displacement and force
   int simulations_ = 0;
 };
