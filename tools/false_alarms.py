@@ -55,7 +55,7 @@ VIRTUAL = """title: Plate, the test
 specimen: {{mesh: generate.msh, kinematics: plane_stress, refine: 2, element: quad8, thickness: 8.0, held: bottom, loaded: top}}
 cameras: [{{name: front, pixel_size: 0.09, place: {{origin: [124.5, 159.5]}}}}]
 material: {law}
-simulate: {{control: displacement, clamped: true, centred: true, steps_per_frame: 4, value: [0, 0.012, 0.03, 0.048, 0.06, 0.09, 0.12, 0.15, 0.22, 0.3, 0.44, 0.6, 0.8, 1.0, 1.2, 1.4]}}
+simulate: {{control: displacement, clamped: true, centred: true, steps_per_frame: 16, value: [0, 0.012, 0.03, 0.048, 0.06, 0.09, 0.12, 0.15, 0.22, 0.3, 0.44, 0.6, 0.8, 1.0, 1.2, 1.4]}}
 virtual: {{size: [250, 320], speckle_size: 5, noise: 0.01, load_noise: 20, static_frames: 5, seed: {seed}, directory: test}}
 output: test
 """
