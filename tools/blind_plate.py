@@ -172,7 +172,7 @@ def make(kind, generator, folder, planted, seed):
     first = {"images": 0, "fields": 1}[kind]  # number of the first frame
     rows = [f"{first + n},{max(0, n + 1 - REST)},{f / p['force_unit']:.7g}" for n, f in enumerate(force)][:REST + FRAMES - bool(p["dropped"])]
     (folder / "loads.csv").write_text("frame,time,force\n" + "\n".join(rows) + "\n")
-    hole, far = p["mesh"] or {"images": (1.6, 4.0), "fields": (1.0, 2.5)}[kind]
+    hole, far = p["mesh"] or ((1.2, 2.0) if generator.waist else {"images": (1.6, 4.0), "fields": (1.0, 2.5)}[kind])  # elements of 4 mm miss the waist by 0.1 mm
     sizes = [a for key, value in (("length", 24), ("size_hole", hole), ("size_far", far)) for a in ("-setnumber", key, str(value))]
     subprocess.run(["gmsh", "-2", "-v", "1", *sizes, "-format", "msh22", Path(__file__).parent / "meshes/plate_with_hole.geo", "-o", folder / "mesh.msh"], check=True)
     if generator.waist:

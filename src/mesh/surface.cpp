@@ -258,7 +258,7 @@ std::vector<std::vector<int>> contours(const Mesh& quads) {
 }
 
 std::vector<Bulge> bulges(const Mesh& quads) {
-  constexpr double corner = 40.0 / 180.0 * M_PI, straight = 1e-6;
+  constexpr double corner = 40.0 / 180.0 * M_PI, straight = 1e-6, level = 1e-4;  // level: curvature times edge of a contour that is straight but for the digits of its nodes
   std::vector<Bulge> found;
   for (const auto& contour : contours(quads)) {
     const std::size_t n = contour.size();
@@ -272,11 +272,16 @@ std::vector<Bulge> bulges(const Mesh& quads) {
       return 2.0 * cross(in, out) / (in.norm() * out.norm() * (in + out).norm());
     };
     for (std::size_t i = 0; i < n; ++i) {
+      const double reach = (place(i + 1) - place(i)).norm();
+      const auto is_straight = [&](double bent) { return std::abs(bent) * reach < level; };
       double a = curvature(i), b = curvature(i + 1);
+      if (std::isnan(a) && std::isnan(b)) continue;
       if (std::isnan(a)) a = b;
       if (std::isnan(b)) b = a;
-      if (std::isnan(a) || a * b <= 0.0) continue;
-      const double bent = std::abs(a) < std::abs(b) ? a : b;
+      if (is_straight(a) || is_straight(b)) continue;
+      // Where a straight part meets an arc the circle through the last node has half the arc's curvature: the other end knows it.
+      const bool after_straight = is_straight(curvature(i + n - 1)), before_straight = is_straight(curvature(i + 2));
+      const double bent = after_straight && !before_straight ? b : before_straight && !after_straight ? a : 0.5 * (a + b);
       const Eigen::Vector2d edge = place(i + 1) - place(i);
       const double length = edge.norm();
       if (std::abs(bent) * length < straight) continue;

@@ -197,6 +197,47 @@ TEST(PlaneMesh, IsItsOwnSurface) {
   EXPECT_EQ(surface.weights.nonZeros(), ring.nodes.rows());
 }
 
+/// A strip between y = 0 and y = height(x), x from -8 to 8, of 2 x n quadrilaterals.
+Mesh below(const std::function<double(double)>& height, int n) {
+  Mesh mesh = grid(n, 2);
+  for (Eigen::Index i = 0; i < mesh.nodes.rows(); ++i) {
+    mesh.nodes(i, 0) = 16.0 * mesh.nodes(i, 0) / n - 8.0;
+    mesh.nodes(i, 1) *= 0.5 * height(mesh.nodes(i, 0));
+  }
+  return mesh;
+}
+
+TEST(PlaneMesh, MiddlesLieOnASmoothContourWhoseCurvatureChanges) {
+  const auto waist = [](double x) { return 10.0 * (1.0 - 0.25 * std::exp(-x * x / 36.0)); };
+  std::vector<double> worst;
+  for (const int n : {8, 16, 32}) {
+    const Mesh coarse = below(waist, n);
+    worst.push_back(0.0);
+    for (const Bulge& bulge : bulges(coarse)) {
+      const Eigen::Vector2d middle = 0.5 * (coarse.nodes.row(bulge.from) + coarse.nodes.row(bulge.to)).head<2>().transpose() + bulge.shift;
+      if (std::abs(middle.x()) < 5.0) worst.back() = std::max(worst.back(), std::abs(middle.y() - waist(middle.x())));
+    }
+  }
+  EXPECT_LT(worst[0], 0.012);  // chords are 0.07 off
+  EXPECT_GT(worst[0] / worst[1], 10.0);  // of fourth order
+  EXPECT_GT(worst[1] / worst[2], 10.0);
+}
+
+TEST(PlaneMesh, AnArcBetweenStraightPartsIsOneToItsEnds) {
+  constexpr double radius = 6.0;  // tangent to y = 3 at x = 0
+  const auto fillet = [](double x) { return x <= 0.0 ? 3.0 : 3.0 + radius - std::sqrt(radius * radius - std::min(x, 5.0) * std::min(x, 5.0)); };
+  const Mesh coarse = below(fillet, 16);
+  int bent = 0;
+  for (const Bulge& bulge : bulges(coarse)) {
+    const Eigen::Vector2d middle = 0.5 * (coarse.nodes.row(bulge.from) + coarse.nodes.row(bulge.to)).head<2>().transpose() + bulge.shift;
+    if (middle.y() < 2.0 || middle.x() > 4.0) continue;
+    EXPECT_GT(middle.x(), 0.0);
+    EXPECT_NEAR((middle - Eigen::Vector2d(0.0, 3.0 + radius)).norm(), radius, 0.002) << middle.x();
+    ++bent;
+  }
+  EXPECT_EQ(bent, 4);
+}
+
 TEST(PlaneMesh, QuadraticHasItsMiddlesOnTheContourAndIsSeenAsFourQuadsEach) {
   const Mesh ring = ring_sector(), curved = quadratic(ring);
   EXPECT_EQ(name(curved.type), "quad8");

@@ -81,7 +81,7 @@ void choose_front(Mesh& mesh, const std::string& group);
 void grade_layers(Mesh& mesh, double ratio, bool one_face);
 
 /// Uniform refinement: each quad into 4, each hex8 into 8. In a quad mesh the middles of edges on a curved contour are
-/// put on the circle through its nodes (`bulges`). New mid-edge nodes belong to a node group if both ends of
+/// put on a smooth curve through its nodes (`bulges`). New mid-edge nodes belong to a node group if both ends of
 /// their edge do and the edge lies on the boundary (and, for a facet group, on one of its facets); mid-face nodes
 /// likewise. Keeps the order: coarse nodes first, the children of cell c are 4c … 4c+3 (8c … 8c+7), child k at corner
 /// k. `nodes_per_layer` of a refined hex mesh is 0: refine the quads before the extrusion to keep the layers.
@@ -89,7 +89,7 @@ void grade_layers(Mesh& mesh, double ratio, bool one_face);
 
 /// The hex20 mesh of a hex8 mesh, the quad8 mesh of a quad4 mesh: its nodes first, then the middles of the edges, which
 /// belong to groups as those of `refine` do. In a quad mesh, and where a hex mesh was extruded, edges on a curved contour get
-/// their middle on the circle through its nodes.
+/// their middle on a smooth curve through its nodes.
 [[nodiscard]] Mesh quadratic(const Mesh& linear);
 
 /// How far the middles of the boundary edges of a quad mesh lie off the straight edge if the contour is smooth.
@@ -97,9 +97,8 @@ struct Bulge {
   int from, to;           ///< the edge, in the direction of the contour
   Eigen::Vector2d shift;  ///< of its middle [length]
 };
-/// The curvature of an edge is that of the circle through three consecutive nodes, the lesser of its two ends' and none
-/// where these differ in sign; a node where the contour turns by more than 40 degrees is a corner and has no say.
-/// Straight edges are not listed.
+/// The curvature of a node is that of the circle through it and its neighbours, the curvature of an edge the mean of its ends'. An edge with an end where the contour is straight is straight; one next to
+/// such an edge begins an arc and has the curvature of its other end. A node where the contour turns by more than 40 degrees is a corner and has no say. Straight edges are not listed.
 [[nodiscard]] std::vector<Bulge> bulges(const Mesh& quads);
 
 /// The facets that belong to one cell only, in the order of the cells, with the cell of each.
