@@ -197,7 +197,6 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
   if (data.start_time >= data.time[0] && frames > 1) data.start_time = data.time[0] - (data.time[1] - data.time[0]);
   data.force_noise = test.loads.records.empty() ? INFINITY : test.loads.noise.value_or(1e-3 * data.force.cwiseAbs().maxCoeff());
 
-  // What drives the ends is smoothed as far as the noise allows; neighbouring frames alike.
   auto measure = std::make_shared<correlation::Measure>(correlation::Measure{.surface = face, .dofs_per_node = 2, .M = data.faces.front().M, .smoothing_weight = weight});
   double low = INFINITY, high = -INFINITY;
   for (int node : specimen.loaded) {
@@ -210,10 +209,8 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
     if (touched[2 * i] + touched[2 * i + 1] > 0.0) ends.push_back(static_cast<int>(i));
   std::vector<double> cut_offs;
   const double longest = test.identify.boundary_smoothing.value_or(0.5 * (high - low));
-  if (longest > 0.0) (void)correlation::smoothed_within_noise(*measure, data.displacement, ends, data.noise * std::sqrt(2.0), longest, &cut_offs);
-  data.smooth = [measure, chosen = loop::alike(cut_offs)](const Eigen::MatrixXd& field) {
-    return correlation::twicing([&](Eigen::MatrixXd U) { return correlation::smooth(*measure, std::move(U), chosen); }, field);
-  };
+  if (longest > 0.0) cut_offs = correlation::cut_offs_of_least_error(*measure, data.displacement, ends, data.noise * std::sqrt(2.0), longest);
+  data.smooth = [measure, cut_offs](Eigen::MatrixXd field) { return correlation::smooth(*measure, std::move(field), cut_offs); };
   data.driving = data.smooth(data.displacement);
 
   const Points at = points.at;

@@ -70,10 +70,7 @@ loop::FieldData field_data(const Communicator& world, Observation& seen, const i
   data.noise = images.noise;
   data.references = seen.references;
   data.displacement = record.surface_displacement.leftCols(frames);
-  // The noise of single nodes may hide many standard deviations of a smooth mode: what smoothing takes away is smoothed and put back. A shorter cut-off would leave noise that
-  // lets the ends yield, and that is no longer linear: the strain goes where no image shows it.
-  for (auto& face : seen.faces) face.driving_cut_off = loop::alike(face.driving_cut_off);
-  data.smooth = [&seen](const Eigen::MatrixXd& field) { return correlation::twicing([&seen](Eigen::MatrixXd U) { return driving_displacement(seen, std::move(U)); }, field); };
+  data.smooth = [&seen](Eigen::MatrixXd field) { return driving_displacement(seen, std::move(field)); };
   data.driving = data.smooth(data.displacement);
   data.correlate = [&seen, &test, &world, &shown, frames](const identification::Specimen& made, const Eigen::MatrixXd& U) {
     return correlated_images(seen, test, world, made, U.leftCols(frames), shown);

@@ -230,8 +230,7 @@ identification::Record make_record(Observation& observation, const io::Case& tes
   }
   record.start_time = time_of(test, observation.places.front() - 1);
 
-  // Noise of single nodes on the ends would strain, and might yield, what lies between them: the displacement that drives
-  // the simulation is smoothed as far as the noise allows.
+  // Noise of single nodes on the ends would strain, and might yield, what lies between them.
   double low = INFINITY, high = -INFINITY;
   for (int node : specimen.loaded) {
     low = std::min(low, specimen.volume.nodes(node, 1 - specimen.axis));
@@ -244,13 +243,13 @@ identification::Record make_record(Observation& observation, const io::Case& tes
     for (std::size_t k = 0; k < observation.faces.size(); ++k) {
       const Face& face = specimen.faces[k];
       auto& seen = observation.faces[k];
-      record.driving.middleRows(face.first_unknown, face.unknowns()) =
-          correlation::smoothed_within_noise(measure_of(seen), record.driving.middleRows(face.first_unknown, face.unknowns()),
-                                             nodes_of_ends(specimen, face), noise_of_pair(observation, seen), longest, &seen.driving_cut_off);
+      seen.driving_cut_off = correlation::cut_offs_of_least_error(measure_of(seen), record.driving.middleRows(face.first_unknown, face.unknowns()), nodes_of_ends(specimen, face),
+                                                                  noise_of_pair(observation, seen), longest);
       cut_offs.insert(cut_offs.end(), seen.driving_cut_off.begin(), seen.driving_cut_off.end());
     }
+    record.driving = driving_displacement(observation, record.driving);
     std::sort(cut_offs.begin(), cut_offs.end());
-    spdlog::info("the ends' displacement is smoothed over {:.3g} to {:.3g} {}, as far as the noise hides it", cut_offs.front(),
+    spdlog::info("the ends' displacement is smoothed over {:.3g} to {:.3g} {}, with the least error that noise and measured displacement let expect", cut_offs.front(),
                  cut_offs.back(), test.units.length);
   }
   return record;

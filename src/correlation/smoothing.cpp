@@ -23,11 +23,10 @@ void add_square(const Form& form, double weight, int dofs, std::vector<Eigen::Tr
         entries.emplace_back(i * dofs + component, j * dofs + component, weight * a * b);
 }
 
-/// What a gamma variable of mean one exceeds once in ten thousand times (Wilson and Hilferty 1931).
-double exceeded_once_in_ten_thousand(double variance) {
-  const double ninth = variance / 9.0;
-  return std::pow(1.0 - ninth + 3.719 * std::sqrt(ninth), 3);
-}
+using Factor = Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>>;
+
+/// Frames on either side whose errors are judged together.
+constexpr Eigen::Index beside = 2;
 
 }  // namespace
 
@@ -86,8 +85,9 @@ Measure measured_by(const Cameras& cameras, const Eigen::SparseMatrix<double>& h
 }
 
 Eigen::MatrixXd smooth(const Measure& measure, const Eigen::MatrixXd& U, double cut_off) {
-  const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(measure.M + measure.smoothing_weight(cut_off) * curvature_energy(measure.surface, measure.dofs_per_node));
-  return factor.solve(measure.M * U);
+  const Eigen::SparseMatrix<double> bent = measure.smoothing_weight(cut_off) * curvature_energy(measure.surface, measure.dofs_per_node);
+  const Factor factor(measure.M + bent);
+  return U - factor.solve(bent * factor.solve(bent * U));
 }
 
 Eigen::MatrixXd smooth(const Measure& measure, Eigen::MatrixXd U, const std::vector<double>& cut_offs) {
@@ -101,10 +101,8 @@ Eigen::MatrixXd smooth(const Measure& measure, Eigen::MatrixXd U, const std::vec
   return U;
 }
 
-Eigen::MatrixXd twicing(const std::function<Eigen::MatrixXd(Eigen::MatrixXd)>& smooth, const Eigen::MatrixXd& U) { return smooth(2.0 * U - smooth(U)); }
-
 Eigen::MatrixXd noise_draws(const Measure& measure, double sigma, int draws) {
-  const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(measure.M);  // P M P^T = L D L^T
+  const Factor factor(measure.M);  // P M P^T = L D L^T
   std::mt19937_64 random(1);
   std::normal_distribution<double> normal;
   Eigen::MatrixXd noise(measure.M.rows(), draws);
@@ -113,46 +111,36 @@ Eigen::MatrixXd noise_draws(const Measure& measure, double sigma, int draws) {
   return factor.permutationPinv() * Eigen::MatrixXd(factor.matrixU().solve(noise));
 }
 
-Eigen::MatrixXd smoothed_within_noise(const Measure& measure, const Eigen::MatrixXd& U, const std::vector<int>& nodes, double sigma, double longest,
-                                      std::vector<double>* cut_offs) {
-  using Factor = Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>>;
-  const int dofs = measure.dofs_per_node;
+std::vector<double> cut_offs_of_least_error(const Measure& measure, const Eigen::MatrixXd& U, const std::vector<int>& nodes, double sigma, double longest) {
   std::vector<int> unknowns;
   for (int node : nodes)
-    for (int component = 0; component < dofs; ++component) unknowns.push_back(dofs * node + component);
-  const auto count = static_cast<Eigen::Index>(unknowns.size());
+    for (int component = 0; component < measure.dofs_per_node; ++component) unknowns.push_back(measure.dofs_per_node * node + component);
+  const auto count = static_cast<Eigen::Index>(unknowns.size()), frames = U.cols();
   Eigen::MatrixXd at = Eigen::MatrixXd::Zero(U.rows(), count);
   for (Eigen::Index i = 0; i < count; ++i) at(unknowns[static_cast<std::size_t>(i)], i) = 1.0;
-  const Eigen::SparseMatrix<double> energy = curvature_energy(measure.surface, dofs);
-  const Factor noise(measure.M);
-  Eigen::MatrixXd result = U;
-  if (cut_offs != nullptr) cut_offs->assign(static_cast<std::size_t>(U.cols()), 0.0);
-  std::vector<double> lengths;
-  for (double cut_off = longest / 16.0; cut_off < 1.01 * longest; cut_off *= std::sqrt(2.0)) lengths.push_back(cut_off);
-  std::vector<char> smoothed(static_cast<std::size_t>(U.cols()), 0);
-  for (; !lengths.empty() && std::count(smoothed.begin(), smoothed.end(), 0) > 0; lengths.pop_back()) {
-    const double cut_off = lengths.back();
-    const Eigen::SparseMatrix<double> bent = measure.smoothing_weight(cut_off) * energy;
-    const Factor smoothing(measure.M + bent);
-    const Eigen::MatrixXd lost = -smoothing.solve(bent * U);  // smoothed - U
-    // Of noise: -W^T e with e ~ sigma^2 M^-1.
-    const Eigen::MatrixXd W = bent * smoothing.solve(at);
-    const Eigen::MatrixXd covariance = sigma * sigma * W.transpose() * noise.solve(W);
-    // Each unknown in units of what noise loses there: a node that is hardly seen would outweigh all others.
-    const Eigen::ArrayXd variance = covariance.diagonal().cwiseMax(1e-300);
-    const Eigen::ArrayXd squares = (lost(unknowns, Eigen::all).array().square().colwise() / variance).colwise().mean();
-    const Eigen::VectorXd inverse = variance.inverse();
-    const double spread = 2.0 * inverse.dot(covariance.cwiseAbs2() * inverse) / static_cast<double>(count * count);
-    const double limit = exceeded_once_in_ten_thousand(spread);
-    for (Eigen::Index t = 0; t < U.cols(); ++t) {
-      char& done = smoothed[static_cast<std::size_t>(t)];
-      if (done != 0 || squares[t] > limit) continue;
-      done = 1;
-      result.col(t) = U.col(t) + lost.col(t);
-      if (cut_offs != nullptr) (*cut_offs)[static_cast<std::size_t>(t)] = cut_off;
-    }
+  const auto diagonal = [&](const Eigen::MatrixXd& columns) { return Eigen::ArrayXd(columns(unknowns, Eigen::all).diagonal().array()); };
+  const Eigen::SparseMatrix<double> energy = curvature_energy(measure.surface, measure.dofs_per_node);
+  // Each unknown in units of its own noise: a node that is hardly seen would outweigh all others.
+  const Eigen::ArrayXd variance = diagonal(Factor(measure.M).solve(at)).cwiseMax(1e-300);
+  std::vector<double> cut_offs{0.0};
+  for (double cut_off = longest; cut_off > 0.99 * longest / 16.0; cut_off /= std::sqrt(2.0)) cut_offs.push_back(cut_off);
+  Eigen::MatrixXd error(static_cast<Eigen::Index>(cut_offs.size()), frames);
+  error.row(0).setConstant(2.0 * static_cast<double>(count));
+  for (std::size_t k = 1; k < cut_offs.size(); ++k) {
+    const Eigen::SparseMatrix<double> bent = measure.smoothing_weight(cut_offs[k]) * energy;
+    const Factor factor(measure.M + bent);
+    const Eigen::MatrixXd lost = factor.solve(bent * factor.solve(bent * U)), once = factor.solve(at);
+    const Eigen::ArrayXd kept = diagonal(2.0 * once - factor.solve(measure.M * once));  // of the noise: its covariance with what smoothing leaves of it, over sigma^2
+    error.row(static_cast<Eigen::Index>(k)) = (lost(unknowns, Eigen::all).array().square().colwise() / (sigma * sigma * variance)).colwise().sum() + 2.0 * (kept / variance).sum();
   }
-  return result;
+  std::vector<double> chosen(static_cast<std::size_t>(frames));
+  for (Eigen::Index t = 0; t < frames; ++t) {
+    const Eigen::Index from = std::max<Eigen::Index>(0, t - beside), to = std::min(frames, t + beside + 1);
+    Eigen::Index best = 0;
+    error.middleCols(from, to - from).rowwise().sum().minCoeff(&best);
+    chosen[static_cast<std::size_t>(t)] = cut_offs[static_cast<std::size_t>(best)];
+  }
+  return chosen;
 }
 
 }  // namespace imic3d::correlation

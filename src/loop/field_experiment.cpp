@@ -57,17 +57,6 @@ Eigen::MatrixXd rigid_motions(const FieldFace& face) {
 
 }  // namespace
 
-std::vector<double> alike(const std::vector<double>& cut_offs) {
-  std::vector<double> result = cut_offs;
-  for (std::size_t t = 0; t < cut_offs.size(); ++t) {
-    const auto from = t < 2 ? 0 : t - 2, to = std::min(cut_offs.size(), t + 3);
-    std::vector<double> near(cut_offs.begin() + static_cast<std::ptrdiff_t>(from), cut_offs.begin() + static_cast<std::ptrdiff_t>(to));
-    std::nth_element(near.begin(), near.begin() + static_cast<std::ptrdiff_t>(near.size() / 2), near.end());
-    result[t] = near[near.size() / 2];
-  }
-  return result;
-}
-
 FieldExperiment::FieldExperiment(Communicator world, FieldData data, DeclaredModel model, const FieldOptions& options)
     : world_(world), measured_(std::move(data)), model_(std::move(model)), groups_(new Groups{GroupLayout(world, 64, model_.groups), {}}) {
   std::optional<Candidate> poissons_ratio;

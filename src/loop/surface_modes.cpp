@@ -30,7 +30,7 @@ std::vector<int> checkerboard(const mesh::Mesh& surface) {
 SurfaceModes::SurfaceModes(const mesh::Mesh& surface, const Eigen::SparseMatrix<double>& M, int wanted, const Eigen::MatrixXd& R) {
   const auto size = M.rows();
   const auto components = size / surface.nodes.rows();
-  const auto count = std::min<Eigen::Index>(std::max(1, wanted / 2), std::max<Eigen::Index>(1, size / 8));
+  const auto count = std::min<Eigen::Index>(std::max(1, wanted / 2), std::max<Eigen::Index>(1, size / 6));  // of 18 nodes and more all affine motions: which of them would be for rounding to say
   const Eigen::SparseMatrix<double> K = correlation::curvature_energy(surface, static_cast<int>(components));
   const double shift = 1e-6 * K.diagonal().sum() / M.diagonal().sum();
   const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(K + shift * M);

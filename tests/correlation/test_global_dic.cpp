@@ -148,50 +148,86 @@ void noise_is_the_one_predicted(double low_pass) {
 TEST(GlobalDic, NoiseOfTheDisplacementIsTheOnePredicted) { noise_is_the_one_predicted(0.0); }
 TEST(GlobalDic, NoiseOfTheDisplacementIsTheOnePredictedWithSmoothedImages) { noise_is_the_one_predicted(1.0); }
 
-/// Noise is taken away, a curved field that is clearer than the noise is kept.
-TEST(Smoothing, GoesAsFarAsTheNoiseHidesIt) {
-  const Speckle speckle(150, 150, 1.7, 5);
-  const mesh::Mesh quads = rectangle(15, 15, 135, 135, 12, 12);
-  const Cameras correlation({std::make_shared<Correlation>(quads, camera(), imaging::BSpline(photograph(speckle, 150, 150)))});
-  constexpr double sigma = 0.02 * 65535;
-  std::vector<int> nodes;
-  for (int i = 0; i <= 12; ++i) nodes.push_back(i), nodes.push_back(12 * 13 + i);
-  const Eigen::MatrixXd noise = noise_draws(measured_by(correlation), sigma, 60).rightCols(10);
-  const Eigen::VectorXd straight = nodal(quads, *camera(), [](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.01 * x.x(), 0.0); });
-  const Eigen::VectorXd curved = nodal(quads, *camera(), [](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.0, std::sin(0.16 * x.x())); });
-  std::vector<double> cut_offs;
-  const Eigen::MatrixXd smooth = smoothed_within_noise(measured_by(correlation), noise.colwise() + straight, nodes, sigma, 60.0, &cut_offs);
-  EXPECT_GT(*std::min_element(cut_offs.begin(), cut_offs.end()), 25.0);
-  EXPECT_LT((smooth.colwise() - straight).norm(), 0.6 * noise.norm());
-  const Eigen::MatrixXd kept = smoothed_within_noise(measured_by(correlation), noise.colwise() + curved, nodes, sigma, 60.0, &cut_offs);
-  EXPECT_LT(*std::max_element(cut_offs.begin(), cut_offs.end()), 25.0);
-  EXPECT_LT((kept.colwise() - curved).norm(), 1.1 * noise.norm());
-}
-
-/// Of a wave at the cut-off, of which half is left, three quarters are left; a straight motion is left as it is.
-TEST(Smoothing, TwicingPutsBackWhatIsTakenAway) {
-  const auto halved = [](const Eigen::MatrixXd& U) { return Eigen::MatrixXd(Eigen::Vector3d(0.5, 0.9, 1.0).asDiagonal() * U); };
-  const Eigen::MatrixXd left = twicing(halved, Eigen::Vector3d(4.0, 4.0, 4.0));
-  EXPECT_NEAR(left(0), 3.0, 1e-12);
-  EXPECT_NEAR(left(1), 3.96, 1e-12);
-  EXPECT_NEAR(left(2), 4.0, 1e-12);
-}
-
-/// A node of the ends that is hardly seen has most of what smoothing takes away of noise: it must not decide for the others.
-TEST(Smoothing, ANodeThatIsHardlySeenDoesNotOutweighTheOthers) {
-  const Speckle speckle(150, 150, 1.7, 5);
-  const mesh::Mesh quads = rectangle(15, 15, 135, 135, 12, 12);
-  const Cameras correlation({std::make_shared<Correlation>(quads, camera(), imaging::BSpline(photograph(speckle, 150, 150)))});
-  constexpr double sigma = 0.02 * 65535;
+/// Twelve by twelve elements of ten pixels under noise, and the nodes of two of the edges.
+struct Smoothed {
+  Speckle speckle{150, 150, 1.7, 5};
+  mesh::Mesh quads = rectangle(15, 15, 135, 135, 12, 12);
+  Cameras correlation{{std::make_shared<Correlation>(quads, camera(), imaging::BSpline(photograph(speckle, 150, 150)))}};
   Measure measure = measured_by(correlation);
-  Eigen::VectorXd seen = Eigen::VectorXd::Ones(measure.M.rows());
-  seen.segment<2>(2 * 6).setConstant(0.05);
-  measure.M = seen.asDiagonal() * measure.M * seen.asDiagonal();
+  double sigma = 0.02 * 65535;
   std::vector<int> nodes;
-  for (int i = 0; i <= 12; ++i) nodes.push_back(i), nodes.push_back(12 * 13 + i);
-  std::vector<double> cut_offs;
-  static_cast<void>(smoothed_within_noise(measure, noise_draws(measure, sigma, 1000), nodes, sigma, 60.0, &cut_offs));
-  EXPECT_LE(std::count_if(cut_offs.begin(), cut_offs.end(), [](double cut_off) { return cut_off < 59.0; }), 2) << "of 1000; one of 10000 is meant";
+  Smoothed() {
+    for (int i = 0; i <= 12; ++i) nodes.push_back(i), nodes.push_back(12 * 13 + i);
+  }
+  [[nodiscard]] Eigen::VectorXd field(const std::function<Eigen::Vector2d(const Eigen::Vector2d&)>& u) const { return nodal(quads, *camera(), u); }
+  /// At the nodes, but for one.
+  [[nodiscard]] double square_error(const Eigen::MatrixXd& U, const Eigen::VectorXd& truth, int but_for = -1) const {
+    double sum = 0.0;
+    for (int node : nodes)
+      if (node != but_for) sum += (U.middleRows(2 * node, 2).colwise() - truth.segment<2>(2 * node)).squaredNorm();
+    return sum;
+  }
+  /// Errors with the cut-offs that are chosen for every frame over those with the best one for all frames.
+  [[nodiscard]] double over_the_least_error(const Eigen::MatrixXd& noise, const Eigen::VectorXd& truth, double* cut_off_of_least_error, int but_for = -1) const {
+    constexpr double longest = 60.0;
+    const Eigen::MatrixXd measured = noise.colwise() + truth;
+    double least = square_error(measured, truth, but_for);
+    *cut_off_of_least_error = 0.0;
+    for (double cut_off = longest; cut_off > 3.7; cut_off /= std::sqrt(2.0))
+      if (const double error = square_error(smooth(measure, measured, cut_off), truth, but_for); error < least) least = error, *cut_off_of_least_error = cut_off;
+    return square_error(smooth(measure, measured, cut_offs_of_least_error(measure, measured, nodes, sigma, longest)), truth, but_for) / least;
+  }
+};
+
+/// The truth, which would tell the best cut-off, is not known to it.
+TEST(Smoothing, CutOffsAreThoseOfLeastError) {
+  const Smoothed test;
+  const Eigen::MatrixXd noise = noise_draws(test.measure, test.sigma, 100);
+  const struct {
+    const char* name;
+    Eigen::VectorXd field;
+    double most;
+  } fields[] = {{"straight", test.field([](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.01 * x.x(), 0.0); }), 60.0},
+                {"slightly curved", test.field([](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.0, 0.6 * std::sin(0.08 * x.x())); }), 59.0},
+                {"curved", test.field([](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.0, 0.5 * std::sin(0.16 * x.x())); }), 25.0}};
+  for (const auto& [name, field, most] : fields) {
+    double best = 0.0;
+    const double ratio = test.over_the_least_error(noise, field, &best);
+    std::cout << "[          ] " << name << ": error " << ratio << " of that with the best cut-off, " << best << '\n';
+    EXPECT_LT(ratio, 1.1) << name;
+    EXPECT_LE(best, most) << name;
+  }
+  EXPECT_LT(test.square_error(smooth(test.measure, noise, cut_offs_of_least_error(test.measure, noise, test.nodes, test.sigma, 60.0)), Eigen::VectorXd::Zero(noise.rows())), 0.3 * test.square_error(noise, Eigen::VectorXd::Zero(noise.rows())));
+}
+
+/// A node of the ends that is hardly seen has most of the noise: it must not decide for the others.
+TEST(Smoothing, ANodeThatIsHardlySeenDoesNotOutweighTheOthers) {
+  Smoothed test;
+  constexpr int hardly_seen = 6;
+  Eigen::VectorXd seen = Eigen::VectorXd::Ones(test.measure.M.rows());
+  seen.segment<2>(2 * hardly_seen).setConstant(0.05);
+  test.measure.M = seen.asDiagonal() * test.measure.M * seen.asDiagonal();
+  const Eigen::VectorXd curved = test.field([](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.0, 0.5 * std::sin(0.16 * x.x())); });
+  double best = 0.0;
+  EXPECT_LT(test.over_the_least_error(noise_draws(test.measure, test.sigma, 100), curved, &best, hardly_seen), 1.1);
+}
+
+/// Of a wave at the cut-off, of which least squares leave half, three quarters are left; of one of half that length nearly nothing, of one of twice that length nearly all.
+TEST(Smoothing, LeavesThreeQuartersOfAWaveAtTheCutOff) {
+  const Speckle speckle(510, 510, 1.7, 5);
+  const mesh::Mesh quads = rectangle(15, 15, 495, 495, 48, 48);
+  const Cameras correlation({std::make_shared<Correlation>(quads, camera(), imaging::BSpline(photograph(speckle, 510, 510)))});
+  const Measure measure = measured_by(correlation);
+  for (const auto& [part, expected] : {std::pair(1.0, 0.75), std::pair(0.5, 1.0 - std::pow(16.0 / 17.0, 2)), std::pair(2.0, 1.0 - std::pow(1.0 / 17.0, 2))}) {
+    const double wave = 80.0;
+    const Eigen::VectorXd U = nodal(quads, *camera(), [&](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.0, std::sin(2.0 * M_PI * x.x() / wave)); });
+    const Eigen::VectorXd left = smooth(measure, U, wave / part);
+    double with = 0.0, of = 0.0;  // away from the edges
+    for (Eigen::Index i = 0; i < quads.nodes.rows(); ++i)
+      if ((quads.nodes.row(i).head<2>().array() - 255.0).abs().maxCoeff() < 120.0) with += left[2 * i + 1] * U[2 * i + 1], of += U[2 * i + 1] * U[2 * i + 1];
+    std::cout << "[          ] wave of " << part << " times the cut-off: " << with / of << " left, " << expected << " expected\n";
+    EXPECT_NEAR(with / of, expected, 0.06);
+  }
 }
 
 TEST(GlobalDic, FollowsAHundredPixelsAndFortyPercentStrain) {

@@ -76,8 +76,5 @@ TEST(ResidualsNear, ALawEffectThatIsThereIsDifferentiated) {
     EXPECT_LT(error_of(experiment, values, static_cast<int>(j), 1e-3 * values[j]), 1e-3) << experiment.parameters()[j].info.name;
 }
 
-/// A frame of its own is smoothed like its neighbours.
-TEST(CutOffs, AreTheRunningMedian) { EXPECT_EQ(alike({4.0, 4.0, 10.0, 4.0, 4.0, 8.0, 8.0, 8.0}), (std::vector<double>{4.0, 4.0, 4.0, 4.0, 8.0, 8.0, 8.0, 8.0})); }
-
 }  // namespace
 }  // namespace imic3d::loop

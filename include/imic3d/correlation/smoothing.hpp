@@ -33,25 +33,19 @@ struct Measure {
 /// By cameras. `held`, if not empty: added to M for motions that no camera sees (GlobalDic::held).
 [[nodiscard]] Measure measured_by(const Cameras& cameras, const Eigen::SparseMatrix<double>& held = {});
 
-/// Displacements U [unknowns x frames, length] without the waves shorter than `cut_off` [length]: least squares in the norm
-/// of M with that energy.
+/// Displacements U [unknowns x frames, length] without the waves shorter than `cut_off` [length]: least squares in the norm of M with that energy, and what that takes away smoothed and put back (Tukey's
+/// twicing): of a wave of which least squares leave the part S, 1 - (1 - S)^2 is left.
 [[nodiscard]] Eigen::MatrixXd smooth(const Measure& measure, const Eigen::MatrixXd& U, double cut_off);
 
 /// The same with a cut-off for each frame; 0: as it is. Frames beyond the list of cut-offs stay, too.
 [[nodiscard]] Eigen::MatrixXd smooth(const Measure& measure, Eigen::MatrixXd U, const std::vector<double>& cut_offs);
 
-/// Smoothed by `smooth`, linear, and what that takes away smoothed and put back (Tukey's twicing): of a wave of which `smooth` leaves the part S, 1 - (1 - S)^2 is left.
-[[nodiscard]] Eigen::MatrixXd twicing(const std::function<Eigen::MatrixXd(Eigen::MatrixXd)>& smooth, const Eigen::MatrixXd& U);
-
 /// Random displacements of covariance sigma^2 M^-1 [unknowns x draws, length], the same on every rank.
 [[nodiscard]] Eigen::MatrixXd noise_draws(const Measure& measure, double sigma, int draws);
 
-/// Every frame's displacement U [unknowns x frames, length], smoothed with the longest cut-off up to `longest` at which
-/// what the smoothing takes away at `nodes` may be noise (the discrepancy principle): the mean square over their unknowns,
-/// each in units of what it takes away of noise there, is not more than noise alone exceeds once in ten thousand frames.
-/// `sigma`: the white noise of a frame and the reference together [in the unit that goes with M]; its covariance is
-/// sigma^2 M^-1. `cut_offs` tells what was chosen.
-[[nodiscard]] Eigen::MatrixXd smoothed_within_noise(const Measure& measure, const Eigen::MatrixXd& U, const std::vector<int>& nodes, double sigma,
-                                                    double longest, std::vector<double>* cut_offs = nullptr);
+/// The cut-off of each frame, 0 or up to `longest` [length], with which `smooth` leaves the least error at `nodes`, by an unbiased estimate of it (Stein 1981, Ann. Statist. 9, Eq. 2.2; of a linear
+/// smoother Mallows' C_L): the sum over the nodes' unknowns, each in units of its noise, and over the frame with two on either side. U: measured, with white noise `sigma` of a frame and the reference
+/// together [in the unit that goes with M], whose covariance is sigma^2 M^-1 [unknowns x frames, length].
+[[nodiscard]] std::vector<double> cut_offs_of_least_error(const Measure& measure, const Eigen::MatrixXd& U, const std::vector<int>& nodes, double sigma, double longest);
 
 }  // namespace imic3d::correlation

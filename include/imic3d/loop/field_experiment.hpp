@@ -52,10 +52,6 @@ struct FieldData {
   }
 };
 
-/// Frames next to each other are to be smoothed alike (noise alone makes their cut-offs differ, and with it their own noise): the running median of
-/// five.
-[[nodiscard]] std::vector<double> alike(const std::vector<double>& cut_offs);
-
 /// How the specimen is to be made differently from what is declared.
 struct MeshChange {
   std::function<void(Eigen::Vector2d&)> place;                     ///< moves a node of the declared 2D mesh (or its column)
