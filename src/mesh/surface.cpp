@@ -281,7 +281,11 @@ std::vector<Bulge> bulges(const Mesh& quads) {
       if (is_straight(a) || is_straight(b)) continue;
       // Where a straight part meets an arc the circle through the last node has half the arc's curvature: the other end knows it.
       const bool after_straight = is_straight(curvature(i + n - 1)), before_straight = is_straight(curvature(i + 2));
-      const double bent = after_straight && !before_straight ? b : before_straight && !after_straight ? a : 0.5 * (a + b);
+      double bent = after_straight && !before_straight ? b : before_straight && !after_straight ? a : 0.5 * (a + b);
+      // Of sixth order by the neighbours' curvature, if that is the smooth contour's, too: six points, of which the outer ones lie on no straight part.
+      const double before = curvature(i + n - 1), after = curvature(i + 2);
+      const auto smooth = [&](double neighbour, double beyond) { return !std::isnan(neighbour) && !is_straight(neighbour) && !is_straight(beyond); };
+      if (n > 6 && smooth(before, curvature(i + n - 2)) && smooth(after, curvature(i + 3))) bent -= 3.0 / 32.0 * (before + after - a - b);
       const Eigen::Vector2d edge = place(i + 1) - place(i);
       const double length = edge.norm();
       if (std::abs(bent) * length < straight) continue;

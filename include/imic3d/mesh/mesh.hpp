@@ -97,7 +97,7 @@ struct Bulge {
   int from, to;           ///< the edge, in the direction of the contour
   Eigen::Vector2d shift;  ///< of its middle [length]
 };
-/// The curvature of a node is that of the circle through it and its neighbours, the curvature of an edge the mean of its ends'. An edge with an end where the contour is straight is straight; one next to
+/// The curvature of a node is that of the circle through it and its neighbours, the curvature k of an edge the mean of its ends' less 3/32 (k_before + k_after - k_from - k_to) by the nodes beside them (six points of a smooth contour: sixth order); the mean alone near corners and straight parts. An edge with an end where the contour is straight is straight; one next to
 /// such an edge begins an arc and has the curvature of its other end. A node where the contour turns by more than 40 degrees is a corner and has no say. Straight edges are not listed.
 [[nodiscard]] std::vector<Bulge> bulges(const Mesh& quads);
 
