@@ -13,10 +13,9 @@ import h5py
 import numpy as np
 from scipy.interpolate import griddata
 
-from blind_plate import LOAD_NOISE, RADIUS, THICKNESS, TRUTH
+from blind_plate import DECLARED_LENGTH, LENGTH, LOAD_NOISE, RADIUS, THICKNESS, TRUTH, make_mesh
 from calculix_virtual import STATIC
 
-LENGTH, DECLARED = 40, 24  # [mm]: of the plate, and of the part that is looked at
 CHANGE, DISPLACEMENT = 0.02, 2e-3  # of a parameter; of a node's displacement as the images tell it [mm]
 
 
@@ -28,10 +27,9 @@ def main():
     known = np.load(options.made)
     nodes, u, force = known["nodes"], known["displacement"][STATIC:], known["force"][STATIC:]
     pulled = 2 * u[:, nodes[:, 1] > LENGTH / 2 - 1e-6, 1].mean(1)
-    looked_at = np.flatnonzero((np.abs(nodes[:, 1]) < DECLARED / 2) & (np.hypot(*nodes.T) > RADIUS + 0.05))[::7]
+    looked_at = np.flatnonzero((np.abs(nodes[:, 1]) < DECLARED_LENGTH / 2) & (np.hypot(*nodes.T) > RADIUS + 0.05))[::7]
     folder = Path(tempfile.mkdtemp(prefix="imic3d_law_"))
-    sizes = [a for key, value in (("length", LENGTH), ("size_hole", 0.35), ("size_far", 0.8)) for a in ("-setnumber", key, str(value))]
-    subprocess.run(["gmsh", "-2", "-v", "1", *sizes, "-format", "msh41", Path(__file__).parent / "meshes/plate_with_hole.geo", "-o", folder / "mesh.msh"], check=True)
+    make_mesh(folder / "mesh.msh", False, length=LENGTH, size_hole=0.35, size_far=0.8)
 
     def simulated(**changed):
         values = ", ".join(f"{name}: {value!r}" for name, value in {**TRUTH, **changed}.items())

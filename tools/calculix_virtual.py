@@ -33,19 +33,24 @@ PAINT, DISC, BACKGROUND = 0.80, 0.16, 0.06  # grey of the paint, of a disc and o
 
 # --- the test ---
 
+def strains(options):
+    """Mean strain of each frame."""
+    known = cx.FRAMES_PERCENT[cx.FRAMES_PERCENT <= options.strain + 1e-9] / 100.0
+    return np.interp(np.linspace(0, len(known) - 1, options.frames), np.arange(len(known)), known)
+
+
 def simulate(options, law, folder, plate=None):
     """Front face of the whole plate: nodes (n, 2), faces (m, 8), displacement (frames, n, 3); force (frames)."""
     plate = plate or cx.Plate(length=options.length, around=options.density, outward=options.density,
                               along=max(2, options.density // 2), through=max(2, options.density // 3))
-    known = cx.FRAMES_PERCENT[cx.FRAMES_PERCENT <= options.strain + 1e-9] / 100.0
-    strains = np.interp(np.linspace(0, len(known) - 1, options.frames), np.arange(len(known)), known)
-    deck, nodes, cells, _ = cx.plate_deck(plate, law, strains, True, options.theory, options.increment / 100.0,
+    to = strains(options)
+    deck, nodes, cells, _ = cx.plate_deck(plate, law, to, True, options.theory, options.increment / 100.0,
                                           front=True)
     table, seconds = cx.run(deck, folder, "virtual")
     print(f"ccx: {len(cells)} elements, {options.frames} frames, {seconds:.0f} s", flush=True)
     force = 4.0 * table["total force", "END"][:, 0, 1]
     rows = table["displacements", "FRONT"]
-    quarter = np.zeros((len(strains), len(nodes), 3))
+    quarter = np.zeros((len(to), len(nodes), 3))
     quarter[:, rows[0, :, 0].astype(int) - 1] = rows[:, :, 1:]
 
     top = cells[:, [4, 5, 6, 7, 12, 13, 14, 15]]  # the face at z = +t/2 of a C3D20

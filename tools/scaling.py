@@ -118,7 +118,7 @@ class Scaling:
             dic, _, of_dic, _ = self.run("dic", f"{case}.yaml", "--output", f"{case}_dic")
             spent, _, memory, _ = self.run("identify", f"{case}.yaml")
             stages = json.loads((self.folder / case / "result.json").read_text())["stages"]
-            iterations = sum(len(stage["iterations"]) - 1 for stage in stages)
+            iterations = sum(stage["iterations"] for stage in stages)
             known.append((frames, dic, spent, memory))
             rows.append(f"| {frames} | {dic:.1f} | {of_dic / 2**20:.2f} | {spent:.1f} | {memory / 2**20:.2f} | {iterations} |")
             print(rows[-1], flush=True)
