@@ -165,7 +165,7 @@ def main():
                 if shapes and (not options.reduced or name in REDUCED) and (not options.only or name in options.only or {"left out", "pairs"} & set(options.only)):
                     with_it = suite.run(suite.folder / f"declared_{name}", {"declare": {name: {parameter: 0.0} | shapes}}, 1000)
                     if with_it:
-                        detectable[name] = (result["before"]["threshold"] + 0.84) * with_it["before"]["parameters"][parameter]["standard_deviation"]
+                        detectable[name] = (result["before"]["threshold"] + 1.1) * with_it["before"]["parameters"][parameter]["standard_deviation"]
 
     def planted(effect, multiple):
         parameter, shapes, usual, _ = EFFECTS[effect]

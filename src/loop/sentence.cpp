@@ -29,9 +29,13 @@ std::string size_of(const Experiment& experiment, int k, const Model& model) {
 std::string sentence_of(const Experiment& experiment, const Report& report) {
   const Model &before = report.declared, &after = report.final;
   const std::string change = fmt::format("Held-out error {:.2f} -> {:.2f} (null {:.2f}).", before.misfit.held_out, after.misfit.held_out, after.misfit.null_held_out);
-  if (report.verdict == Verdict::nothing_found) return fmt::format("Nothing is missing that this test could show (chi {:.2f}, null up to {:.2f}).", before.misfit.fitted, before.misfit.null_fitted);
-  std::string text = fmt::format("Something is missing (chi {:.2f}, null up to {:.2f}). ", before.misfit.fitted, before.misfit.null_fitted);
   const auto candidate = [&](int k) -> const Candidate& { return experiment.candidates()[static_cast<std::size_t>(k)]; };
+  std::string by_chance;
+  for (std::size_t i = 0; i < after.others.size(); ++i)
+    if (after.scores.candidates[i].contradicted) by_chance += (by_chance.empty() ? " Beyond the limit, but not so in what was held out: " : ", ") + candidate(after.others[i]).name;
+  if (!by_chance.empty()) by_chance += ".";
+  if (report.verdict == Verdict::nothing_found) return fmt::format("Nothing is missing that this test could show (chi {:.2f}, null up to {:.2f}).{}", before.misfit.fitted, before.misfit.null_fitted, by_chance);
+  std::string text = fmt::format("Something is missing (chi {:.2f}, null up to {:.2f}). ", before.misfit.fitted, before.misfit.null_fitted);
   const auto list = [&](const std::vector<int>& which) {
     std::string all;
     for (int k : which) all += (all.empty() ? "" : "; ") + candidate(k).sentence + " (" + size_of(experiment, k, after) + ")";
@@ -50,7 +54,7 @@ std::string sentence_of(const Experiment& experiment, const Report& report) {
     (after.misfit.frames - after.misfit.null_frames).maxCoeff(&worst);
     text += fmt::format(". It is largest in {}. ", experiment.frame_name(static_cast<int>(worst)));
   }
-  return text + change;
+  return text + change + by_chance;
 }
 
 }  // namespace imic3d::loop

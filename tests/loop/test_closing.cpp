@@ -237,16 +237,20 @@ TEST(Scores, FewDegreesOfFreedomRaiseNoMoreAlarms) {
 }
 
 TEST(Closing, FalseAlarmsStayAtTheirLevel) {
-  int alarms = 0;
+  int alarms = 0, contradicted = 0;
   constexpr int tests = 200;
   Eigen::VectorXd p(tests), largest(tests), energy(tests);
   for (unsigned seed = 1; seed <= tests; ++seed) {
     const Report report = loop_on(Curves(seed));
     alarms += report.verdict != Verdict::nothing_found ? 1 : 0;
+    const auto& scores = report.declared.scores.candidates;
+    contradicted += report.verdict == Verdict::nothing_found && std::any_of(scores.begin(), scores.end(), [](const Score& s) { return s.contradicted; }) ? 1 : 0;
     p[seed - 1] = report.declared.scores.candidates.front().p;
     largest[seed - 1] = report.declared.scores.largest_p, energy[seed - 1] = report.declared.scores.omnibus_p;
   }
-  EXPECT_LE(alarms, 17) << "of 200; 5 % are 10 +- 3.1";
+  RecordProperty("alarms", alarms), RecordProperty("contradicted", contradicted);
+  EXPECT_LE(alarms, 12) << "of 200; 5 % are 10 +- 3.1, and the held-out frames contradict some";
+  EXPECT_GE(contradicted, 1);
   const double limit = 1.63 / std::sqrt(tests);  // 1 %
   EXPECT_LT(distance_from_uniform(p), limit) << "of the first candidate's score";
   EXPECT_LT(distance_from_uniform(largest), limit) << "of the largest score";
@@ -284,9 +288,11 @@ TEST(Closing, TheDetectableSizeIsFoundInFourOfFive) {
   int found = 0;
   for (unsigned seed = 300; seed < 400; ++seed) {
     const Report report = loop_on(Curves(seed, {{Curves::kink, size}}));
-    found += report.declared.scores.candidates[place].z > report.declared.scores.threshold ? 1 : 0;
+    const Score& one = report.declared.scores.candidates[place];
+    found += one.z > report.declared.scores.threshold && !one.contradicted ? 1 : 0;
   }
-  EXPECT_GE(found, 67);  // 80 +- 4 of 100
+  RecordProperty("found", found);
+  EXPECT_GE(found, 70);  // 80 +- 4 of 100
   EXPECT_LE(found, 93);
 }
 

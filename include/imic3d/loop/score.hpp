@@ -24,6 +24,7 @@ struct Score {
   double z = 0.0;            ///< T as a number of standard deviations of a normal distribution: Student's t where the noise was estimated from few data
   double visibility = 0.0;   ///< kappa = |P s|/|s|: what the free parameters leave of its mark
   double drop = 0.0;         ///< of the residual's square if it were added (white noise)
+  bool contradicted = false; ///< with its size data that were held out are explained worse: no more than chance
   Eigen::VectorXd size;      ///< estimate of its parameters - null value [k]
   Eigen::VectorXd deviation; ///< standard deviation of these under the null [k]
   Eigen::VectorXd detectable;///< MDE: sizes that are found with 80 % probability, each alone [k], then of the size with the other shapes [columns]
