@@ -1,0 +1,144 @@
+#include "kept_factors.hpp"
+
+#include <algorithm>
+#include <string>
+
+namespace imic3d::mechanics {
+
+namespace {
+/// Up to this number of unknowns a direct factorisation is the default, above it CG with GAMG.
+constexpr PetscInt direct_limit = 150'000;
+}  // namespace
+
+KeptFactors::KeptFactors(Mat tangent, const mesh::Mesh& mesh, const material::FiniteStrainLaw& law, Communicator communicator, const EquilibriumOptions& options, Work& work)
+    : tangent_(tangent), symmetric_(law.symmetric_tangent()), one_point_(mesh.integration == mesh::Integration::one_point), communicator_(communicator), options_(options), work_(work) {
+  IMIC3D_PETSC(MatGetSize(tangent_, &unknowns_, nullptr));
+  factors_.push_back(make_solver());
+  make_refiner();
+}
+
+KeptFactors::Factor KeptFactors::make_solver() {
+  Solver solver;
+  IMIC3D_PETSC(KSPCreate(communicator_.handle, solver.put()));
+  IMIC3D_PETSC(KSPSetOptionsPrefix(solver, options_.prefix.c_str()));
+  PC preconditioner = nullptr;
+  IMIC3D_PETSC(KSPGetPC(solver, &preconditioner));
+  if (unknowns_ <= direct_limit) {
+    IMIC3D_PETSC(KSPSetType(solver, KSPPREONLY));
+    IMIC3D_PETSC(PCSetType(preconditioner, symmetric_ ? PCCHOLESKY : PCLU));
+    IMIC3D_PETSC(PCFactorSetMatSolverType(preconditioner, MATSOLVERMUMPS));
+  } else {
+    IMIC3D_PETSC(KSPSetType(solver, symmetric_ ? KSPCG : KSPGMRES));
+    IMIC3D_PETSC(PCSetType(preconditioner, PCGAMG));
+    IMIC3D_PETSC(KSPSetTolerances(solver, 1e-8, PETSC_DEFAULT, PETSC_DEFAULT, 1000));
+  }
+  IMIC3D_PETSC(KSPSetFromOptions(solver));
+  IMIC3D_PETSC(KSPSetOperators(solver, tangent_, tangent_));
+  PetscBool is_factor = PETSC_FALSE;
+  IMIC3D_PETSC(PetscObjectTypeCompare(reinterpret_cast<PetscObject>(preconditioner), PCCHOLESKY, &is_factor));
+  direct_ = is_factor == PETSC_TRUE;
+  tell_mumps(preconditioner);
+  return {std::move(solver), {}};
+}
+
+/// On the converged tangent, with the factor at hand as preconditioner.
+void KeptFactors::make_refiner() {
+  IMIC3D_PETSC(KSPCreate(communicator_.handle, refiner_.put()));
+  IMIC3D_PETSC(KSPSetOptionsPrefix(refiner_, (options_.prefix + "derivative_").c_str()));
+  IMIC3D_PETSC(KSPSetType(refiner_, KSPGMRES));
+  IMIC3D_PETSC(KSPSetOperators(refiner_, tangent_, tangent_));
+  IMIC3D_PETSC(KSPSetTolerances(refiner_, least_refined_, PETSC_DEFAULT, PETSC_DEFAULT, 200));
+  IMIC3D_PETSC(KSPSetSkipPCSetFromOptions(refiner_, PETSC_TRUE));
+  IMIC3D_PETSC(KSPSetFromOptions(refiner_));
+  IMIC3D_PETSC(KSPGetTolerances(refiner_, &least_refined_, nullptr, nullptr, nullptr));
+}
+
+/// No scaling: all unknowns are displacements, and it takes a quarter of the factorisation of some thousand of them.
+/// Hourglass modes that neither the law nor the images resist make the tangent singular, but the right-hand side has no part in
+/// them: MUMPS leaves out the pivots that are zero and solves for the rest.
+void KeptFactors::tell_mumps(PC preconditioner) const {
+  MatSolverType type = nullptr;
+  PetscBool by_mumps = PETSC_FALSE;
+  IMIC3D_PETSC(PCFactorGetMatSolverType(preconditioner, &type));
+  if (type != nullptr) IMIC3D_PETSC(PetscStrcmp(type, MATSOLVERMUMPS, &by_mumps));
+  if (by_mumps != PETSC_TRUE) return;
+  Mat factor = nullptr;
+  IMIC3D_PETSC(PCFactorSetUpMatSolverType(preconditioner));
+  IMIC3D_PETSC(PCFactorGetMatrix(preconditioner, &factor));
+  if (one_point_)
+    IMIC3D_PETSC(MatMumpsSetIcntl(factor, 24, 1));
+  else if (direct_)
+    IMIC3D_PETSC(MatMumpsSetIcntl(factor, 8, 0));
+}
+
+void KeptFactors::take(int of_frame, bool simulated_before) {
+  at_hand_ = simulated_before && may_be_kept() && any_made() ? std::min(static_cast<std::size_t>(of_frame) + 1, most_ - 1) : 0;
+  while (factors_.size() <= at_hand_) factors_.push_back(make_solver());
+}
+
+/// As many factors as there is room for.
+void KeptFactors::count() {
+  Mat factor = mumps_factor();
+  if (factor == nullptr) return;
+  PetscInt megabytes = 0;
+  IMIC3D_PETSC(MatMumpsGetInfog(factor, 21, &megabytes));
+  const double largest = communicator_.max(static_cast<double>(std::max<PetscInt>(1, megabytes)));  // every rank takes up the same factors
+  most_ = static_cast<std::size_t>(std::max(1.0, options_.memory_of_factors / largest));
+}
+
+/// The factor at hand if MUMPS made it, else null.
+Mat KeptFactors::mumps_factor() const {
+  if (!direct_) return nullptr;
+  PC preconditioner = nullptr;
+  Mat factor = nullptr;
+  IMIC3D_PETSC(KSPGetPC(factors_[at_hand_].solver, &preconditioner));
+  IMIC3D_PETSC(PCFactorGetMatrix(preconditioner, &factor));
+  MatSolverType type = nullptr;
+  IMIC3D_PETSC(MatFactorGetSolverType(factor, &type));
+  return std::string(type) == MATSOLVERMUMPS ? factor : nullptr;
+}
+
+/// Number of negative pivots of the factor at hand, -1 if the solver does not tell.
+PetscInt KeptFactors::negative_pivots() const {
+  Mat factor = mumps_factor();
+  PetscInt pivots = -1;
+  if (factor != nullptr) IMIC3D_PETSC(MatMumpsGetInfog(factor, 12, &pivots));
+  return pivots;
+}
+
+bool KeptFactors::solve(Vec right, Vec solution, bool kept) {
+  if (!kept) ++work_.factorisations;
+  ++work_.solutions;
+  auto& [solver, state] = factors_[at_hand_];
+  const bool first = !state.made;
+  IMIC3D_PETSC(KSPSetReusePreconditioner(solver, kept ? PETSC_TRUE : PETSC_FALSE));
+  IMIC3D_PETSC(KSPSolve(solver, right, solution));
+  KSPConvergedReason reason = KSP_CONVERGED_ITERATING;
+  IMIC3D_PETSC(KSPGetConvergedReason(solver, &reason));
+  state.made = reason >= 0 || reason == KSP_DIVERGED_ITS;
+  if (!kept) state.indefinite = negative_pivots() > 0;
+  if (first && at_hand_ == 0) count();
+  return state.made;
+}
+
+void KeptFactors::begin_derivatives() {
+  PC preconditioner = nullptr;
+  IMIC3D_PETSC(KSPGetPC(factors_[at_hand_].solver, &preconditioner));
+  IMIC3D_PETSC(KSPSetPC(refiner_, preconditioner));
+  IMIC3D_PETSC(KSPSetReusePreconditioner(refiner_, PETSC_TRUE));  // of both solvers
+}
+
+void KeptFactors::substitute(Vec right, Vec solution) {
+  ++work_.derivative_solutions;
+  IMIC3D_PETSC(KSPSolve(factors_[at_hand_].solver, right, solution));
+}
+
+void KeptFactors::refine(Vec right, Vec solution, double remaining) {
+  ++work_.derivative_solutions;
+  IMIC3D_PETSC(KSPSetTolerances(refiner_, std::max(least_refined_, remaining), PETSC_DEFAULT, PETSC_DEFAULT, PETSC_DEFAULT));
+  IMIC3D_PETSC(KSPSolve(refiner_, right, solution));
+}
+
+void KeptFactors::end_derivatives() { IMIC3D_PETSC(KSPSetReusePreconditioner(refiner_, PETSC_FALSE)); }
+
+}  // namespace imic3d::mechanics

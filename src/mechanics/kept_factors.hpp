@@ -1,0 +1,75 @@
+#pragma once
+// Solutions with the tangent, or with the factor of one that was.
+
+#include <petscksp.h>
+
+#include <cstddef>
+#include <vector>
+
+#include "imic3d/core/parallel.hpp"
+#include "imic3d/material/finite_strain_law.hpp"
+#include "imic3d/mechanics/equilibrium.hpp"
+#include "imic3d/mesh/mesh.hpp"
+#include "imic3d/mesh/petsc.hpp"
+
+namespace imic3d::mechanics {
+
+/// MUMPS LDL^T on small problems, CG with GAMG and the rigid-body near-null space above; everything open to options. A law
+/// without associated flow has an unsymmetric tangent: LU and GMRES then. LU does not tell the tangent's inertia. A frame that is
+/// simulated again has a factor of its own, as far as memory allows. Collective.
+class KeptFactors {
+ public:
+  /// Whether a solver holds the factor of some tangent, and one with negative pivots.
+  struct State {
+    bool made = false, indefinite = false;
+  };
+
+  /// `tangent`: where it is assembled, each time before a new factor is asked for. `work` counts factorisations and solutions.
+  KeptFactors(Mat tangent, const mesh::Mesh& mesh, const material::FiniteStrainLaw& law, Communicator communicator, const EquilibriumOptions& options, Work& work);
+
+  /// Whether a factor may serve for other tangents than its own.
+  [[nodiscard]] bool may_be_kept() const { return options_.keep_factors && direct_; }
+  /// Whether there was a tangent yet.
+  [[nodiscard]] bool any_made() const { return factors_.front().state.made; }
+  [[nodiscard]] const State& at_hand() const { return factors_[at_hand_].state; }
+
+  /// Takes up the factor of a frame that was simulated before, if there is room for one.
+  void take(int of_frame, bool simulated_before);
+  /// `kept`: with the factor at hand; else with that of the tangent, which is then the one at hand. False if the solver failed.
+  [[nodiscard]] bool solve(Vec right, Vec solution, bool kept);
+
+  /// Solutions for derivatives, from one of these to the other: with the factor at hand as it is (`substitute`), or on the tangent with that factor as
+  /// preconditioner (`refine`), until `remaining` of the right-hand side is left.
+  void begin_derivatives();
+  void substitute(Vec right, Vec solution);
+  void refine(Vec right, Vec solution, double remaining);
+  void end_derivatives();
+
+ private:
+  using Solver = PetscOwner<KSP, KSPDestroy>;
+  struct Factor {
+    Solver solver;
+    State state;
+  };
+
+  [[nodiscard]] Factor make_solver();
+  void make_refiner();
+  void tell_mumps(PC preconditioner) const;
+  [[nodiscard]] Mat mumps_factor() const;
+  [[nodiscard]] PetscInt negative_pivots() const;
+  void count();
+
+  Mat tangent_;
+  PetscInt unknowns_ = 0;
+  bool symmetric_, one_point_;
+  Communicator communicator_;
+  const EquilibriumOptions& options_;
+  Work& work_;
+  bool direct_ = true;
+  std::vector<Factor> factors_;  // the first for frames that nothing is known of, the others each for a frame that is simulated again
+  std::size_t at_hand_ = 0, most_ = 1;
+  Solver refiner_;
+  double least_refined_ = 1e-10;  // what it leaves at least of a right-hand side
+};
+
+}  // namespace imic3d::mechanics

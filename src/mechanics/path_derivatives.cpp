@@ -1,0 +1,98 @@
+#include "path_derivatives.hpp"
+
+#include <cmath>
+
+namespace imic3d::mechanics {
+
+namespace {
+/// So many solutions with the factor at hand an unbalanced derivative may still need before the tangent is assembled.
+constexpr double solutions_of_a_tangent = 7.0;
+/// Derivatives in more directions are not accelerated: 16 vectors each.
+constexpr std::size_t most_accelerated = 16;
+}  // namespace
+
+PathDerivatives::PathDerivatives(ForceBalance& balance, KeptFactors& factors, std::size_t parameters, const EquilibriumOptions& options, Work& work)
+    : balance_(balance), factors_(factors), parameters_(parameters), options_(options), work_(work) {
+  IMIC3D_PETSC(VecDuplicate(balance_.displacement(), correction_.put()));
+}
+
+PathDerivatives::~PathDerivatives() { release(); }
+
+void PathDerivatives::release() {
+  for (auto* vectors : {&du_, &d_force_})
+    for (Vec& vector : *vectors) VecDestroy(&vector);
+}
+
+void PathDerivatives::start(std::span<const int> free, std::size_t directions, const Accuracy& accuracy) {
+  const std::size_t all = free.size() + directions;
+  directions_ = directions;
+  tolerance_ = accuracy.derivatives > 0.0 ? accuracy.derivatives : options_.derivative_tolerance;
+  acceleration_.clear();
+  if (all <= most_accelerated)
+    for (std::size_t k = 0; k < all; ++k) acceleration_.emplace_back(7);
+  release();
+  for (auto* vectors : {&du_, &d_force_}) {
+    vectors->assign(all, nullptr);
+    for (Vec& vector : *vectors) IMIC3D_PETSC(VecDuplicate(balance_.displacement(), &vector));
+  }
+  d_parameters_.assign(all * parameters_, 0.0);
+  for (std::size_t k = 0; k < free.size(); ++k) d_parameters_[k * parameters_ + static_cast<std::size_t>(free[k])] = 1.0;
+}
+
+bool PathDerivatives::differentiate(const Eigen::MatrixXd& d_prescribed, int& corrections) {
+  if (balance_.optical() != nullptr) balance_.add_optical_stiffness();
+  factors_.begin_derivatives();
+  for (Anderson& accelerated : acceleration_) accelerated.restart();
+  begin_with(d_prescribed);
+  const bool balanced = balance_all(corrections);
+  factors_.end_derivatives();
+  return balanced;
+}
+
+/// The displacement moves where it is prescribed, and nowhere else yet.
+void PathDerivatives::begin_with(const Eigen::MatrixXd& d_prescribed) {
+  const std::size_t free = du_.size() - directions_;
+  const auto& constrained = balance_.constrained();
+  for (std::size_t k = 0; k < du_.size(); ++k) {
+    IMIC3D_PETSC(VecZeroEntries(du_[k]));
+    if (k < free) continue;
+    Eigen::VectorXd given = Eigen::VectorXd::Zero(balance_.numbering().natural_size());
+    for (std::size_t i = 0; i < constrained.size(); ++i) given[constrained[i]] = d_prescribed(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k - free));
+    balance_.numbering().to_global(given, du_[k]);
+  }
+}
+
+bool PathDerivatives::balance_all(int& corrections) {
+  constexpr int most = 30;
+  bool by_factor = factors_.may_be_kept() && balance_.optical() == nullptr;  // else with the converged tangent
+  std::vector<double> scale(du_.size()), last(du_.size(), INFINITY);
+  for (int pass = 0; pass <= most; ++pass) {
+    ++work_.derivative_passes;
+    if (!balance_.differentiate(du_, d_parameters_, d_force_)) return false;
+    bool balanced = true;
+    for (std::size_t k = 0; k < du_.size(); ++k) {
+      if (pass == 0) IMIC3D_PETSC(VecNorm(d_force_[k], NORM_2, &scale[k]));  // dF_int/dLambda + dF_int/dxi . dxi/dLambda
+      const double norm = balance_.unbalanced_derivative(du_[k], d_force_[k]);
+      if (norm <= tolerance_ * scale[k]) continue;
+      balanced = false;
+      const double wanted = tolerance_ * scale[k] / norm;
+      if (by_factor && (norm >= last[k] || std::log(wanted) < solutions_of_a_tangent * std::log(norm / last[k]))) {
+        by_factor = false;
+        if (!balance_.assemble_tangent()) return false;
+      }
+      last[k] = norm;
+      if (by_factor) {
+        factors_.substitute(balance_.residual(), correction_);
+        if (!acceleration_.empty()) acceleration_[k].accelerate(correction_);
+      } else {
+        factors_.refine(balance_.residual(), correction_, 0.1 * wanted);
+      }
+      IMIC3D_PETSC(VecAXPY(du_[k], 1.0, correction_));
+    }
+    if (balanced) return true;
+    ++corrections;
+  }
+  return false;
+}
+
+}  // namespace imic3d::mechanics

@@ -1,0 +1,55 @@
+#pragma once
+// Direct differentiation of an equilibrium path.
+
+#include <Eigen/Core>
+#include <cstddef>
+#include <deque>
+#include <span>
+#include <vector>
+
+#include "anderson.hpp"
+#include "force_balance.hpp"
+#include "kept_factors.hpp"
+
+namespace imic3d::mechanics {
+
+/// Derivatives of the path by parameters of the law, then in directions of the prescribed displacement: at every converged increment
+///     K dU/dLambda = -(dF_int/dLambda + dF_int/dxi_n . dxi_n/dLambda)
+/// What is left unbalanced is solved for with the factor at hand while that shrinks it fast, else with the converged tangent.
+class PathDerivatives {
+ public:
+  /// `parameters`: how many the law has.
+  PathDerivatives(ForceBalance& balance, KeptFactors& factors, std::size_t parameters, const EquilibriumOptions& options, Work& work);
+  ~PathDerivatives();
+  PathDerivatives(const PathDerivatives&) = delete;
+  PathDerivatives& operator=(const PathDerivatives&) = delete;
+
+  /// By which of the law's parameters the path is differentiated, and in how many directions of the prescribed displacement.
+  void start(std::span<const int> free, std::size_t directions, const Accuracy& accuracy);
+  [[nodiscard]] int size() const { return static_cast<int>(du_.size()); }
+
+  /// Where an increment has just converged: its derivatives, and those of the new history. `d_prescribed` [constrained degrees x directions];
+  /// `corrections` grows by the passes over the elements beyond one. False if they are not found; every rank gets the same answer. Collective.
+  [[nodiscard]] bool differentiate(const Eigen::MatrixXd& d_prescribed, int& corrections);
+  /// Of the displacement and of the internal forces, there.
+  [[nodiscard]] const std::vector<Vec>& of_displacement() const { return du_; }
+  [[nodiscard]] const std::vector<Vec>& of_forces() const { return d_force_; }
+
+ private:
+  void release();
+  void begin_with(const Eigen::MatrixXd& d_prescribed);
+  [[nodiscard]] bool balance_all(int& corrections);
+
+  ForceBalance& balance_;
+  KeptFactors& factors_;
+  std::size_t parameters_, directions_ = 0;
+  const EquilibriumOptions& options_;
+  Work& work_;
+  double tolerance_ = 0.0;
+  OwnedVec correction_;
+  std::vector<Vec> du_, d_force_;     // of each free parameter and direction
+  std::vector<double> d_parameters_;  // unit vectors [free x number of parameters], then 0
+  std::deque<Anderson> acceleration_;
+};
+
+}  // namespace imic3d::mechanics
