@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """Blind trials of `imic3d loop` on stress-strain curves: bars of a material are made by a program of its own (one-dimensional
 plasticity, integrated in small implicit steps; nothing of imic3d), with an effect that the case file does not declare, bars that
-differ, noise and rounding; imic3d has to say what is missing. LOOP: sizes are multiples of the smallest detectable one (MDE), which a
+differ, noise and rounding; imic3d has to say what is missing. Sizes are multiples of the smallest detectable one (MDE), which a
 test without any effect reports.
 
 tools/blind_suite.py [--reduced] [--seeds N] [--nulls N] [--only EFFECT ...] [--out FOLDER] [--imic3d PROGRAM]

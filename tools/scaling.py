@@ -1,11 +1,12 @@
 #!/usr/bin/python3
 """How time and memory grow with the size of a problem: powers by least squares of the logarithms. Processor time of one thread.
 
-Usage: scaling.py {unknowns,frames,parameters,ranks} [--sizes 1e4,1e5] [--program FILE] [--output FOLDER]
+Usage: scaling.py {unknowns,frames,parameters,ranks,loop} [--sizes 1e4,1e5] [--program FILE] [--output FOLDER]
 
 unknowns    `imic3d simulate` of the plate with a hole (hex20, four frames into the plastic range): MUMPS, and CG with GAMG. --largest-direct: no MUMPS beyond it
 frames      `imic3d dic` and `imic3d identify` (one stage, direct sensitivities) on so many images of one test
 parameters  `imic3d identify`, one iteration, with so many free parameters of a law with kinematic hardening, anisotropy, rate and a Voce term
+loop        processor and wall time of `imic3d loop` in units of `imic3d identify`, on a test in which nothing is missing and on one whose force is 2 kN too large; one rank and two
 ranks       wall time of `imic3d simulate` on one rank and on two, in turns, with PETSc's own times of assembly and solution; wants a machine that does nothing else
 Megapixels: tests/benchmarks, benchmark_frame (docs/performance.md). Writes TABLE_<what>.md into the folder and prints it."""
 import argparse
@@ -155,10 +156,33 @@ class Scaling:
             print("\n".join(rows[-3:]), flush=True)
         return rows
 
+    def loop(self):
+        import false_alarms
+        rows = ["| test | command | ranks | verdict | simulations | processor time [s] | wall time [s] | of one identification, processor time | wall time |", "|---|---|---|---|---|---|---|---|---|"]
+        for test, offset in {"nothing missing": 0.0, "force 2 kN too large": 2000.0}.items():
+            folder = self.folder / test.replace(" ", "_")
+            folder.mkdir(exist_ok=True)
+            false_alarms.images(self.options.program)(folder, {}, 1)
+            loads = np.loadtxt(folder / "test/loads.csv", delimiter=",", skiprows=1)
+            loads[:, 2] += offset
+            np.savetxt(folder / "test/loads.csv", loads, fmt="%.8g", delimiter=",", header="frame,time_s,force_N", comments="")
+            case = folder / "case.yaml"
+            case.write_text("".join(line for line in case.read_text().splitlines(True) if not line.startswith("loop:")))
+            for ranks in (1, 2):
+                unit = None
+                for command in ("identify", "loop"):
+                    spent, wall, _, _ = self.run(command, case, "--output", folder / f"{command}_{ranks}", ranks=ranks)
+                    unit = unit or (spent, wall)
+                    result = json.loads((folder / f"{command}_{ranks}/result.json").read_text())
+                    verdict = f"{result['verdict']} {', '.join(result['named'])}" if command == "loop" else "–"
+                    rows.append(f"| {test} | {command} | {ranks} | {verdict} | {result.get('simulations', '–')} | {spent:.1f} | {wall:.1f} | {spent / unit[0]:.1f} | {wall / unit[1]:.1f} |")
+                    print(rows[-1], flush=True)
+        return rows
+
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["unknowns", "frames", "parameters", "ranks"])
+    parser.add_argument("what", choices=["unknowns", "frames", "parameters", "ranks", "loop"])
     parser.add_argument("--sizes", type=lambda text: [float(one) for one in text.split(",")])
     parser.add_argument("--largest-direct", type=float, default=3e5, help="unknowns")
     parser.add_argument("--program", type=pathlib.Path, default=ROOT / "build/release/imic3d")

@@ -30,13 +30,25 @@ std::string joined(const json& names) {
   return text.empty() ? "none" : text;
 }
 
+/// What the verdict is about: the effects that were added, and with the last one those that it cannot be told from.
+std::string subject(const json& summary) {
+  std::string text;
+  for (const auto& one : summary["named"]) {
+    const bool uncertain = summary["verdict"] == "ambiguous" && one == summary["named"].back();
+    text += (text.empty() ? ": " : " + ") + (uncertain ? "one of (" + escaped(joined(summary["set"])) + ")" : escaped(one.get<std::string>()));
+  }
+  return text;
+}
+
 /// Size ± standard deviation of each parameter of a candidate.
 std::string sizes(const json& candidate, const char* value, bool with_deviation) {
   std::string text;
   for (const auto& one : candidate["sizes"]) {
     const double deviation = one["standard_deviation"];
+    const std::string unit = one["unit"];
     text += (text.empty() ? "" : "<br>") + escaped(one["parameter"].get<std::string>()) + " " +
-            (with_deviation ? shown_with(one[value], deviation) + " ± " + shown(deviation, 2) : shown(std::abs(one[value].get<double>()), 2)) + " " + escaped(one["unit"].get<std::string>());
+            (with_deviation ? shown_with(one[value], deviation) + " ± " + shown(deviation, 2) : shown(std::abs(one[value].get<double>()), 2)) +
+            (unit == "-" ? "" : " " + escaped(unit));
   }
   return text;
 }
@@ -115,7 +127,7 @@ void write_loop_page(const std::filesystem::path& page, const json& summary, con
   const auto frames = numbers(summary["frames"]);
   std::string out = fmt::format("<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>{0}</title><style>{1}</style></head><body>\n<h1>{0}</h1>\n", escaped(summary["title"].get<std::string>()), page_style);
   out += fmt::format("<p><strong>{}</strong></p>\n<p>Verdict: <strong>{}</strong>{}. Held-out frames: {}.</p>\n", escaped(summary["sentence"].get<std::string>()), escaped(summary["verdict"].get<std::string>()),
-                     (summary["set"].empty() ? "" : ": " + escaped(joined(summary["set"]))) + (summary.contains("light") ? "; of the light: <strong>" + escaped(summary["light"]["verdict"].get<std::string>()) + "</strong>" : ""),
+                     subject(summary) + (summary.contains("light") ? "; of the light: <strong>" + escaped(summary["light"]["verdict"].get<std::string>()) + "</strong>" : ""),
                      escaped(summary["held_out"].dump()));
 
   if (summary.contains("doubts"))

@@ -1,18 +1,15 @@
 #include "imic3d/loop/closing.hpp"
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <limits>
-#include <random>
-#include <tuple>
 
 #include "imic3d/core/error.hpp"
 #include "imic3d/loop/effect.hpp"
 #include "imic3d/loop/statistics.hpp"
+#include "appraisal.hpp"
 #include "ground.hpp"
 #include "remainder.hpp"
 #include "sentence.hpp"
@@ -41,19 +38,22 @@ std::vector<int> held_out_blocks(int frames, int blocks) {
 
 namespace {
 
+std::vector<char> flags(int frames, const std::vector<int>& chosen) {
+  std::vector<char> flag(static_cast<std::size_t>(frames), 0);
+  for (int t : chosen) flag[static_cast<std::size_t>(t)] = 1;
+  return flag;
+}
+
 class Loop {
  public:
   Loop(Experiment& experiment, const LoopOptions& options, const std::function<void(const std::string&)>& say)
-      : experiment_(experiment), options_(options), say_(say), frames_(static_cast<int>(experiment.frame_numbers().size())) {
-    report_.held_out.assign(static_cast<std::size_t>(frames_), 0);
-    for (int t : options.held_out.empty() ? held_out_blocks(frames_) : options.held_out) report_.held_out[static_cast<std::size_t>(t)] = 1;
-    std::vector<char> fitted;
-    for (char held : report_.held_out) fitted.push_back(held == 0 ? 1 : 0);
-    rows_ = rows_of_frames(experiment.data(), fitted);
-    held_rows_ = rows_of_frames(experiment.data(), report_.held_out);
-    leave_out();
-    for (const Datum& d : experiment.data()) rigs_ = std::max(rigs_, d.channel + 1);
-  }
+      : experiment_(experiment),
+        options_(options),
+        say_(say),
+        frames_(static_cast<int>(experiment.frame_numbers().size())),
+        held_out_(flags(frames_, options.held_out.empty() ? held_out_blocks(frames_) : options.held_out)),
+        appraisal_(experiment, held_out_, options.leave_out),
+        rows_(appraisal_.fitted_rows()) {}
 
   Report run() {
     identify_declared();
@@ -79,7 +79,7 @@ class Loop {
       say(fmt::format("added: {}", candidate(best->candidate).name));
       at = best->model;
       experiment_.put_back(at.ground->learned);
-      if (!at.traced) trace(at, known(at));
+      if (!at.traced) appraisal_.trace(at);
       if (last) {
         report_.set = round.set;
         report_.verdict = round.set.size() == 1 ? Verdict::attributed : Verdict::ambiguous;
@@ -87,6 +87,7 @@ class Loop {
       }
     }
     if (report_.set.empty() && report_.verdict == Verdict::attributed) report_.set = report_.named;
+    report_.held_out = held_out_;
     report_.final = std::move(at);
     find_invisible();
     find_remainder();
@@ -95,21 +96,6 @@ class Loop {
   }
 
  private:
-  void leave_out() {
-    const auto& all = experiment_.candidates();
-    left_out_.assign(all.size(), 0);
-    std::vector<std::string> names;
-    for (const auto& one : all) names.push_back(one.name);
-    std::vector<Mistake> mistakes;
-    for (const auto& name : options_.leave_out) {
-      const auto found = std::find_if(names.begin(), names.end(), [&](const std::string& other) { return key_of(other) == key_of(name); });
-      if (found == names.end())
-        mistakes.push_back({"loop.leave_out", name, fmt::format("any of {}", fmt::join(names, ", "))});
-      else
-        left_out_[static_cast<std::size_t>(found - names.begin())] = 1;
-    }
-    if (!mistakes.empty()) throw InputError(std::move(mistakes));
-  }
   const Candidate& candidate(int j) const { return experiment_.candidates()[static_cast<std::size_t>(j)]; }
   void say(const std::string& line) const {
     if (say_) say_(line);
@@ -161,7 +147,7 @@ class Loop {
     say(fmt::format("null ensemble: {} + {} draws of the noise", options_.draws, experiment_.draws(options_.draws)));
     report_.declared.ground = ground_of(experiment_, best.values, options_.draws);
     report_.declared.fit = fit(experiment_, report_.declared.ground->weight, rows_, free, best.values);
-    finish(report_.declared);
+    appraisal_.judge(report_.declared);
     announce(report_.declared, "declared model");
   }
 
@@ -184,193 +170,6 @@ class Loop {
     model.fit = fit(experiment_, model.ground->weight, rows_, model.fit.free, model.fit.values);
   }
 
-  /// What is known of the free parameters beforehand is data beside the others.
-  struct Known {
-    Eigen::VectorXd residual;     // [priors]
-    Eigen::MatrixXd sensitivity;  // [priors x free]
-    Eigen::MatrixXd null;         // [priors x draws]
-  };
-  Known known(const Model& model) const {
-    const Fit& fit = model.fit;
-    std::vector<std::size_t> places;
-    for (std::size_t i = 0; i < fit.free.size(); ++i)
-      if (experiment_.parameters()[static_cast<std::size_t>(fit.free[i])].prior > 0.0) places.push_back(i);
-    const auto count = static_cast<Eigen::Index>(places.size());
-    Known result{Eigen::VectorXd(count), Eigen::MatrixXd::Zero(count, static_cast<Eigen::Index>(fit.free.size())), Eigen::MatrixXd(count, model.ground->null.cols())};
-    for (Eigen::Index k = 0; k < count; ++k) {
-      const auto i = places[static_cast<std::size_t>(k)], j = static_cast<std::size_t>(fit.free[i]);
-      const Parameter& p = experiment_.parameters()[j];
-      result.residual[k] = (p.value - fit.values[j]) / p.prior;
-      result.sensitivity(k, static_cast<Eigen::Index>(i)) = 1.0 / p.prior;
-    }
-    std::mt19937_64 random(13);
-    std::normal_distribution<double> normal;
-    for (double& x : result.null.reshaped()) x = normal(random);
-    return result;
-  }
-  static Eigen::MatrixXd stacked(const Eigen::MatrixXd& above, const Eigen::MatrixXd& below) {
-    Eigen::MatrixXd all(above.rows() + below.rows(), above.cols());
-    all << above, below;
-    return all;
-  }
-  static Eigen::MatrixXd inverse_of(const Eigen::MatrixXd& J) { return J.completeOrthogonalDecomposition().pseudoInverse(); }
-
-  /// Draws of the null less what the free parameters, fitted to them, explain [N x draws].
-  Eigen::MatrixXd fitted(const Eigen::MatrixXd& draws, const Model& model, const Eigen::MatrixXd& pull, const Known& prior) const {
-    return draws - model.fit.sensitivity * (pull * stacked(draws(rows_, Eigen::all), prior.null.leftCols(draws.cols())));
-  }
-
-  /// Covariance, misfit, energy of a model whose fit is done; the scores of all other candidates, whose marks take most of the time, where the energy does not say already that something is left.
-  void finish(Model& model) {
-    const Known prior = known(model);
-    const Eigen::MatrixXd& null = model.ground->null;
-    const Eigen::MatrixXd pull = inverse_of(stacked(model.fit.sensitivity(rows_, Eigen::all), prior.sensitivity));
-    const Eigen::MatrixXd moved = pull * stacked(null(rows_, Eigen::all), prior.null);  // of the parameters by the noise
-    model.covariance = moved * moved.transpose() / static_cast<double>(moved.cols());
-    const Eigen::MatrixXd left = fitted(model.ground->squares, model, pull, prior);
-    const auto chi = [](const auto& r) { return std::sqrt(r.squaredNorm() / static_cast<double>(std::max<Eigen::Index>(1, r.size()))); };
-    const auto null_of = [&](const std::vector<Eigen::Index>& rows) {
-      Eigen::VectorXd all(left.cols());
-      for (Eigen::Index b = 0; b < left.cols(); ++b) all[b] = chi(Eigen::VectorXd(left.col(b)(rows)));
-      return quantile(all, 0.95);
-    };
-    Misfit& misfit = model.misfit;
-    misfit.fitted = chi(Eigen::VectorXd(model.fit.residual(rows_)));
-    misfit.held_out = chi(Eigen::VectorXd(model.fit.residual(held_rows_)));
-    misfit.null_fitted = null_of(rows_), misfit.null_held_out = null_of(held_rows_);
-    std::vector<Eigen::Index> images, force;
-    for (Eigen::Index i : rows_) (experiment_.data()[static_cast<std::size_t>(i)].channel == force_channel ? force : images).push_back(i);
-    misfit.images = chi(Eigen::VectorXd(model.fit.residual(images))), misfit.force = chi(Eigen::VectorXd(model.fit.residual(force)));
-    cross_validate(model, prior);
-    misfit.frames.resize(frames_), misfit.null_frames.resize(frames_);
-    for (int t = 0; t < frames_; ++t) {
-      std::vector<char> one(static_cast<std::size_t>(frames_), 0);
-      one[static_cast<std::size_t>(t)] = 1;
-      const auto rows = rows_of_frames(experiment_.data(), one);
-      misfit.frames[t] = chi(Eigen::VectorXd(model.fit.residual(rows)));
-      misfit.null_frames[t] = null_of(rows);
-    }
-    model.scores = score(problem_of(model, prior));
-    if (model.added.empty() || !omnibus_significant(model)) trace(model, prior);
-  }
-
-  /// chi of the chosen rows of the residual r under the parameters of the others, and its 95 % quantile under the null; 0 where nothing is chosen.
-  std::pair<double, double> left_out(const Eigen::MatrixXd& r, const Eigen::MatrixXd& J, const Eigen::MatrixXd& null, const Known& prior, const std::function<bool(const Datum&)>& chosen) const {
-    std::vector<Eigen::Index> others, those;
-    for (Eigen::Index i : rows_) (chosen(experiment_.data()[static_cast<std::size_t>(i)]) ? those : others).push_back(i);
-    if (those.empty()) return {0.0, 0.0};
-    const Eigen::MatrixXd pull = inverse_of(stacked(J(others, Eigen::all), prior.sensitivity));
-    const auto left = [&](const Eigen::MatrixXd& rows, const Eigen::MatrixXd& of_prior) { return Eigen::MatrixXd(rows(those, Eigen::all) - J(those, Eigen::all) * (pull * stacked(rows(others, Eigen::all), of_prior))); };
-    const auto scale = 1.0 / std::sqrt(static_cast<double>(those.size()));
-    return {scale * left(r, prior.residual).norm(), quantile(scale * left(null, prior.null).colwise().norm().transpose(), 0.95)};
-  }
-
-  /// The white squares under the parameters of the black ones, and each rig under those of the others.
-  void cross_validate(Model& model, const Known& prior) const {
-    Misfit& misfit = model.misfit;
-    const Ground& ground = *model.ground;
-    std::tie(misfit.checkerboard, misfit.null_checkerboard) = left_out(model.fit.residual, model.fit.sensitivity, ground.null, prior, [](const Datum& d) { return d.side == 1; });
-    if (rigs_ < 2) return;
-    const auto apart = [&](const Eigen::MatrixXd& rows) { return ground.apart(ground.weight.undone(rows)); };
-    const Eigen::MatrixXd r = apart(model.fit.residual), J = apart(model.fit.sensitivity), null = apart(ground.null);
-    for (int k = 0; k < rigs_; ++k) {
-      const auto [chi, limit] = left_out(r, J, null, prior, [k](const Datum& d) { return d.channel == k; });
-      misfit.cameras.push_back({k, chi, limit});
-    }
-  }
-
-  /// What is scored, without any candidate.
-  ScoreProblem problem_of(const Model& model, const Known& prior) const {
-    ScoreProblem problem;
-    problem.residual = stacked(model.fit.residual(rows_), prior.residual);
-    problem.sensitivity = stacked(model.fit.sensitivity(rows_, Eigen::all), prior.sensitivity);
-    if (const Eigen::VectorXd freedom = experiment_.freedom(); freedom.size() > 0)
-      problem.freedom = stacked(freedom(rows_), Eigen::VectorXd::Constant(prior.residual.size(), std::numeric_limits<double>::infinity()));
-    problem.null = stacked(model.ground->null(rows_, Eigen::all), prior.null);
-    problem.squares = stacked(model.ground->squares(rows_, Eigen::all), prior.null.leftCols(model.ground->squares.cols()));
-    return problem;
-  }
-
-  /// The scores of all other candidates.
-  void trace(Model& model, const Known& prior) {
-    model.traced = true;
-    for (int k = 0; k < static_cast<int>(experiment_.candidates().size()); ++k) {
-      if (left_out_[static_cast<std::size_t>(k)] != 0 || std::find(model.added.begin(), model.added.end(), k) != model.added.end() || !has_its_turn(k, model)) continue;
-      const auto& its = candidate(k).parameters;
-      if (std::any_of(its.begin(), its.end(), [&](int j) { return std::find(model.fit.free.begin(), model.fit.free.end(), j) != model.fit.free.end(); })) continue;
-      model.others.push_back(k);
-    }
-    const auto signatures = marks(experiment_, model.ground->weight, model.fit.values, model.others);
-    ScoreProblem problem = problem_of(model, prior);
-    std::vector<int> kept;
-    std::vector<Eigen::MatrixXd> signatures_of_kept;
-    for (std::size_t i = 0; i < signatures.size(); ++i) {
-      const Eigen::MatrixXd signature = signatures[i](rows_, Eigen::all);
-      if (signature.norm() == 0.0) continue;
-      problem.signatures.push_back(stacked(signature, Eigen::MatrixXd::Zero(prior.residual.size(), signature.cols())));
-      const auto& its = candidate(model.others[i]).parameters;
-      problem.sizes.push_back(static_cast<int>(std::count_if(its.begin(), its.end(), [&](int j) { return !experiment_.parameters()[static_cast<std::size_t>(j)].info.shape; })));
-      kept.push_back(model.others[i]);
-      signatures_of_kept.push_back(signatures[i]);
-    }
-    model.scores = score(problem);
-    // A mark that stays below the noise at every size that the candidate may have consists of it (an undisturbed strip has no mesh error: what a finer mesh
-    // changes is what the ends' noise makes of it), and would be found again in the residual.
-    for (std::size_t i = kept.size(); i-- > 0;) {
-      if (within_reach(kept[i], model.scores.candidates[i], model)) continue;
-      model.too_small.push_back(kept[i]);
-      const auto place = static_cast<std::ptrdiff_t>(i);
-      kept.erase(kept.begin() + place), signatures_of_kept.erase(signatures_of_kept.begin() + place), problem.signatures.erase(problem.signatures.begin() + place), problem.sizes.erase(problem.sizes.begin() + place);
-    }
-    if (kept.size() < model.scores.candidates.size()) model.scores = score(problem);
-    if (model.added.empty()) model.baselines = baselines(problem);
-    model.others = kept;
-    for (std::size_t i = 0; i < kept.size(); ++i) hold_within_bounds(model.scores.candidates[i], kept[i], model);
-    for (std::size_t i = 0; i < kept.size(); ++i)
-      if (Score& one = model.scores.candidates[i]; one.z > model.scores.threshold && one.z < 2.0 * model.scores.threshold)
-        one.contradicted = contradicted(one, signatures_of_kept[i], model, prior);
-  }
-
-  /// Whether the held-out residual grows by the candidate's size, |r - v| > |r| with v the change of the prediction there, the free parameters giving way. It has to be one that noise does
-  /// not hide (|v|^2 one standard deviation of v^T n or more, n the null). For a score just beyond the limit: half of the false ones fail and, of those that are there, few; far beyond, the
-  /// linear size may be off by more than noise.
-  bool contradicted(const Score& one, const Eigen::MatrixXd& signature, const Model& model, const Known& prior) const {
-    const Eigen::MatrixXd J = model.fit.sensitivity(held_rows_, Eigen::all);
-    const Eigen::VectorXd r = model.fit.residual(held_rows_), v = (signature(held_rows_, Eigen::seqN(0, one.size.size())) - J * one.bias) * one.size;
-    const Eigen::MatrixXd pull = inverse_of(stacked(model.fit.sensitivity(rows_, Eigen::all), prior.sensitivity));
-    const Eigen::MatrixXd& null = model.ground->null;
-    const Eigen::VectorXd n = null(held_rows_, Eigen::all).transpose() * v - (pull * stacked(null(rows_, Eigen::all), prior.null)).transpose() * (J.transpose() * v);
-    return v.squaredNorm() > std::sqrt(n.squaredNorm() / static_cast<double>(n.size())) && 2.0 * v.dot(r) < v.squaredNorm();
-  }
-
-  /// Whether a size within its bounds would be found, with the usual shape or with another.
-  bool within_reach(int k, const Score& one, const Model& model) const {
-    const auto& its = candidate(k).parameters;
-    for (Eigen::Index c = 0; c < one.size.size(); ++c) {
-      const auto j = static_cast<std::size_t>(its[static_cast<std::size_t>(c)]);
-      const auto& info = experiment_.parameters()[j].info;
-      if (std::max(info.upper - model.fit.values[j], model.fit.values[j] - info.lower) >= (one.size.size() == 1 ? one.detectable.minCoeff() : one.detectable[c])) return true;
-    }
-    return one.visibility < least_visibility;  // listed as such
-  }
-
-  /// A size beyond its bounds explains nothing: what counts is the drop T = (2 a a_b - a_b^2)/sd^2 of the size a_b on the bound.
-  void hold_within_bounds(Score& one, int k, const Model& model) const {
-    if (one.degrees != 1 || one.size.size() != 1 || !(one.deviation[0] > 0.0)) return;
-    const auto j = static_cast<std::size_t>(candidate(k).parameters.front());
-    const auto& info = experiment_.parameters()[j].info;
-    const double allowed = std::clamp(one.size[0], info.lower - model.fit.values[j], info.upper - model.fit.values[j]);
-    if (allowed == one.size[0]) return;
-    one.z = std::min(one.z, std::sqrt(std::max(0.0, (2.0 * one.size[0] - allowed) * allowed)) / one.deviation[0]);
-  }
-
-  /// Whether the candidate without which it would be that one itself is in the model, or is none here.
-  bool has_its_turn(int k, const Model& model) const {
-    const auto& all = experiment_.candidates();
-    const auto other = std::find_if(all.begin(), all.end(), [&](const Candidate& c) { return !candidate(k).after.empty() && c.name == candidate(k).after; });
-    return other == all.end() || std::find(model.added.begin(), model.added.end(), static_cast<int>(other - all.begin())) != model.added.end();
-  }
-
   void announce(const Model& model, const std::string& what) const {
     say(fmt::format("{}: chi {:.3f} (null {:.3f}), held out {:.3f} (null {:.3f}), images {:.3f}, force {:.3f}; energy {:+.1f} sd (limit {:.1f})", what, model.misfit.fitted, model.misfit.null_fitted,
                     model.misfit.held_out, model.misfit.null_held_out, model.misfit.images, model.misfit.force, model.scores.omnibus, model.scores.omnibus_threshold));
@@ -383,27 +182,6 @@ class Loop {
       say(fmt::format("    {:24} z {:6.2f} (limit {:.2f})  kappa {:.3f}  size {:.3g} +- {:.2g}{}", candidate(model.others[order[i]]).name, s.z, model.scores.threshold, s.visibility,
                       s.size[0], s.deviation[0], s.contradicted ? "; not so in the held-out frames" : ""));
     }
-  }
-
-  static bool beyond_limit(const Model& model, const Score& s) { return s.z > model.scores.threshold && !s.contradicted; }
-  /// Beyond the limit, and visible: what the free parameters leave of an invisible mark says nothing of its effect.
-  static bool stands_out(const Model& model, const Score& s) { return beyond_limit(model, s) && s.visibility >= least_visibility; }
-  bool candidate_significant(const Model& model) const {
-    return std::any_of(model.scores.candidates.begin(), model.scores.candidates.end(), [&](const Score& s) { return stands_out(model, s) && matters(model, s); });
-  }
-  bool omnibus_significant(const Model& model) const { return model.scores.omnibus > model.scores.omnibus_threshold; }
-  bool significant(const Model& model) const { return candidate_significant(model) || omnibus_significant(model); }
-
-  /// Importance beside significance: a fifth of the excess energy, or a shift of a parameter by 1 % or by one standard deviation.
-  bool matters(const Model& model, const Score& s) const {
-    const double excess = std::max(0.0, model.scores.energy - model.scores.null_energy);
-    if (s.statistic >= 0.2 * excess) return true;
-    const Eigen::VectorXd shift = (s.bias * s.size).cwiseAbs();
-    for (Eigen::Index j = 0; j < shift.size(); ++j)
-      if (shift[j] >= 0.01 * std::abs(model.fit.values[static_cast<std::size_t>(model.fit.free[static_cast<std::size_t>(j)])]) ||
-          shift[j] >= std::sqrt(model.covariance(j, j)))
-        return true;
-    return false;
   }
 
   bool shaped(int k) const {
@@ -501,7 +279,7 @@ class Loop {
           say(fmt::format("    with {}: {}", candidate(trial.candidate).name, error.what()));
         }
       }
-      finish(trial.model);
+      appraisal_.judge(trial.model);
       judge(trial, at);
       announce(trial.model, "with " + candidate(trial.candidate).name);
       if (!trial.plausible) say("    not plausible: " + trial.objection);
@@ -616,18 +394,16 @@ class Loop {
   }
 
   void find_remainder() {
-    const Known prior = known(report_.final);
-    const Fit& fit = report_.final.fit;
-    const Eigen::MatrixXd pull = inverse_of(stacked(fit.sensitivity(rows_, Eigen::all), prior.sensitivity));
-    report_.remainder = remainder_of(experiment_, report_.final, fitted(report_.final.ground->null, report_.final, pull, prior));
+    report_.remainder = remainder_of(experiment_, report_.final, appraisal_.left_of_null(report_.final));
   }
 
   Experiment& experiment_;
   const LoopOptions& options_;
   const std::function<void(const std::string&)>& say_;
-  int frames_, rigs_ = 0;
-  std::vector<char> left_out_;
-  std::vector<Eigen::Index> rows_, held_rows_;
+  int frames_;
+  std::vector<char> held_out_;
+  Appraisal appraisal_;
+  const std::vector<Eigen::Index>& rows_;  // those that are fitted
   Report report_;
 };
 

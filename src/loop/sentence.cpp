@@ -46,7 +46,9 @@ std::string sentence_of(const Experiment& experiment, const Report& report) {
   } else if (report.verdict == Verdict::ambiguous) {
     std::vector<std::string> names, separators;
     for (int k : report.set) names.push_back(candidate(k).name), separators.push_back(candidate(k).separated_by);
-    text += fmt::format("It is one of: {}; these data cannot tell. What would: {}. ", fmt::join(names, ", "), fmt::join(separators, "; "));
+    const std::vector<int> sure(report.named.begin(), report.named.end() - 1);
+    text += sure.empty() ? "It is one of: " : "It takes " + list(sure) + ", and one of: ";
+    text += fmt::format("{}; these data cannot tell. What would: {}. ", fmt::join(names, ", "), fmt::join(separators, "; "));
   } else {
     text += "No known effect explains it";
     if (!report.named.empty()) text += ", though it helps to add: " + list(report.named);

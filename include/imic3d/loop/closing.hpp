@@ -104,7 +104,7 @@ struct Report {
   int simulations = 0;
 };
 
-/// Runs the loop (LOOP 1-3). `say` gets one line for each step. Collective.
+/// Runs the loop (docs/loop.md). `say` gets one line for each step. Collective.
 [[nodiscard]] Report close_loop(Experiment& experiment, const LoopOptions& options, const std::function<void(const std::string&)>& say = {});
 
 /// Blocks of contiguous frames that are held out: about a quarter of the frames in `blocks` blocks, none at either end.

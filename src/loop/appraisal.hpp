@@ -1,0 +1,67 @@
+#pragma once
+// A fitted model, judged by what it leaves: its parameters' covariance, its misfit on fitted and on held-out data, the scores of all candidates that it lacks.
+
+#include <functional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "imic3d/loop/closing.hpp"
+
+namespace imic3d::loop {
+
+class Appraisal {
+ public:
+  /// `held_out`: per frame, whether it is never fitted. `leave_out`: names of candidates that are not considered; throws InputError for what is none.
+  Appraisal(Experiment& experiment, const std::vector<char>& held_out, const std::vector<std::string>& leave_out);
+
+  /// Of all data, those that are fitted, and the others.
+  [[nodiscard]] const std::vector<Eigen::Index>& fitted_rows() const { return rows_; }
+  [[nodiscard]] const std::vector<Eigen::Index>& held_rows() const { return held_rows_; }
+
+  /// Covariance, misfit, energy of a model whose fit and ground are there; the scores of all other candidates, whose marks take most of the time, where the energy does not say already that something is
+  /// left. Collective.
+  void judge(Model& model) const;
+  /// The scores of all other candidates. Collective.
+  void trace(Model& model) const;
+  /// Draws of the null less what the free parameters, fitted to them, explain [N x draws].
+  [[nodiscard]] Eigen::MatrixXd left_of_null(const Model& model) const;
+
+ private:
+  /// What is known of the free parameters beforehand is data beside the others.
+  struct Known {
+    Eigen::VectorXd residual;     // [priors]
+    Eigen::MatrixXd sensitivity;  // [priors x free]
+    Eigen::MatrixXd null;         // [priors x draws]
+  };
+
+  [[nodiscard]] const Candidate& candidate(int k) const { return experiment_.candidates()[static_cast<std::size_t>(k)]; }
+  [[nodiscard]] Known known(const Model& model) const;
+  [[nodiscard]] Eigen::MatrixXd pull_of(const Model& model, const Known& prior) const;
+  [[nodiscard]] Eigen::MatrixXd left_by_fit(const Eigen::MatrixXd& draws, const Model& model, const Eigen::MatrixXd& pull, const Known& prior) const;
+  [[nodiscard]] std::pair<double, double> left_out(const Eigen::MatrixXd& r, const Eigen::MatrixXd& J, const Eigen::MatrixXd& null, const Known& prior,
+                                                   const std::function<bool(const Datum&)>& chosen) const;
+  void cross_validate(Model& model, const Known& prior) const;
+  [[nodiscard]] ScoreProblem problem_of(const Model& model, const Known& prior) const;
+  [[nodiscard]] bool is_tested(int k, const Model& model) const;
+  [[nodiscard]] bool contradicted(const Score& one, const Eigen::MatrixXd& signature, const Model& model, const Known& prior) const;
+  [[nodiscard]] bool within_reach(int k, const Score& one, const Model& model) const;
+  void hold_within_bounds(Score& one, int k, const Model& model) const;
+  [[nodiscard]] bool has_its_turn(int k, const Model& model) const;
+
+  Experiment& experiment_;
+  int frames_, rigs_ = 0;
+  std::vector<char> left_out_;
+  std::vector<Eigen::Index> rows_, held_rows_;
+};
+
+/// Whether a candidate's score is beyond the limit, as one that the held-out frames do not contradict.
+[[nodiscard]] bool beyond_limit(const Model& model, const Score& score);
+/// Beyond the limit, and visible: what the free parameters leave of an invisible mark says nothing of its effect.
+[[nodiscard]] bool stands_out(const Model& model, const Score& score);
+/// Whether the energy is beyond its limit.
+[[nodiscard]] bool omnibus_significant(const Model& model);
+/// Whether the model leaves anything: energy, or a candidate that stands out and matters.
+[[nodiscard]] bool significant(const Model& model);
+
+}  // namespace imic3d::loop
