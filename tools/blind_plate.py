@@ -9,10 +9,11 @@ tools/blind_plate.py {images,fields} [--reduced] [--waist] [--by imic3d] [--seed
 
 --by imic3d: pulled by `imic3d simulate` instead (a finer mesh, a longer specimen, 16 increments a frame; no motion out of plane), which tells what the loop errs by from what the two programs' laws differ by.
 
-Sizes are multiples of the smallest detectable one (MDE), which the first test without any effect reports. Writes FOLDER/trials.csv (one line a
+Each effect at 10 x MDE is planted once more and left out of the candidates. Sizes are multiples of the smallest detectable one (MDE), which the first test without any effect reports. Writes FOLDER/trials.csv (one line a
 trial), FOLDER/table.md and prints the table. A trial whose result is there is not run again."""
 
 import argparse
+import json
 import shutil
 import subprocess
 import sys
@@ -43,7 +44,7 @@ DECLARED = {
 }
 # What the generator can do to a test. Lengths in mm, forces in N, times in frames; `mesh`: declared sizes at the hole and far from it.
 NOTHING = dict(force_offset=0.0, force_gain=1.0, force_delay=0.0, preload=0.0, jumps=0.0, hole_radius_error=0.0, nu=LAW.nu, magnification_drift=0.0, drift_with_load=0.0, inverse_distance=0.0, k1=0.0,
-               bump=0.0, oscillation=0.0, debonded=0.0, dropped=0, duplicated=0, white=255.0, declared_noise=0.0, force_unit=1.0, thickness=THICKNESS, declared="power", mesh=None)
+               bump=0.0, oscillation=0.0, debonded=0.0, dropped=0, duplicated=0, white=255.0, declared_noise=0.0, force_unit=1.0, thickness=THICKNESS, declared="power", mesh=None, leave_out=[])
 
 
 def waisted(points):
@@ -207,7 +208,7 @@ specimen: {{mesh: mesh.msh, kinematics: plane_stress, element: quad8, thickness:
 loads: {{file: loads.csv, image: frame, time: time, force: force, noise: {LOAD_NOISE / p["force_unit"]}}}
 material: {{law: j2, hardening: {hardening}, parameters: {{{parameters.format(nu=LAW.nu)}}}}}
 identify: {{functional: displacement_driven, stages: [{{free: [{free}]}}]}}
-loop: {{draws: 60, additions: 2, rivals: 2, starts: [1.0]}}
+loop: {{draws: 60, additions: 2, rivals: 2, starts: [1.0], leave_out: {json.dumps(p["leave_out"])}}}
 output: run
 """)
 
@@ -280,6 +281,8 @@ def main():
         for multiple, size in sizes.items():
             for seed in seeds(name) if abs(size) <= largest else []:
                 suite.trial("effect", name, multiple, {parameter: size}, 1 + seed, FOUND_AS.get(parameter, parameter))
+                if multiple == "10" and not options.reduced:
+                    suite.trial("without", name, "-", {parameter: size, "leave_out": [name]}, 50 + seed)
     for name, planted in OTHERS.items():
         for seed in seeds(name) if not options.reduced or (name == "power_term" and options.kind == "fields") else []:
             suite.trial("effect", name, "-", planted, 1 + seed)

@@ -58,7 +58,7 @@ Eigen::MatrixXd rigid_motions(const FieldFace& face) {
 }  // namespace
 
 FieldExperiment::FieldExperiment(Communicator world, FieldData data, DeclaredModel model, const FieldOptions& options)
-    : world_(world), measured_(std::move(data)), model_(std::move(model)), groups_(new Groups{GroupLayout(world, 64, model_.groups), {}}) {
+    : world_(world), measured_(std::move(data)), model_(std::move(model)), groups_(new Groups(world, model_.groups)) {
   std::optional<Candidate> poissons_ratio;
   for (std::size_t j = 0; j < model_.values.size(); ++j) {
     const double value = model_.values[j];
@@ -236,34 +236,18 @@ std::pair<Eigen::MatrixXd, Eigen::VectorXd> FieldExperiment::unwhitened(const st
   return {measured_.displacement - bias_->displacement - p.displacement, measured_.force - bias_->force - p.force};
 }
 
-std::pair<Eigen::MatrixXd, Eigen::VectorXd> FieldExperiment::synthetic_test(const std::vector<double>& values, const Eigen::MatrixXd& driving_as_seen, int refined) {
-  Simulation one = simulation_of(values, true_motion(values, driving_as_seen));
-  std::vector<double>& key = specimen_key(one);
-  key[0] += refined, key[1] *= more_increments();
-  const auto frames = measured_.force.size();
-  Eigen::MatrixXd surface;
-  Eigen::VectorXd force;
-  id::Specimen own;
-  collectively(world_, [&] {
-    Variant& with = variant(one.variant);
-    const Eigen::Index before = with.before_test ? 1 : 0;
-    Eigen::MatrixXd driving = Eigen::MatrixXd::Zero(with.to_variant.rows(), frames + before);
-    driving.rightCols(frames) = with.to_variant * one.driving;
-    const Eigen::MatrixXd beyond = driven_beyond(with, one.loading);
-    id::Run run{.parameters = one.law, .driving = &driving};
-    if (beyond.size() > 0) run.beyond = &beyond;
-    const auto path = with.model->simulate(id::Control::displacement, {run}, static_cast<int>(frames + before)).front();
-    if (path.frames < frames + before) throw ConvergenceError("the model on a finer mesh cannot follow the measured displacement of the ends");
-    surface = path.surface.rightCols(frames);
-    if (with.before_test) surface.colwise() -= path.surface.col(0).eval();
-    force = path.reaction.tail(frames);
-    own = with.specimen;
-  });
-  ++simulations_;
-  world_.broadcast(std::span(surface.data(), static_cast<std::size_t>(surface.size())));
-  world_.broadcast(std::span(force.data(), static_cast<std::size_t>(force.size())));
-  Prediction made = observed(values, {measured_.correlate(own, surface), std::move(force)});
-  return {std::move(made.displacement), std::move(made.force)};
+std::vector<FieldExperiment::Series> FieldExperiment::synthetic_tests(const std::vector<double>& values, const Eigen::MatrixXd& driving_as_seen) {
+  const auto one = [&](const Eigen::MatrixXd& driving, double refined, double increments) {
+    Simulation made = simulation_of(values, true_motion(values, driving));
+    std::vector<double>& key = specimen_key(made);
+    key[0] += refined, key[1] *= increments * more_increments();
+    made.variant.synthetic = true;
+    return made;
+  };
+  std::vector<Simulation> wanted;
+  for (int refined = refinements(); refined > 0; --refined) wanted.push_back(one(driving_as_seen, refined, 1.0));
+  for (const double increments : {1.0, again}) wanted.push_back(one(measured_.driving, 0.0, increments));
+  return simulate(wanted);
 }
 
 void FieldExperiment::learn_bias(const std::vector<double>& values) {
@@ -277,10 +261,12 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
   // the synthetic test would lack what smoothing takes away.
   const auto nominal = followed(measured_.driving);
   const Eigen::MatrixXd driving = measured_.smooth(nominal.displacement);
-  const auto left = [&](int refined) {
-    const auto [seen, force] = synthetic_test(values, driving, refined);
-    const auto p = followed(measured_.smooth(seen));
-    return Prediction{seen - p.displacement, force - p.force};
+  const auto series = synthetic_tests(values, driving);
+  const auto left = [&](const Series& made) {
+    if (made.R.size() == 0) throw ConvergenceError("the model on a finer mesh cannot follow the measured displacement of the ends");
+    const Prediction seen = observed(values, {measured_.correlate(made.specimen, made.surface), made.R});
+    const auto p = followed(measured_.smooth(seen.displacement));
+    return Prediction{seen.displacement - p.displacement, seen.force - p.force};
   };
   const auto of_noise = [&](const Prediction& p) { return whitened(p.displacement, p.force); };
   Bias learned(values, {}, {});
@@ -288,10 +274,10 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
     learned.doubt.conservativeResize(column.size(), learned.doubt.cols() + 1);
     learned.doubt.rightCols(1) = column;
   };
-  Prediction bias = left(refinements());
+  Prediction bias = left(series[0]);
   if (refinements() > 1) {
     // What further refinements would show, each a share q of the one before.
-    const Prediction coarser = left(refinements() - 1), last{bias.displacement - coarser.displacement, bias.force - coarser.force};
+    const Prediction coarser = left(series[1]), last{bias.displacement - coarser.displacement, bias.force - coarser.force};
     const Eigen::VectorXd first = of_noise(coarser);
     const double q = std::clamp(first.dot(of_noise(last)) / std::max(1e-300, first.squaredNorm()), 0.0, 0.7), beyond = q / (1.0 - q);
     doubt_too(0.1 * of_noise(bias));  // synthetic images are not real ones
@@ -300,7 +286,10 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
   } else {
     doubt_too(of_noise(bias));
   }
-  if (const auto more = what_more_increments_show(values); more.force.size() > 0) {
+  if (const auto &few = series[series.size() - 2], &many = series.back(); few.R.size() > 0 && many.R.size() > 0) {
+    constexpr double all = again / (again - 1.0);  // what infinitely many increments would show: the error goes with their length
+    const Prediction of_few = observed(values, {few.U, few.R}), of_many = observed(values, {many.U, many.R});
+    const Prediction more{all * (of_many.displacement - of_few.displacement), all * (of_many.force - of_few.force)};
     bias.displacement += more.displacement, bias.force += more.force;
     doubt_too(0.5 * of_noise(more));
   }
@@ -313,17 +302,6 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
     if (uneven.force.size() > 0) doubt_too(whitened(uneven.displacement - nominal.displacement, uneven.force - nominal.force));
   }
   bias_ = std::make_shared<Bias>(std::move(learned));
-}
-
-FieldExperiment::Prediction FieldExperiment::what_more_increments_show(const std::vector<double>& values) {
-  constexpr double again = 4.0;
-  std::vector<Simulation> wanted(2, simulation_of(values, true_motion(values, measured_.driving)));
-  specimen_key(wanted[0])[1] *= more_increments(), specimen_key(wanted[1])[1] *= again * more_increments();
-  const auto series = simulate(wanted);
-  if (series[0].R.size() == 0 || series[1].R.size() == 0) return {};
-  const Prediction few = observed(values, {series[0].U, series[0].R}), many = observed(values, {series[1].U, series[1].R});
-  constexpr double all = again / (again - 1.0);  // the error goes with the increments' length
-  return {all * (many.displacement - few.displacement), all * (many.force - few.force)};
 }
 
 std::vector<Eigen::MatrixXd> FieldExperiment::learned_numbers() const {

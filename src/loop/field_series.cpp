@@ -31,6 +31,29 @@ Eigen::SparseMatrix<double> mean_of(const std::vector<FieldFace>& faces) {
 }
 }  // namespace
 
+MeshChange FieldExperiment::mesh_of(const Key& wanted) const {
+  const std::vector<double>& key = wanted.specimen;
+  MeshChange change;
+  if (key.empty()) return change;
+  change.refinements = static_cast<int>(key[0]);
+  const std::vector<double> values(key.begin() + 3, key.end());
+  change.place = [this, values](Eigen::Vector2d& point) {
+    for (std::size_t k = 0; k < effects_.size(); ++k) effects_[k]->place(values_of(k, values), scene_of(k), point);
+  };
+  change.section = [this, values](const Eigen::Vector3d& point) {
+    double factor = 1.0;
+    for (std::size_t k = 0; k < effects_.size(); ++k) factor *= effects_[k]->section(values_of(k, values), scene_of(k), point);
+    return factor;
+  };
+  if (key[2] > 0.5)
+    change.initial_strain = [this, values](const Eigen::Vector3d& point) {
+      double strain = 0.0;
+      for (std::size_t k = 0; k < effects_.size(); ++k) strain += effects_[k]->initial_strain(values_of(k, values), scene_of(k), point);
+      return strain;
+    };
+  return change;
+}
+
 FieldExperiment::Variant& FieldExperiment::variant(const Key& wanted) {
   const std::vector<double>& key = wanted.specimen;
   auto& variants = groups_->variants;
@@ -40,32 +63,11 @@ FieldExperiment::Variant& FieldExperiment::variant(const Key& wanted) {
       return variants.front().second;
     }
   while (variants.size() > 6) variants.erase(std::prev(variants.end()));
-  MeshChange change;
-  Numerics numerics;
-  bool before_test = false;
-  if (!key.empty()) {
-    numerics.refinements = change.refinements = static_cast<int>(key[0]);
-    numerics.increments_factor = static_cast<int>(key[1]);
-    before_test = key[2] > 0.5;
-    const std::vector<double> values(key.begin() + 3, key.end());
-    change.place = [this, values](Eigen::Vector2d& point) {
-      for (std::size_t k = 0; k < effects_.size(); ++k) effects_[k]->place(values_of(k, values), scene_of(k), point);
-    };
-    change.section = [this, values](const Eigen::Vector3d& point) {
-      double factor = 1.0;
-      for (std::size_t k = 0; k < effects_.size(); ++k) factor *= effects_[k]->section(values_of(k, values), scene_of(k), point);
-      return factor;
-    };
-    if (before_test)
-      change.initial_strain = [this, values](const Eigen::Vector3d& point) {
-        double strain = 0.0;
-        for (std::size_t k = 0; k < effects_.size(); ++k) strain += effects_[k]->initial_strain(values_of(k, values), scene_of(k), point);
-        return strain;
-      };
-  }
+  const double increments = key.empty() ? 1.0 : key[1];
+  const bool before_test = !key.empty() && key[2] > 0.5;
   variants.emplace_front(wanted, Variant{});
   Variant& made = variants.front().second;
-  made.specimen = model_.specimen(change);
+  made.specimen = model_.specimen(mesh_of(wanted));
   made.before_test = before_test;
   const auto unknowns = made.specimen.projection.rows();
   if (key.empty() && unknowns == measured_.unknowns()) {
@@ -87,15 +89,16 @@ FieldExperiment::Variant& FieldExperiment::variant(const Key& wanted) {
   if (before_test) record.time[0] = measured_.start_time, record.start_time -= 1e-9 * (1.0 + std::abs(measured_.start_time));
   record.force = Eigen::VectorXd::Zero(frames);
   record.surface_displacement = record.driving = Eigen::MatrixXd::Zero(unknowns, frames);
-  made.model = std::make_unique<id::ForwardModel>(groups_->layout.group(), made.specimen, wanted.law_effects.empty() ? model_.law : model_.extended(wanted.law_effects), std::move(record),
-                                                  mechanics::EquilibriumOptions{.increments = model_.increments * numerics.increments_factor, .derivative_tolerance = 1e-5, .memory_of_factors = 100.0, .with_fields = false}, 1, 1);
-  if (variants.size() > 1) {  // nearly the same series as the last one of this group, of another law or specimen
-    const Variant& last = std::next(variants.begin())->second;
-    if (!before_test && !last.before_test && last.specimen.volume.nodes.rows() == made.specimen.volume.nodes.rows()) {
-      auto solutions = last.model->solutions();
-      for (auto& solution : solutions) solution.free.clear();
-      made.model->start_from(std::move(solutions));
-    }
+  made.model = std::make_unique<id::ForwardModel>(groups_->of(wanted).group(), made.specimen, wanted.law_effects.empty() ? model_.law : model_.extended(wanted.law_effects), std::move(record),
+                                                  mechanics::EquilibriumOptions{.increments = model_.increments * static_cast<int>(increments), .derivative_tolerance = 1e-5, .memory_of_factors = 100.0, .with_fields = false}, 1, 1);
+  // Nearly the same series as the last one of these ranks, of another law or specimen.
+  const auto alike = std::find_if(std::next(variants.begin()), variants.end(), [&](const auto& other) {
+    return other.first.synthetic == wanted.synthetic && !other.second.before_test && other.second.specimen.volume.nodes.rows() == made.specimen.volume.nodes.rows();
+  });
+  if (!before_test && alike != variants.end()) {
+    auto solutions = alike->second.model->solutions();
+    for (auto& solution : solutions) solution.free.clear();
+    made.model->start_from(std::move(solutions));
   }
   return made;
 }
@@ -125,14 +128,21 @@ std::vector<FieldExperiment::Series> FieldExperiment::simulate(const std::vector
     const auto derivatives = wanted[k].free.size() + wanted[k].directions.size();
     results[k].dU.assign(derivatives, results[k].U), results[k].dR.assign(derivatives, results[k].R);
   }
-  const auto& layout = groups_->layout;
-  // Series of one specimen one after another: its forward model is kept.
+  const bool synthetic = !wanted.empty() && wanted.front().variant.synthetic;
+  const auto& layout = synthetic ? groups_->halves : groups_->layout;
   std::vector<std::size_t> order(wanted.size());
   for (std::size_t k = 0; k < order.size(); ++k) order[k] = k;
-  std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return wanted[a].variant < wanted[b].variant; });
+  // Series of one specimen one after another: its forward model is kept.
+  if (!synthetic) std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return wanted[a].variant < wanted[b].variant; });
+  for (std::size_t k = 0; synthetic && k < wanted.size(); ++k) {
+    results[k].specimen = model_.specimen(mesh_of(wanted[k].variant));
+    results[k].surface.setZero(results[k].specimen.projection.rows(), frames);
+  }
+  // Of a synthetic test the first takes as long as all others.
+  const auto group_of = [&](std::size_t place) { return static_cast<int>((synthetic ? std::min<std::size_t>(place, 1) : place) % static_cast<std::size_t>(layout.groups())); };
   collectively(world_, [&] {
     for (std::size_t place = 0; place < order.size(); ++place) {
-      if (static_cast<int>(place % static_cast<std::size_t>(layout.groups())) != layout.index()) continue;
+      if (group_of(place) != layout.index()) continue;
       const Simulation& one = wanted[order[place]];
       Series& result = results[order[place]];
       Variant& with = variant(one.variant);
@@ -148,19 +158,20 @@ std::vector<FieldExperiment::Series> FieldExperiment::simulate(const std::vector
       for (const auto& direction : one.directions) run.directions.push_back(on_variant(direction));
       const auto path = with.model->simulate(id::Control::displacement, {run}, static_cast<int>(frames + before)).front();
       if (path.frames < frames + before || !layout.group().is_root()) continue;
-      const auto on_measured = [&](const Eigen::MatrixXd& surface) -> Eigen::MatrixXd {
-        if (!with.before_test) return with.from_variant * surface;
-        return with.from_variant * (surface.rightCols(frames).colwise() - surface.col(0));
+      const auto of_frames = [&](const Eigen::MatrixXd& surface) -> Eigen::MatrixXd {
+        if (!with.before_test) return surface;
+        return surface.rightCols(frames).colwise() - surface.col(0);
       };
-      result.U = on_measured(path.surface), result.R = path.reaction.tail(frames);
-      for (std::size_t k = 0; k < result.dU.size(); ++k) result.dU[k] = on_measured(path.d_surface[k]), result.dR[k] = path.d_reaction[k].tail(frames);
+      result.U = with.from_variant * of_frames(path.surface), result.R = path.reaction.tail(frames);
+      for (std::size_t k = 0; k < result.dU.size(); ++k) result.dU[k] = with.from_variant * of_frames(path.d_surface[k]), result.dR[k] = path.d_reaction[k].tail(frames);
+      if (synthetic) result.surface = of_frames(path.surface);
       done[order[place]] = 1.0;
     }
   });
   world_.sum(done);
   for (std::size_t k = 0; k < wanted.size(); ++k) {
     const auto share = [&](auto& values) { world_.sum(std::span(values.data(), static_cast<std::size_t>(values.size()))); };
-    share(results[k].U), share(results[k].R);
+    share(results[k].U), share(results[k].R), share(results[k].surface);
     for (auto& values : results[k].dU) share(values);
     for (auto& values : results[k].dR) share(values);
     if (done[k] < 0.5) results[k].R.resize(0);

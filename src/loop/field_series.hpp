@@ -1,6 +1,7 @@
 #pragma once
 // What loop::FieldExperiment simulates: series of frames, of one specimen and law each.
 
+#include <algorithm>
 #include <list>
 #include <memory>
 #include <string>
@@ -31,6 +32,7 @@ Eigen::SparseMatrix<double> blocks(const Faces& faces, Block&& block) {
 struct FieldExperiment::Key {
   std::vector<double> specimen;          // values of the effects' parameters that change it or the numerics; empty: as declared
   std::vector<std::string> law_effects;  // beside the declared ones
+  bool synthetic = false;                // of a synthetic test: large, few at once
   auto operator<=>(const Key&) const = default;
 };
 
@@ -54,6 +56,8 @@ struct FieldExperiment::Series {
   Eigen::VectorXd R;  // [frames]; empty if the model could not follow
   std::vector<Eigen::MatrixXd> dU;  // by the numbers of the law, then in the directions
   std::vector<Eigen::VectorXd> dR;
+  identification::Specimen specimen{};  // of a synthetic test, with what its own faces do [unknowns x frames]
+  Eigen::MatrixXd surface{};
 };
 
 struct FieldExperiment::Variant {
@@ -64,8 +68,10 @@ struct FieldExperiment::Variant {
 };
 
 struct FieldExperiment::Groups {
-  GroupLayout layout;
-  std::list<std::pair<Key, Variant>> variants;  // this group's, the last used first
+  Groups(const Communicator& world, int groups) : layout(world, 64, groups), halves(world, 2, std::min(groups, 2)) {}
+  GroupLayout layout, halves;  // halves: of all ranks, for synthetic tests
+  [[nodiscard]] const GroupLayout& of(const Key& key) const { return key.synthetic ? halves : layout; }
+  std::list<std::pair<Key, Variant>> variants;  // this rank's groups', the last used first
 };
 
 }  // namespace imic3d::loop

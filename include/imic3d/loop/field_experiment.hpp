@@ -139,6 +139,7 @@ class FieldExperiment final : public Experiment {
   [[nodiscard]] std::vector<Series> simulate(const std::vector<Simulation>& wanted);
   struct Key;         // what a specimen with its forward model is made for
   Variant& variant(const Key& key);
+  [[nodiscard]] MeshChange mesh_of(const Key& key) const;
   [[nodiscard]] Simulation simulation_of(const std::vector<double>& values, const Eigen::MatrixXd& driving) const;
   /// The simulations that a prediction is made of, and their weights: several where effects of the numerics are there.
   [[nodiscard]] std::vector<std::pair<double, Simulation>> simulations_of(const std::vector<double>& values, const Eigen::MatrixXd& driving) const;
@@ -187,9 +188,10 @@ class FieldExperiment final : public Experiment {
   Eigen::MatrixXd over_time_;       // inverse of the Cholesky factor of 1 + 11^T/references [frames x frames]
   struct Groups;
   std::unique_ptr<Groups> groups_;
-  [[nodiscard]] std::pair<Eigen::MatrixXd, Eigen::VectorXd> synthetic_test(const std::vector<double>& values, const Eigen::MatrixXd& driving, int refined);
-  /// What infinitely many increments would show beyond those of the synthetic test, on the declared mesh; without forces where the model could not follow.
-  [[nodiscard]] Prediction what_more_increments_show(const std::vector<double>& values);
+  /// The series of a synthetic test, side by side: on refined meshes, the finest first, whose ends are driven by `driving_as_seen` [unknowns x frames]; then on the declared mesh in the same and in
+  /// `again` times as many increments.
+  [[nodiscard]] std::vector<Series> synthetic_tests(const std::vector<double>& values, const Eigen::MatrixXd& driving_as_seen);
+  static constexpr double again = 4.0;
   /// By how much of the elongation ends differ at depth, standard deviation. Ends that are cut from a longer specimen do not move alike at every depth once it yields: the middle's elongation is
   /// 0.3 to 0.5 % larger than the front's on plates with a hole that are 0.4 of their width thick, cut one to two thicknesses from the hole.
   static constexpr double unknown_of_depth = 0.005;
