@@ -293,14 +293,16 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
     bias.displacement += more.displacement, bias.force += more.force;
     doubt_too(0.5 * of_noise(more));
   }
+  if (const auto second = second_order_of_noise(values, nominal)) {
+    bias.displacement += second->displacement, bias.force += second->force;
+    doubt_too(0.5 * of_noise(*second));
+  }
   learned.of_numerics = learned.doubt.cols();
   learned.displacement = std::move(bias.displacement), learned.force = std::move(bias.force);
-  if (const auto j = unseen_depth()) {
-    std::vector<double> other = values;
-    other[*j] += unknown_of_depth;
-    const auto uneven = predict({other}, {&measured_.driving}).front();
-    if (uneven.force.size() > 0) doubt_too(whitened(uneven.displacement - nominal.displacement, uneven.force - nominal.force));
-  }
+  std::vector<std::vector<double>> with;
+  for (const auto& [j, size] : always_there()) with.push_back(values), with.back()[j] += size;
+  for (const auto& p : predict(with, std::vector<const Eigen::MatrixXd*>(with.size(), &measured_.driving)))
+    if (p.force.size() > 0) doubt_too(whitened(p.displacement - nominal.displacement, p.force - nominal.force));
   bias_ = std::make_shared<Bias>(std::move(learned));
 }
 
@@ -316,12 +318,14 @@ void FieldExperiment::learn_again(const std::vector<double>& values, const std::
   bias_ = std::make_shared<Bias>(std::move(learned));
 }
 
-/// Where cameras see one face only, the parameter that makes the driven ends move differently at depth.
-std::optional<std::size_t> FieldExperiment::unseen_depth() const {
-  if (scene().plane || faces_.size() > 1) return std::nullopt;
-  for (std::size_t k = 0; k < effects_.size(); ++k)
-    if (effects_[k]->describe(scene_of(k)).name == "misalignment") return first_[k];
-  return std::nullopt;
+std::vector<std::pair<std::size_t, double>> FieldExperiment::always_there() const {
+  std::vector<std::pair<std::size_t, double>> there;
+  for (std::size_t k = 0; k < effects_.size(); ++k) {
+    const auto name = effects_[k]->describe(scene_of(k)).name;
+    if (name == "misalignment" && !scene().plane && faces_.size() == 1) there.emplace_back(first_[k], 0.005);
+    if (name == "sub-pixel interpolation") there.emplace_back(first_[k], 0.001), there.emplace_back(first_[k] + 1, 0.001);
+  }
+  return there;
 }
 
 Experiment::Doubt FieldExperiment::doubt() const {
@@ -413,9 +417,41 @@ std::vector<FieldExperiment::Prediction> FieldExperiment::differences(const std:
   return all;
 }
 
+namespace {
+/// Fields of covariance M^-1 [unknowns x count]; factor: P M P^T = L L^T.
+Eigen::MatrixXd drawn(const Eigen::SimplicialLLT<Eigen::SparseMatrix<double>>& factor, Eigen::Index count, std::mt19937_64& random) {
+  std::normal_distribution<double> normal;
+  Eigen::MatrixXd white(factor.rows(), count);
+  for (double& x : white.reshaped()) x = normal(random);
+  return factor.permutationPinv() * Eigen::MatrixXd(factor.matrixU().solve(white));
+}
+}  // namespace
+
+std::optional<FieldExperiment::Prediction> FieldExperiment::second_order_of_noise(const std::vector<double>& values, const Prediction& nominal) {
+  constexpr std::size_t pairs = 4;
+  const auto frames = measured_.force.size();
+  const Eigen::SimplicialLLT<Eigen::SparseMatrix<double>> factor(M_);
+  std::mt19937_64 random(13);
+  std::vector<Eigen::MatrixXd> drivings;
+  for (std::size_t k = 0; k < pairs; ++k) {
+    const Eigen::MatrixXd field = measured_.noise * drawn(factor, frames + 1, random);
+    const Eigen::VectorXd reference = field.col(frames) / std::sqrt(static_cast<double>(measured_.references));
+    const Eigen::MatrixXd change = measured_.smooth(field.leftCols(frames).colwise() + reference);
+    drivings.push_back(measured_.driving + change), drivings.push_back(measured_.driving - change);
+  }
+  std::vector<const Eigen::MatrixXd*> each;
+  for (const auto& driving : drivings) each.push_back(&driving);
+  Prediction mean{Eigen::MatrixXd::Zero(nominal.displacement.rows(), frames), Eigen::VectorXd::Zero(frames)};
+  for (const auto& p : predict(std::vector<std::vector<double>>(each.size(), values), each)) {
+    if (p.force.size() == 0) return std::nullopt;
+    mean.displacement += (nominal.displacement - p.displacement) / static_cast<double>(each.size()), mean.force += (nominal.force - p.force) / static_cast<double>(each.size());
+  }
+  return mean;
+}
+
 Eigen::MatrixXd FieldExperiment::noise(const std::vector<double>& values, int draws) {
-  const auto frames = measured_.force.size(), unknowns = measured_.displacement.rows();
-  const Eigen::SimplicialLLT<Eigen::SparseMatrix<double>> factor(M_);  // P M P^T = L L^T
+  const auto frames = measured_.force.size();
+  const Eigen::SimplicialLLT<Eigen::SparseMatrix<double>> factor(M_);
   const Eigen::Index rest = measured_.noise_at_rest ? measured_.at_rest : 0;
   // Other draws for another test: the same ones would err alike in all, and no rate could be told. The same ones for the same record.
   std::uint64_t seed = 7;
@@ -426,9 +462,7 @@ Eigen::MatrixXd FieldExperiment::noise(const std::vector<double>& values, int dr
   std::vector<Eigen::VectorXd> forces;
   std::vector<double> told;
   for (int b = 0; b < draws; ++b) {
-    Eigen::MatrixXd white(unknowns, frames + 1 + rest);
-    for (double& x : white.reshaped()) x = normal(random);
-    const Eigen::MatrixXd field = measured_.noise * (factor.permutationPinv() * Eigen::MatrixXd(factor.matrixU().solve(white)));
+    const Eigen::MatrixXd field = measured_.noise * drawn(factor, frames + 1 + rest, random);
     const Eigen::VectorXd reference = field.col(frames) / std::sqrt(static_cast<double>(measured_.references));
     fields.emplace_back(field.leftCols(frames).colwise() + reference);
     if (rest > 0) told.push_back(measured_.noise_at_rest(field.rightCols(rest).colwise() + reference));

@@ -172,14 +172,15 @@ Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::I
   double damping = 1e-8;  // Levenberg's and Marquardt's
   const bool costly = std::any_of(free.begin(), free.end(), [&](int j) { return experiment.takes_simulations(j); });
   Linear at;
-  for (result.iterations = 0; result.iterations <= options.max_iterations; ++result.iterations) {
-    if (at.residual.size() == 0 || (result.iterations == options.max_iterations && !at.exact)) at = linearise(experiment, weight, result.values, free);
+  int last = options.max_iterations, small = 0;  // small: steps in a row that took hardly anything off
+  for (result.iterations = 0; result.iterations <= last; ++result.iterations) {
+    if (at.residual.size() == 0 || (result.iterations == last && !at.exact)) at = linearise(experiment, weight, result.values, free);
     if (at.residual.size() == 0) throw ConvergenceError("the model cannot be computed where its identification starts");
     result.residual = at.residual;
     result.sensitivity = at.sensitivity;
     const Eigen::VectorXd r = at.residual(rows);
     result.cost = r.squaredNorm() + prior_cost(result.values);
-    if (result.iterations == options.max_iterations) break;
+    if (result.iterations == last) break;
     const Eigen::MatrixXd J = at.sensitivity(rows, Eigen::all);
     Eigen::MatrixXd H = J.transpose() * J;
     Eigen::VectorXd b = J.transpose() * r, low(unknowns), high(unknowns);
@@ -219,6 +220,7 @@ Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::I
       const double cost = there.residual.size() == 0 ? INFINITY : Eigen::VectorXd(there.residual(rows)).squaredNorm() + prior_cost(values);
       if (cost < result.cost) {
         const bool as_expected = result.cost - cost > 0.5 * (2.0 * b.dot(step) - step.dot(H * step));
+        small = result.cost - cost < 1e-4 * result.cost ? small + 1 : 0;
         result.values = std::move(values), moved = true;
         at = with_derivatives || (trial == 0 && as_expected) ? std::move(there) : Linear{};
         if (trial == 0) damping = std::max(1e-10, 0.1 * damping);
@@ -232,6 +234,8 @@ Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::I
       result.converged = expected < 0.05 * static_cast<double>(unknowns) || expected < 1e-6 * result.cost;
       break;
     }
+    // Along a wall beyond which the model cannot follow steps become as short as that.
+    if (small == 4) last = std::min(last, result.iterations + 1);
   }
   return result;
 }
