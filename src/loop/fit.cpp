@@ -172,7 +172,7 @@ Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::I
   double damping = 1e-8;  // Levenberg's and Marquardt's
   const bool costly = std::any_of(free.begin(), free.end(), [&](int j) { return experiment.takes_simulations(j); });
   Linear at;
-  int last = options.max_iterations, small = 0;  // small: steps in a row that took hardly anything off
+  int last = options.max_iterations, small = 0;  // small: steps in a row that took hardly anything off of what was expected
   for (result.iterations = 0; result.iterations <= last; ++result.iterations) {
     if (at.residual.size() == 0 || (result.iterations == last && !at.exact)) at = linearise(experiment, weight, result.values, free);
     if (at.residual.size() == 0) throw ConvergenceError("the model cannot be computed where its identification starts");
@@ -220,7 +220,7 @@ Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::I
       const double cost = there.residual.size() == 0 ? INFINITY : Eigen::VectorXd(there.residual(rows)).squaredNorm() + prior_cost(values);
       if (cost < result.cost) {
         const bool as_expected = result.cost - cost > 0.5 * (2.0 * b.dot(step) - step.dot(H * step));
-        small = result.cost - cost < 1e-4 * result.cost ? small + 1 : 0;
+        small = result.cost - cost < std::max(1e-4 * result.cost, 0.01 * expected) ? small + 1 : 0;
         result.values = std::move(values), moved = true;
         at = with_derivatives || (trial == 0 && as_expected) ? std::move(there) : Linear{};
         if (trial == 0) damping = std::max(1e-10, 0.1 * damping);
@@ -234,7 +234,7 @@ Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::I
       result.converged = expected < 0.05 * static_cast<double>(unknowns) || expected < 1e-6 * result.cost;
       break;
     }
-    // Along a wall beyond which the model cannot follow steps become as short as that.
+    // As along a wall beyond which the model cannot follow.
     if (small == 4) last = std::min(last, result.iterations + 1);
   }
   return result;

@@ -5,6 +5,7 @@
 #include <Eigen/Dense>
 #include <cmath>
 #include <deque>
+#include <functional>
 #include <random>
 #include <utility>
 
@@ -87,13 +88,14 @@ class Curves final : public Experiment {
   double bias_of_kink = 0.0;  // what the mesh errs by where there is one
   double unlike_twins = 0.2;  // the rest of gain
   bool follows = true;        // what its model is asked for
+  std::function<bool(const std::vector<double>&)> within = [](const auto&) { return true; };  // sets that its model can follow
   int series = 0;
 
   std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) override {
     if (!follows) throw ConvergenceError("the model cannot follow");
     series += static_cast<int>(sets.size());
     std::vector<Eigen::VectorXd> all;
-    for (const auto& set : sets) all.emplace_back(measured_ - predict(set));
+    for (const auto& set : sets) all.emplace_back(within(set) ? Eigen::VectorXd(measured_ - predict(set)) : Eigen::VectorXd());
     return all;
   }
   Eigen::MatrixXd noise(const std::vector<double>&, int draws) override {
@@ -468,6 +470,23 @@ TEST(Fit, SecantsFindTheSameWithFewerSeries) {
 }
 
 /// A model of which the procedure's own error is in doubt by more than it explains would explain anything.
+TEST(Fit, EndsAtAWallBeyondWhichTheModelCannotFollow) {
+  // The minimum, (10.6, 2.9), lies behind an oblique wall.
+  Curves experiment(3);
+  experiment.within = [](const std::vector<double>& values) { return values[0] + 2.0 * values[1] < 15.5; };
+  std::vector<double> start;
+  for (const auto& p : experiment.parameters()) start.push_back(p.value);
+  start[0] = 9.0, start[1] = 2.5;
+  const auto rows = rows_of_frames(experiment.data(), std::vector<char>(frames, 1));
+  const double before = experiment.residuals({start}).front().squaredNorm();
+  experiment.series = 0;
+  const Fit found = fit(experiment, Weight(experiment.data(), {}), rows, {0, 1}, start);
+  EXPECT_FALSE(found.converged);
+  EXPECT_TRUE(experiment.within(found.values));
+  EXPECT_LT(found.cost, 0.5 * before);
+  EXPECT_LT(experiment.series, 90);
+}
+
 TEST(Closing, AModelThatErrsByMoreThanItExplainsIsNotPlausible) {
   for (double bias : {0.1, 10.0}) {
     Curves experiment(4, {{Curves::kink, 4.0}});
