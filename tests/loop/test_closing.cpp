@@ -441,6 +441,21 @@ TEST(Closing, TwoEffectsAreFoundOneAfterTheOther) {
   EXPECT_EQ(named, (std::vector<int>{Curves::drift, Curves::offset}));
 }
 
+/// Alone the kink takes 1.9 of its 4, with the other effect 4.6: beyond what it may be.
+TEST(Closing, AnEffectAddedEarlierStaysWithinItsBounds) {
+  Curves experiment(5, {{Curves::kink, 4.0}, {Curves::curved, 6.0}});
+  experiment.bound(Curves::kink, 3.0);
+  const Report report = close_loop(experiment, options);
+  ASSERT_EQ(report.rounds.size(), 2U);
+  ASSERT_EQ(report.rounds[0].set.empty() ? report.named.front() : report.rounds[0].set.front(), static_cast<int>(Curves::kink));
+  const auto& trials = report.rounds[1].trials;
+  const auto trial = std::find_if(trials.begin(), trials.end(), [](const Trial& one) { return one.candidate == Curves::curved; });
+  ASSERT_NE(trial, trials.end());
+  EXPECT_FALSE(trial->plausible);
+  EXPECT_EQ(trial->objection, "kink = 3 is at its bound");
+  EXPECT_EQ(report.verdict, Verdict::unexplained) << report.sentence;
+}
+
 TEST(Closing, WhatNoEffectExplainsStaysUnexplained) {
   int wrong = 0;
   for (unsigned seed = 1; seed <= 10; ++seed) wrong += loop_on(Curves(seed, {}, 4.0)).verdict == Verdict::unexplained ? 0 : 1;
