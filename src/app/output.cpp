@@ -232,6 +232,12 @@ SimulationOutput::SimulationOutput(const Communicator& world, std::filesystem::p
     plan.versions = versions();
     plan.volume = &specimen.volume;
     file_ = io::create_results(folder_, test, plan);
+    // At rest, unless there is an initial strain, whose state is simulated.
+    mechanics::FrameState rest;
+    rest.displacement = rest.internal = Eigen::VectorXd::Zero(3 * specimen.volume.nodes.rows());
+    rest.cauchy_stress.setZero(specimen.volume.cells.rows(), 6);
+    rest.plastic_strain.setZero(specimen.volume.cells.rows());
+    write_fields(*file_, 0, specimen_, rest, 0.0);
   });
 }
 
