@@ -157,6 +157,7 @@ ScoreProblem Appraisal::problem_of(const Model& model, const Known& prior) const
     problem.freedom = stacked(freedom(rows_), Eigen::VectorXd::Constant(prior.residual.size(), std::numeric_limits<double>::infinity()));
   problem.null = stacked(model.ground->null(rows_, Eigen::all), prior.null);
   problem.squares = stacked(model.ground->squares(rows_, Eigen::all), prior.null.leftCols(model.ground->squares.cols()));
+  if (!model.added.empty()) problem.level = level_after_addition;
   return problem;
 }
 

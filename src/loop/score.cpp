@@ -125,7 +125,7 @@ Scores score(const ScoreProblem& problem) {
   const Eigen::ArrayXd roots = null_energy.array().max(1e-300).pow(1.0 / 3.0);
   const double draws = static_cast<double>(roots.size()), deviation = std::sqrt((roots - roots.mean()).square().sum() / std::max(1.0, draws - 1.0));
   result.omnibus = student_as_normal((std::cbrt(result.energy) - roots.mean()) / std::max(deviation * std::sqrt(1.0 + 1.0 / draws), 1e-300), draws - 1.0);
-  result.omnibus_threshold = 2.3263;  // 1 %
+  result.omnibus_threshold = 2.3263;  // level_of_omnibus
   result.omnibus_p = 0.5 * std::erfc(result.omnibus / std::sqrt(2.0));
   if (families == 0) return result;
 
@@ -173,7 +173,7 @@ Scores score(const ScoreProblem& problem) {
     const Eigen::MatrixXd scores = drawn(each);
     for (Eigen::Index b = 0; b < each; ++b) result.null_largest[k * each + b] = other.largest_z(scores.col(b), visible, freedom, std::normal_distribution<double>()(of_scale));
   }
-  result.threshold = upper_quantile(result.null_largest, level_of_scores);
+  result.threshold = upper_quantile(result.null_largest, problem.level);
 
   const Eigen::MatrixXd pull = problem.sensitivity.cols() > 0 ? Eigen::MatrixXd(problem.sensitivity.completeOrthogonalDecomposition().pseudoInverse()) : Eigen::MatrixXd(0, N);
   double largest = 0.0;

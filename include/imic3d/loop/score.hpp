@@ -6,6 +6,9 @@
 
 namespace imic3d::loop {
 
+/// Levels of the two tests of the declared model, together one false alarm in twenty; what comes after a first effect needs stronger evidence.
+constexpr double level_of_scores = 0.04, level_of_omnibus = 0.01, level_after_addition = 0.01;
+
 /// The linearised problem at the identified parameters, all in units of the noise.
 struct ScoreProblem {
   Eigen::VectorXd residual;                 ///< measured - predicted, the parameters fitted as far as their bounds let them [N]
@@ -15,6 +18,7 @@ struct ScoreProblem {
   Eigen::VectorXd freedom;                  ///< degrees of freedom that each number's noise was estimated from [N]; empty: known
   Eigen::MatrixXd null;                     ///< residuals that noise alone makes, before the parameters are fitted [N x draws]
   Eigen::MatrixXd squares;                  ///< the same for the energy; empty: as `null`
+  double level = level_of_scores;           ///< share of null tests in which the largest score may exceed its limit
 };
 
 struct Score {
@@ -33,7 +37,7 @@ struct Score {
 
 struct Scores {
   std::vector<Score> candidates;
-  double threshold = 0.0;      ///< of the largest z over all visible candidates: one null test of 25 has more
+  double threshold = 0.0;      ///< of the largest z over all visible candidates: a share `level` of null tests has more
   double largest_p = 1.0;      ///< of the largest z of these: the share of null tests that have as much or more
   double energy = 0.0;         ///< |r|^2: what parameters on their bounds leave counts
   double null_energy = 0.0;    ///< its mean under the null
@@ -45,9 +49,6 @@ struct Scores {
 
 /// Below this visibility an effect is one that the test cannot see; its score does not count.
 constexpr double least_visibility = 0.05;
-
-/// Levels of the two tests: together one false alarm in twenty.
-constexpr double level_of_scores = 0.04, level_of_omnibus = 0.01;
 
 /// T_j = (G_j^T C^-1 z)^T (G_j^T C^-1 G_j)^-1 (G_j^T C^-1 z) with z = A^T r, A = P S the projected marks of all candidates, G = A^T A
 /// and C the covariance of z under the null. C is that of the draws, drawn towards G (the covariance of white noise) as far
