@@ -303,6 +303,12 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
   for (const auto& [j, size] : always_there()) with.push_back(values), with.back()[j] += size;
   for (const auto& p : predict(with, std::vector<const Eigen::MatrixXd*>(with.size(), &measured_.driving)))
     if (p.force.size() > 0) doubt_too(whitened(p.displacement - nominal.displacement, p.force - nominal.force));
+  if (variant({}).model->differentiable()) {
+    std::vector<Tangent> uneven;
+    for (int shape = 0; shape < uneven_shapes(); ++shape) uneven.push_back({.uneven = shape});
+    if (!uneven.empty())
+      for (const auto& p : differentiate(values, uneven).second) doubt_too(whitened(p.displacement, p.force));
+  }
   bias_ = std::make_shared<Bias>(std::move(learned));
 }
 

@@ -119,13 +119,34 @@ Eigen::MatrixXd FieldExperiment::driven_beyond(const Variant& with, const std::v
   return beyond;
 }
 
+int FieldExperiment::uneven_shapes() const { return !scene().plane && faces_.size() == 1 ? 4 * (uneven_degree + 1) : 0; }
+
+Eigen::MatrixXd FieldExperiment::uneven_ends(const Variant& with, int shape) const {
+  const bool loaded = shape % 2 == 0;
+  const int axis = scene().axis, across = 1 - axis, component = shape / 2 % 2 == 0 ? axis : across, degree = shape / 4;
+  const auto& nodes = with.specimen.volume.nodes;
+  const auto& end = loaded ? with.specimen.loaded : with.specimen.held;
+  const double face = measured_.faces.front().name == "back" ? nodes.col(2).minCoeff() : nodes.col(2).maxCoeff();
+  const double middle = 0.5 * (scene().low[across] + scene().high[across]), half = 0.5 * (scene().high[across] - scene().low[across]);
+  const auto& dofs = with.specimen.displacement_dofs;
+  const Eigen::Index before = with.before_test ? 1 : 0, frames = measured_.force.size();
+  Eigen::MatrixXd moved = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(dofs.size()), frames + before);
+  for (std::size_t i = 0; i < dofs.size(); ++i) {
+    const int node = dofs[i] / 3;
+    if (dofs[i] % 3 != component || !std::binary_search(end.begin(), end.end(), node)) continue;
+    const double depth = std::abs(nodes(node, 2) - face) / (0.5 * scene().thickness), x = std::clamp((nodes(node, across) - middle) / half, -1.0, 1.0);
+    moved.row(static_cast<Eigen::Index>(i)).tail(frames) = uneven_share * depth * (2.0 - depth) * std::legendre(static_cast<unsigned>(degree), x) * scene().elongation.transpose();
+  }
+  return moved;
+}
+
 std::vector<FieldExperiment::Series> FieldExperiment::simulate(const std::vector<Simulation>& wanted) {
   const auto frames = measured_.force.size();
   std::vector<Series> results(wanted.size());
   std::vector<double> done(wanted.size(), 0.0);
   for (std::size_t k = 0; k < wanted.size(); ++k) {
     results[k].U.setZero(measured_.unknowns(), frames), results[k].R.setZero(frames);
-    const auto derivatives = wanted[k].free.size() + wanted[k].directions.size();
+    const auto derivatives = wanted[k].free.size() + wanted[k].directions.size() + wanted[k].uneven.size();
     results[k].dU.assign(derivatives, results[k].U), results[k].dR.assign(derivatives, results[k].R);
   }
   const bool synthetic = !wanted.empty() && wanted.front().variant.synthetic;
@@ -155,7 +176,8 @@ std::vector<FieldExperiment::Series> FieldExperiment::simulate(const std::vector
       const Eigen::MatrixXd driving = on_variant(one.driving), beyond = driven_beyond(with, one.loading);
       id::Run run{.parameters = one.law, .driving = &driving, .free = one.free};
       if (beyond.size() > 0) run.beyond = &beyond;
-      for (const auto& direction : one.directions) run.directions.push_back(on_variant(direction));
+      for (const auto& direction : one.directions) run.directions.push_back(with.specimen.from_surface(id::Control::displacement) * on_variant(direction));
+      for (const int shape : one.uneven) run.directions.push_back(uneven_ends(with, shape));
       const auto path = with.model->simulate(id::Control::displacement, {run}, static_cast<int>(frames + before)).front();
       if (path.frames < frames + before || !layout.group().is_root()) continue;
       const auto of_frames = [&](const Eigen::MatrixXd& surface) -> Eigen::MatrixXd {
@@ -331,7 +353,9 @@ std::pair<FieldExperiment::Prediction, std::vector<FieldExperiment::Prediction>>
       for (std::size_t k = first; k < last; ++k)
         if (tangents[k].parameter >= 0) one.free.push_back(tangents[k].parameter), use.order.push_back(k);
       for (std::size_t k = first; k < last; ++k)
-        if (tangents[k].parameter < 0) one.directions.push_back(tangents[k].driving), use.order.push_back(k);
+        if (tangents[k].driving.size() > 0) one.directions.push_back(tangents[k].driving), use.order.push_back(k);
+      for (std::size_t k = first; k < last; ++k)
+        if (tangents[k].uneven >= 0) one.uneven.push_back(tangents[k].uneven), use.order.push_back(k);
       wanted.push_back(std::move(one));
       uses.push_back(std::move(use));
     }

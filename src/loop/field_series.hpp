@@ -43,18 +43,20 @@ struct FieldExperiment::Simulation {
   std::vector<double> loading;  // values of all effects' parameters, for what is driven beyond the surface
   std::vector<int> free{};                    // numbers of the law by which the series is differentiated
   std::vector<Eigen::MatrixXd> directions{};  // and in which `driving` moves
+  std::vector<int> uneven{};                  // and shapes of ends that move unevenly at depth
 };
 
-/// What a series is differentiated by: a number of the law, or a change of what drives the ends.
+/// What a series is differentiated by: a number of the law, a change of what drives the ends, or a shape in which these move unevenly at depth.
 struct FieldExperiment::Tangent {
   int parameter = -1;
   Eigen::MatrixXd driving{};
+  int uneven = -1;
 };
 
 struct FieldExperiment::Series {
   Eigen::MatrixXd U;  // of the measured faces [unknowns x frames]
   Eigen::VectorXd R;  // [frames]; empty if the model could not follow
-  std::vector<Eigen::MatrixXd> dU;  // by the numbers of the law, then in the directions
+  std::vector<Eigen::MatrixXd> dU;  // by the numbers of the law, then in the directions, then by uneven ends
   std::vector<Eigen::VectorXd> dR;
   identification::Specimen specimen{};  // of a synthetic test, with what its own faces do [unknowns x frames]
   Eigen::MatrixXd surface{};

@@ -77,9 +77,10 @@ void expect_derivatives_in_directions() {
   std::mt19937 random(5);
   std::normal_distribution<double> noise;
   Run run{.parameters = plate.truth, .free = {2}};
-  for (int k = 0; k < 2; ++k) {
-    run.directions.emplace_back(plate.record.driving);
-    for (double& u : run.directions.back().reshaped()) u = noise(random);
+  std::vector<Eigen::MatrixXd> of_surface(2, plate.record.driving);
+  for (auto& direction : of_surface) {
+    for (double& u : direction.reshaped()) u = noise(random);
+    run.directions.emplace_back(plate.specimen.from_surface(Control::displacement) * direction);
   }
   const Path path = model.simulate(Control::displacement, {run}, frames).front();
   ASSERT_EQ(path.frames, frames) << path.message;
@@ -87,7 +88,7 @@ void expect_derivatives_in_directions() {
   for (std::size_t k = 0; k < 2; ++k) {
     std::vector<double> errors;
     for (const double h : {1e-3, 1e-5, 1e-6, 1e-7, 1e-11}) {
-      const Eigen::MatrixXd more = plate.record.driving + h * run.directions[k], less = plate.record.driving - h * run.directions[k];
+      const Eigen::MatrixXd more = plate.record.driving + h * of_surface[k], less = plate.record.driving - h * of_surface[k];
       const auto both = model.simulate(Control::displacement, {Run{.parameters = plate.truth, .driving = &more}, Run{.parameters = plate.truth, .driving = &less}}, frames);
       if (both[0].increments != path.increments) continue;
       errors.push_back(std::max(((both[0].surface - both[1].surface) / (2 * h) - path.d_surface[1 + k]).norm() / path.d_surface[1 + k].norm(),

@@ -154,6 +154,49 @@ TEST(BothFaces, BendingIsNotLearnedAsBias) {
   EXPECT_EQ(other.learned()->at, values);
 }
 
+/// Ends that are cut from a longer specimen move at depth as no camera on one face sees: a shape of the null, learned as a derivative, is what the model changes by when its ends do so.
+TEST(OneFace, EndsMayMoveUnevenlyAtDepth) {
+  Faces with({front});
+  with.data.correlate = [](const identification::Specimen&, const Eigen::MatrixXd& U) { return U; };
+  FieldExperiment experiment = with.experiment();
+  const auto values = declared(experiment);
+  experiment.learn_bias(values);
+  const Eigen::MatrixXd doubt = experiment.doubt().whole;
+
+  const identification::testing::Plate plate({0.002, 0.004, 0.02, 0.05}, with.model.specimen({}));
+  const auto& specimen = plate.specimen;
+  const auto frames = plate.record.force.size();
+  const Eigen::MatrixXd nodes = specimen.volume.nodes;
+  const double front_z = nodes.col(2).maxCoeff(), half_width = nodes.col(0).maxCoeff();
+  const Eigen::RowVectorXd elongation = Eigen::RowVector4d(0.002, 0.004, 0.02, 0.05);
+  identification::ForwardModel model(Communicator{}, specimen, plate.law, plate.record, {.with_fields = false}, 1, 1);
+  constexpr double part = 1e-3;  // of what is learned: at first yield the model is not linear
+  const auto moved = [&](const std::function<double(double x)>& profile, const std::vector<int>& end) {
+    Eigen::MatrixXd beyond = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(specimen.displacement_dofs.size()), frames);
+    for (std::size_t i = 0; i < specimen.displacement_dofs.size(); ++i) {
+      const int node = specimen.displacement_dofs[i] / 3;
+      if (specimen.displacement_dofs[i] % 3 == 1 && std::find(end.begin(), end.end(), node) != end.end() && std::abs(front_z - nodes(node, 2) - 0.5) < 1e-9)
+        beyond.row(static_cast<Eigen::Index>(i)) = part * 0.005 * profile(nodes(node, 0) / half_width) * elongation;
+    }
+    EXPECT_GT(beyond.norm(), 0.0);
+    const auto there = model.simulate(identification::Control::displacement, {{.parameters = plate.truth, .driving = &with.data.driving, .beyond = &beyond}}, static_cast<int>(frames)).front();
+    Faces other({front});
+    other.data.displacement = there.surface, other.data.force = there.reaction;
+    FieldExperiment seen = other.experiment();
+    return Eigen::VectorXd((seen.residuals({values}).front() - with.experiment().residuals({values}).front()) / part);
+  };
+  // The columns of the shapes are the last ones: ends, directions and degrees.
+  ASSERT_GE(doubt.cols(), 20);
+  const auto shape = [&](int k) { return Eigen::VectorXd(doubt.col(doubt.cols() - 20 + k)); };
+  for (const auto& [column, change] : {std::pair(shape(0), moved([](double) { return 1.0; }, specimen.loaded)), std::pair(shape(1), moved([](double) { return 1.0; }, specimen.held)),
+                                      std::pair(shape(8), moved([](double x) { return 1.5 * x * x - 0.5; }, specimen.loaded))}) {
+    EXPECT_GT(change.norm(), 1.0);
+    EXPECT_LT((column - change).norm(), 0.01 * change.norm());
+  }
+  FieldExperiment both = Faces({front, back}).experiment();
+  EXPECT_EQ(both.doubt().whole.cols(), 1);  // with both faces seen nothing of this is assumed
+}
+
 TEST(BothFaces, ADeclaredEffectNamesItsCamera) {
   Faces with({front, back});
   with.model.effects = {{.effect = "back_magnification_drift", .quantity = "magnification_drift", .value = 1e-4, .lower = {}, .upper = {}}};

@@ -53,7 +53,7 @@ struct Run {
   const Eigen::MatrixXd* driving = nullptr;    ///< displacement of the ends, like Record::driving; the record's if not given
   const Eigen::MatrixXd* beyond = nullptr;     ///< added to the prescribed displacement [constrained dofs x frames, length]
   std::vector<int> free{};                     ///< parameters by which the path is differentiated directly; the forces stay as they are
-  std::vector<Eigen::MatrixXd> directions{};   ///< in which `driving` moves, for the path's derivatives; Control::displacement
+  std::vector<Eigen::MatrixXd> directions{};   ///< in which the prescribed displacement moves, for the path's derivatives [constrained dofs x frames, length]; Control::displacement
   mechanics::Accuracy accuracy{};
 };
 
