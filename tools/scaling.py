@@ -1,13 +1,14 @@
 #!/usr/bin/python3
 """How time and memory grow with the size of a problem: powers by least squares of the logarithms. Processor time of one thread.
 
-Usage: scaling.py {unknowns,frames,parameters,ranks,loop} [--sizes 1e4,1e5] [--program FILE] [--output FOLDER]
+Usage: scaling.py {unknowns,frames,parameters,ranks,cluster,loop} [--sizes 1e4,1e5] [--program FILE] [--output FOLDER]
 
 unknowns    `imic3d simulate` of the plate with a hole (hex20, four frames into the plastic range): MUMPS, and CG with GAMG. --largest-direct: no MUMPS beyond it
 frames      `imic3d dic` and `imic3d identify` (one stage, direct sensitivities) on so many images of one test
 parameters  `imic3d identify`, one iteration, with so many free parameters of a law with kinematic hardening, anisotropy, rate and a Voce term
 loop        processor and wall time of `imic3d loop` in units of `imic3d identify`, on a test in which nothing is missing and on one whose force is 2 kN too large; one rank and two
 ranks       wall time of `imic3d simulate` on one rank and on two, in turns, with PETSc's own times of assembly and solution; wants a machine that does nothing else
+cluster     a model of `imic3d simulate` on many ranks: work of one rank, its largest share as MUMPS counts it, messages and bytes as Open MPI counts them; for two networks
 Megapixels: tests/benchmarks, benchmark_frame (docs/performance.md). Writes TABLE_<what>.md into the folder and prints it."""
 import argparse
 import json
@@ -25,6 +26,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 SIMULATED = [0.0, 0.027, 0.1, 0.15, 0.3]  # elongation [mm]: two frames in the elastic range, two beyond it
 SOLVERS = {"MUMPS": ["-mechanics_ksp_type", "preonly", "-mechanics_pc_type", "cholesky", "-mechanics_pc_factor_mat_solver_type", "mumps"],
            "CG, GAMG": ["-mechanics_ksp_type", "cg", "-mechanics_pc_type", "gamg", "-mechanics_ksp_rtol", "1e-8"]}
+NETWORKS = {"InfiniBand": (2e-6, 1e10), "Ethernet": (3e-5, 1.1e9)}  # time of a message [s], rate [bytes/s]
 STATIC, PIXEL, IMAGE, LENGTH = 2, 0.06, (384, 640), 34
 START = {"E": 195e3, "S_y": 280.0, "H": 1450.0, "delta": 0.041}
 # Free ones in this order, 16 in all; the first four are START's.
@@ -45,9 +47,9 @@ class Scaling:
         numbers = [text for key, value in sizes.items() for text in ("-setnumber", key, str(value))]
         subprocess.run(["gmsh", "-2", "-v", "1", *numbers, "-format", "msh41", ROOT / "tools/meshes/plate_with_hole.geo", "-o", self.folder / f"{name}.msh"], check=True)
 
-    def run(self, *arguments, ranks=1):
+    def run(self, *arguments, ranks=1, mpi=()):
         """Processor time, wall time and largest resident memory [kB] of a command, and what it printed."""
-        command = [*(["mpirun", "-n", str(ranks), "--oversubscribe"] if ranks > 1 else []), self.options.program, *arguments]
+        command = [*(["mpirun", "-n", str(ranks), "--oversubscribe", *mpi] if ranks > 1 or mpi else []), self.options.program, *arguments]
         begin = time.perf_counter()
         process = subprocess.Popen(list(map(str, command)), cwd=self.folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=dict(os.environ, OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1"))
         said = process.stdout.read()
@@ -61,12 +63,12 @@ class Scaling:
         return (f"title: Scaling\nspecimen: {{mesh: {mesh}.msh, element: hex20, layers: {layers}, layer_ratio: 1.6, mid_plane_symmetry: true, thickness: 8.0, held: bottom, loaded: top, axis: y}}\n"
                 f"material: {{law: j2, hardening: power_linear, tie_initial_modulus: true{effects}, parameters: {{{values}}}}}\n")
 
-    def plate(self, wanted):
+    def plate(self, wanted, values=SIMULATED):
         """A simulation of about as many unknowns; these are counted in its results."""
         edge = (3474 / wanted) ** (1 / 3)
         name, layers = f"plate_{wanted:.0f}", max(1, round(1.3 / edge - 0.3))
         self.mesh(name, length=LENGTH, size_hole=1.0 * edge, size_far=2.5 * edge)
-        (self.folder / f"{name}.yaml").write_text(self.text(name, layers, START) + f"simulate: {{clamped: true, centred: true, value: {SIMULATED}}}\noutput: {name}\n")
+        (self.folder / f"{name}.yaml").write_text(self.text(name, layers, START) + f"simulate: {{clamped: true, centred: true, value: {values}}}\noutput: {name}\n")
         return name
 
     def unknowns(self):
@@ -156,6 +158,42 @@ class Scaling:
             print("\n".join(rows[-3:]), flush=True)
         return rows
 
+    def iteration(self, wanted, ranks):
+        """What one of Newton's iterations takes, as the difference of a long and a short run: times [s] of elements and of factor and substitution, unknowns, operations of factorisations
+        of each rank, and the largest number of messages and bytes that a rank sends."""
+        known = []
+        for values in (SIMULATED[:2], SIMULATED):
+            name, traffic = self.plate(wanted, values), self.folder / "traffic"
+            for old in traffic.parent.glob("traffic.*.prof"):
+                old.unlink()
+            said = self.run("simulate", f"{name}.yaml", *SOLVERS["MUMPS"], "-log_view", "-mechanics_ksp_view", "::ascii_info_detail", ranks=ranks, mpi=[
+                "--mca", "mpi_yield_when_idle", str(int(ranks > 1)), "--mca", "pml_monitoring_enable", "2", "--mca", "pml_monitoring_enable_output", "3", "--mca", "pml_monitoring_filename", traffic])[3]
+            event = {m[1]: (int(m[2]), float(m[3])) for m in re.finditer(r"^(imic3dTangent|imic3dForces|MatCholFctrNum|MatSolve)\s+(\d+)\s+\S+\s+(\S+)", said, re.M)}
+            operations = re.search(r"RINFO\(3\).*\n((?:\s+\[\d+\] \S+\n)+)", said)[1]
+            sent = []
+            for rank in range(ranks):
+                lines = [line.split("\t") for line in (self.folder / f"traffic.{rank}.prof").read_text().splitlines() if line[:2] in ("E\t", "I\t")]
+                sent.append([sum(int(line[4].split()[0]) for line in lines if int(line[2]) != rank), sum(int(line[3].split()[0]) for line in lines if int(line[2]) != rank)])
+            with h5py.File(self.folder / name / "results.h5") as file:
+                count = 3 * len(file["mesh/nodes"])
+            known.append((event["MatCholFctrNum"][0], event["imic3dTangent"][1] + event["imic3dForces"][1], event["MatCholFctrNum"][1] + event["MatSolve"][1], np.array(sent, float)))
+        (few, elements, solver, sent), (many, more_elements, more_solver, more_sent) = known
+        per = 1 / (many - few)
+        return (more_elements - elements) * per, (more_solver - solver) * per, count, np.array([float(line.split()[1]) for line in operations.splitlines()]), ((more_sent - sent) * per).max(axis=0)
+
+    def cluster(self):
+        rows = ["| unknowns | ranks | largest share of the factorisation | messages of a rank | MB of a rank | " + " | ".join(f"{network}: iteration [ms] | speed-up" for network in NETWORKS) + " |", "|---|---|---|---|---|" + "---|---|" * len(NETWORKS)]
+        for wanted in self.options.sizes or [1e4, 5e4]:
+            for ranks in (1, 2, 4, 8, 16, 32):
+                elements, solver, count, operations, (messages, sent) = self.iteration(wanted, ranks)
+                if ranks == 1:
+                    alone, of_elements, of_solver = operations.sum(), elements, solver
+                share = operations.max() / alone
+                times = [of_elements / ranks + of_solver * share + messages * latency + sent / rate for latency, rate in NETWORKS.values()]
+                rows.append(f"| {count} | {ranks} | {share:.3f} | {messages:.0f} | {sent / 1e6:.2f} | " + " | ".join(f"{1e3 * one:.1f} | {(of_elements + of_solver) / one:.1f}" for one in times) + " |")
+                print(rows[-1], flush=True)
+        return rows
+
     def loop(self):
         import false_alarms
         rows = ["| test | command | ranks | verdict | simulations | processor time [s] | wall time [s] | of one identification, processor time | wall time |", "|---|---|---|---|---|---|---|---|---|"]
@@ -182,7 +220,7 @@ class Scaling:
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["unknowns", "frames", "parameters", "ranks", "loop"])
+    parser.add_argument("what", choices=["unknowns", "frames", "parameters", "ranks", "cluster", "loop"])
     parser.add_argument("--sizes", type=lambda text: [float(one) for one in text.split(",")])
     parser.add_argument("--largest-direct", type=float, default=3e5, help="unknowns")
     parser.add_argument("--program", type=pathlib.Path, default=ROOT / "build/release/imic3d")
