@@ -240,14 +240,18 @@ Model JointExperiment::model_of(std::size_t test, const Model& all) const {
   if (all.covariance.size() > 0) model.covariance = all.covariance(kept, kept).eval();
   model.added = candidates_of(test, all.added);
   model.too_small = candidates_of(test, all.too_small);
-  model.others.clear(), model.scores.candidates.clear();
+  model.others.clear(), model.scores.candidates.clear(), model.baselines.cosine.clear(), model.baselines.bic.clear();
   for (std::size_t i = 0; i < all.others.size(); ++i)
     if (const auto own = candidates_of(test, {all.others[i]}); !own.empty()) {
       model.others.push_back(own.front());
+      if (!all.baselines.cosine.empty()) model.baselines.cosine.push_back(all.baselines.cosine[i]);
       Score score = all.scores.candidates[i];
       score.bias = score.bias(kept, Eigen::all).eval();
       model.scores.candidates.push_back(std::move(score));
     }
+  for (int i : all.baselines.bic)
+    if (const auto own = candidates_of(test, {all.others[static_cast<std::size_t>(i)]}); !own.empty())
+      model.baselines.bic.push_back(static_cast<int>(std::find(model.others.begin(), model.others.end(), own.front()) - model.others.begin()));
   model.misfit.cameras.clear();  // counted over all tests
   const int first = first_frame_[test], frames = first_frame_[test + 1] - first;
   if (all.misfit.frames.size() > 0) model.misfit.frames = all.misfit.frames.segment(first, frames).eval(), model.misfit.null_frames = all.misfit.null_frames.segment(first, frames).eval();

@@ -176,7 +176,7 @@ TEST(OneFace, EndsMayMoveUnevenlyAtDepth) {
     for (std::size_t i = 0; i < specimen.displacement_dofs.size(); ++i) {
       const int node = specimen.displacement_dofs[i] / 3;
       if (specimen.displacement_dofs[i] % 3 == 1 && std::find(end.begin(), end.end(), node) != end.end() && std::abs(front_z - nodes(node, 2) - 0.5) < 1e-9)
-        beyond.row(static_cast<Eigen::Index>(i)) = part * 0.005 * profile(nodes(node, 0) / half_width) * elongation;
+        beyond.row(static_cast<Eigen::Index>(i)) = part * 0.01 * profile(nodes(node, 0) / half_width) * elongation;
     }
     EXPECT_GT(beyond.norm(), 0.0);
     const auto there = model.simulate(identification::Control::displacement, {{.parameters = plate.truth, .driving = &with.data.driving, .beyond = &beyond}}, static_cast<int>(frames)).front();

@@ -111,6 +111,29 @@ TEST(Joint, AnotherTestShowsWhatOneCannot) {
   EXPECT_EQ(bars.held_out.size(), 16U);
 }
 
+TEST(Joint, ATestsBaselinesAreOfItsOwnCandidates) {
+  Line images(24, 1, true, {}), curves(16, 2, true, {.gain = 0.05});
+  JointExperiment joint({{"plate", &images, held_out_blocks(24)}, {"bars", &curves, held_out_blocks(16)}});
+  const auto report = close(joint, joint.held_out());
+  const auto first_name = [](const Report& its, const Experiment& experiment) { return experiment.candidates()[static_cast<std::size_t>(its.declared.others.at(static_cast<std::size_t>(its.declared.baselines.bic.at(0))))].name; };
+  ASSERT_FALSE(report.declared.baselines.bic.empty());
+  const std::string name = first_name(report, joint);
+  ASSERT_THAT(name, testing::AnyOf("gain (plate)", "gain (bars)"));  // both at once: the law is free
+  const Report plate = joint.report_of(0, report), bars = joint.report_of(1, report);
+  const Report& its = name == "gain (plate)" ? plate : bars;
+  EXPECT_EQ(first_name(its, curves), "gain");
+  for (const Report* own : {&plate, &bars}) {
+    EXPECT_EQ(own->declared.baselines.cosine.size(), own->declared.others.size());
+    for (int i : own->declared.baselines.bic) EXPECT_LT(i, static_cast<int>(own->declared.others.size()));
+  }
+  for (std::size_t i = 0; i < bars.declared.others.size(); ++i)
+    for (std::size_t k = 0; k < report.declared.others.size(); ++k) {
+      const auto& all = joint.candidates()[static_cast<std::size_t>(report.declared.others[k])].name;
+      const auto& own = curves.candidates()[static_cast<std::size_t>(bars.declared.others[i])].name;
+      if (all == own || all == own + " (bars)") EXPECT_EQ(bars.declared.baselines.cosine[i], report.declared.baselines.cosine[k]);
+    }
+}
+
 TEST(Joint, AnEffectOfTheLawIsOneForAll) {
   Line images(24, 3, true, {.bend = 2.0}), curves(16, 4, true, {.bend = 2.0});
   JointExperiment joint({{"plate", &images, held_out_blocks(24)}, {"bars", &curves, held_out_blocks(16)}});

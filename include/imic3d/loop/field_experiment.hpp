@@ -155,7 +155,7 @@ class FieldExperiment final : public Experiment {
   [[nodiscard]] Eigen::MatrixXd uneven_ends(const Variant& with, int shape) const;
   [[nodiscard]] int uneven_shapes() const;
   static constexpr int uneven_degree = 4;
-  static constexpr double uneven_share = 0.005;
+  static constexpr double uneven_share = 0.01;
   struct Tangent;     // what a series is differentiated by
   /// The prediction without camera and load cell, and its derivatives. Without forces where the model could not follow.
   [[nodiscard]] std::pair<Prediction, std::vector<Prediction>> differentiate(const std::vector<double>& values, const std::vector<Tangent>& tangents);
