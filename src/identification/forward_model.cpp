@@ -123,7 +123,12 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
       step.prescribed = specimen_.from_surface(control) * driving.col(t);
       if (run.beyond != nullptr) step.prescribed += run.beyond->col(t);
       step.d_prescribed.resize(step.prescribed.size(), static_cast<Eigen::Index>(run.directions.size()));
-      for (std::size_t k = 0; k < run.directions.size(); ++k) step.d_prescribed.col(static_cast<Eigen::Index>(k)) = run.directions[k].col(t);
+      step.d_force.resize(3 * specimen_.volume.nodes.rows(), step.d_prescribed.cols());
+      for (std::size_t k = 0; k < run.directions.size(); ++k) {
+        const auto& direction = run.directions[k];
+        step.d_prescribed.col(static_cast<Eigen::Index>(k)) = direction.prescribed.col(t);
+        if (direction.force.size() > 0) step.d_force.col(static_cast<Eigen::Index>(k)) = direction.force.col(t);
+      }
       if (control == Control::displacement) continue;
       step.force.setZero(3 * specimen_.volume.nodes.rows());
       for (std::size_t i = 0; i < run.forces->dofs.size(); ++i)

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <numbers>
 
 namespace imic3d::loop {
 
@@ -119,25 +120,40 @@ Eigen::MatrixXd FieldExperiment::driven_beyond(const Variant& with, const std::v
   return beyond;
 }
 
-int FieldExperiment::uneven_shapes() const { return !scene().plane && faces_.size() == 1 ? 4 * (uneven_degree + 1) : 0; }
+int FieldExperiment::uneven_shapes() const { return !scene().plane && faces_.size() == 1 ? 6 * (uneven_degree + 1) : 0; }
 
-Eigen::MatrixXd FieldExperiment::uneven_ends(const Variant& with, int shape) const {
-  const bool loaded = shape % 2 == 0;
-  const int axis = scene().axis, across = 1 - axis, component = shape / 2 % 2 == 0 ? axis : across, degree = shape / 4;
+id::Direction FieldExperiment::uneven_end(const Variant& with, int shape) const {
+  const int kind = shape / 2 % 3, across = 1 - scene().axis, degree = shape / 6;
   const auto& nodes = with.specimen.volume.nodes;
-  const auto& end = loaded ? with.specimen.loaded : with.specimen.held;
+  const auto& end = shape % 2 == 0 ? with.specimen.loaded : with.specimen.held;
   const double face = measured_.faces.front().name == "back" ? nodes.col(2).minCoeff() : nodes.col(2).maxCoeff();
-  const double middle = 0.5 * (scene().low[across] + scene().high[across]), half = 0.5 * (scene().high[across] - scene().low[across]);
+  const double middle = 0.5 * (scene().low[across] + scene().high[across]), half = 0.5 * scene().span(across);
+  const auto depth = [&](int node) { return std::abs(nodes(node, 2) - face) / (0.5 * scene().thickness); };  // 1 in the middle
+  const auto over_width = [&](int node) { return std::legendre(static_cast<unsigned>(degree), std::clamp((nodes(node, across) - middle) / half, -1.0, 1.0)); };
+  const auto at_end = [&](int node) { return std::binary_search(end.begin(), end.end(), node); };
   const auto& dofs = with.specimen.displacement_dofs;
   const Eigen::Index before = with.before_test ? 1 : 0, frames = measured_.force.size();
-  Eigen::MatrixXd moved = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(dofs.size()), frames + before);
-  for (std::size_t i = 0; i < dofs.size(); ++i) {
-    const int node = dofs[i] / 3;
-    if (dofs[i] % 3 != component || !std::binary_search(end.begin(), end.end(), node)) continue;
-    const double depth = std::abs(nodes(node, 2) - face) / (0.5 * scene().thickness), x = std::clamp((nodes(node, across) - middle) / half, -1.0, 1.0);
-    moved.row(static_cast<Eigen::Index>(i)).tail(frames) = uneven_share * depth * (2.0 - depth) * std::legendre(static_cast<unsigned>(degree), x) * scene().elongation.transpose();
+  id::Direction direction{.prescribed = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(dofs.size()), frames + before)};
+  if (kind < 2) {
+    for (std::size_t i = 0; i < dofs.size(); ++i) {
+      const int node = dofs[i] / 3;
+      if (dofs[i] % 3 != (kind == 0 ? scene().axis : across) || !at_end(node)) continue;
+      direction.prescribed.row(static_cast<Eigen::Index>(i)).tail(frames) = uneven_motion * depth(node) * (2.0 - depth(node)) * over_width(node) * scene().elongation.transpose();
+    }
+    return direction;
   }
-  return moved;
+  Eigen::VectorXd force = Eigen::VectorXd::Zero(3 * nodes.rows());  // for a mean axial stress of 1
+  const mesh::Cells facets = mesh::boundary_facets(with.specimen.volume).nodes, whole = mesh::with_middles(with.specimen.volume, facets);
+  for (Eigen::Index f = 0; f < facets.rows(); ++f) {
+    if (!std::all_of(facets.row(f).begin(), facets.row(f).end(), at_end)) continue;
+    const auto corner = [&](int i) -> Eigen::Vector3d { return nodes.row(facets(f, i)); };
+    const double area = 0.5 * (corner(2) - corner(0)).cross(corner(3) - corner(1)).norm();
+    for (const int node : whole.row(f)) force[3 * node + 2] += uneven_traction * std::sin(std::numbers::pi * depth(node)) * over_width(node) * area / static_cast<double>(whole.cols());
+  }
+  Eigen::MatrixXd in_time = Eigen::MatrixXd::Zero(force.size(), frames + before);
+  in_time.rightCols(frames) = force * measured_.force.transpose() / (scene().span(across) * scene().thickness);
+  direction.force = in_time.sparseView();
+  return direction;
 }
 
 std::vector<FieldExperiment::Series> FieldExperiment::simulate(const std::vector<Simulation>& wanted) {
@@ -176,8 +192,8 @@ std::vector<FieldExperiment::Series> FieldExperiment::simulate(const std::vector
       const Eigen::MatrixXd driving = on_variant(one.driving), beyond = driven_beyond(with, one.loading);
       id::Run run{.parameters = one.law, .driving = &driving, .free = one.free};
       if (beyond.size() > 0) run.beyond = &beyond;
-      for (const auto& direction : one.directions) run.directions.push_back(with.specimen.from_surface(id::Control::displacement) * on_variant(direction));
-      for (const int shape : one.uneven) run.directions.push_back(uneven_ends(with, shape));
+      for (const auto& direction : one.directions) run.directions.push_back({.prescribed = with.specimen.from_surface(id::Control::displacement) * on_variant(direction)});
+      for (const int shape : one.uneven) run.directions.push_back(uneven_end(with, shape));
       const auto path = with.model->simulate(id::Control::displacement, {run}, static_cast<int>(frames + before)).front();
       if (path.frames < frames + before || !layout.group().is_root()) continue;
       const auto of_frames = [&](const Eigen::MatrixXd& surface) -> Eigen::MatrixXd {

@@ -43,10 +43,10 @@ struct FieldExperiment::Simulation {
   std::vector<double> loading;  // values of all effects' parameters, for what is driven beyond the surface
   std::vector<int> free{};                    // numbers of the law by which the series is differentiated
   std::vector<Eigen::MatrixXd> directions{};  // and in which `driving` moves
-  std::vector<int> uneven{};                  // and shapes of ends that move unevenly at depth
+  std::vector<int> uneven{};                  // and shapes of ends that are uneven at depth
 };
 
-/// What a series is differentiated by: a number of the law, a change of what drives the ends, or a shape in which these move unevenly at depth.
+/// What a series is differentiated by: a number of the law, a change of what drives the ends, or a shape in which the ends are uneven at depth.
 struct FieldExperiment::Tangent {
   int parameter = -1;
   Eigen::MatrixXd driving{};

@@ -132,9 +132,10 @@ bool ForceBalance::differentiate(const std::vector<Vec>& du, std::span<const dou
   return assembler_.differentiate(du, time_increment_, parameters_, d_parameters, d_force);
 }
 
-double ForceBalance::unbalanced_derivative(Vec du, Vec d_force) {
+double ForceBalance::unbalanced_derivative(Vec du, Vec d_force, Vec d_external) {
   IMIC3D_PETSC(VecCopy(d_force, residual_));
   IMIC3D_PETSC(VecScale(residual_, -1.0));
+  if (d_external != nullptr) IMIC3D_PETSC(VecAXPY(residual_, 1.0, d_external));
   if (optical_ != nullptr) {
     numbering_.to_global(optical_->d_force(frame_, fraction_, numbering_.to_natural(u_), numbering_.to_natural(du)), optical_force_);
     IMIC3D_PETSC(VecAXPY(residual_, 1.0, optical_force_));

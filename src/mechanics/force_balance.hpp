@@ -66,8 +66,8 @@ class ForceBalance {
 
   /// Derivatives `d_force` of the internal forces at u, where `evaluate` succeeded (Assembler::differentiate).
   [[nodiscard]] bool differentiate(const std::vector<Vec>& du, std::span<const double> d_parameters, const std::vector<Vec>& d_force);
-  /// `residual` <- what the derivative `d_force` of the internal forces leaves unbalanced at free degrees when u moves by `du`, 0 elsewhere; its norm.
-  [[nodiscard]] double unbalanced_derivative(Vec du, Vec d_force);
+  /// `residual` <- what the derivatives `d_force` of the internal and `d_external` (null: 0) of the external forces leave unbalanced at free degrees when u moves by `du`, 0 elsewhere; its norm.
+  [[nodiscard]] double unbalanced_derivative(Vec du, Vec d_force, Vec d_external);
   /// The tangent at u once more, where nothing prescribed is missing. False if an element fails.
   [[nodiscard]] bool assemble_tangent();
   /// Adds the optical stiffness to the tangent, each rank its own rows; what is held keeps its identity.

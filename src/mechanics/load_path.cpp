@@ -122,8 +122,11 @@ Outcome LoadPath::solve(Start start, int& iterations) {
 
 void LoadPath::differentiate(const LoadStep& step, double target, PathStatus& status) {
   if (derivatives_.size() == 0) return;
-  const Eigen::MatrixXd d_prescribed = previous_ != nullptr ? Eigen::MatrixXd(previous_->d_prescribed + target * (step.d_prescribed - previous_->d_prescribed)) : Eigen::MatrixXd(target * step.d_prescribed);
-  if (!derivatives_.differentiate(d_prescribed, status.derivative_corrections))
+  Eigen::MatrixXd d_prescribed = target * step.d_prescribed;
+  Eigen::SparseMatrix<double> d_force = target * step.d_force;
+  if (previous_ != nullptr) d_prescribed += (1.0 - target) * previous_->d_prescribed;
+  if (previous_ != nullptr && d_force.size() > 0) d_force += (1.0 - target) * previous_->d_force;
+  if (!derivatives_.differentiate(d_prescribed, d_force, status.derivative_corrections))
     throw ConvergenceError(fmt::format("no derivative by the parameters at frame {} of the series (time {:.6g}); with identify.sensitivities: perturbed none is needed", frame_ + 1, step.time));
 }
 

@@ -19,7 +19,7 @@ PathDerivatives::PathDerivatives(ForceBalance& balance, KeptFactors& factors, st
 PathDerivatives::~PathDerivatives() { release(); }
 
 void PathDerivatives::release() {
-  for (auto* vectors : {&du_, &d_force_})
+  for (auto* vectors : {&du_, &d_force_, &d_external_})
     for (Vec& vector : *vectors) VecDestroy(&vector);
 }
 
@@ -35,22 +35,23 @@ void PathDerivatives::start(std::span<const int> free, std::size_t directions, c
     vectors->assign(all, nullptr);
     for (Vec& vector : *vectors) IMIC3D_PETSC(VecDuplicate(balance_.displacement(), &vector));
   }
+  d_external_.assign(all, nullptr);
   d_parameters_.assign(all * parameters_, 0.0);
   for (std::size_t k = 0; k < free.size(); ++k) d_parameters_[k * parameters_ + static_cast<std::size_t>(free[k])] = 1.0;
 }
 
-bool PathDerivatives::differentiate(const Eigen::MatrixXd& d_prescribed, int& corrections) {
+bool PathDerivatives::differentiate(const Eigen::MatrixXd& d_prescribed, const Eigen::SparseMatrix<double>& d_external, int& corrections) {
   if (balance_.optical() != nullptr) balance_.add_optical_stiffness();
   factors_.begin_derivatives();
   for (Anderson& accelerated : acceleration_) accelerated.restart();
-  begin_with(d_prescribed);
+  begin_with(d_prescribed, d_external);
   const bool balanced = balance_all(corrections);
   factors_.end_derivatives();
   return balanced;
 }
 
 /// The displacement moves where it is prescribed, and nowhere else yet.
-void PathDerivatives::begin_with(const Eigen::MatrixXd& d_prescribed) {
+void PathDerivatives::begin_with(const Eigen::MatrixXd& d_prescribed, const Eigen::SparseMatrix<double>& d_external) {
   const std::size_t free = du_.size() - directions_;
   const auto& constrained = balance_.constrained();
   for (std::size_t k = 0; k < du_.size(); ++k) {
@@ -59,7 +60,19 @@ void PathDerivatives::begin_with(const Eigen::MatrixXd& d_prescribed) {
     Eigen::VectorXd given = Eigen::VectorXd::Zero(balance_.numbering().natural_size());
     for (std::size_t i = 0; i < constrained.size(); ++i) given[constrained[i]] = d_prescribed(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k - free));
     balance_.numbering().to_global(given, du_[k]);
+    const auto direction = static_cast<Eigen::Index>(k - free);
+    if (d_external.size() == 0 || d_external.col(direction).nonZeros() == 0) continue;
+    if (d_external_[k] == nullptr) IMIC3D_PETSC(VecDuplicate(balance_.displacement(), &d_external_[k]));
+    balance_.numbering().to_global(Eigen::VectorXd(d_external.col(direction)), d_external_[k]);
   }
+}
+
+/// |dF_int/dLambda + dF_int/dxi . dxi/dLambda| + |dF_ext/dLambda| where the displacement moves at most where it is prescribed.
+double PathDerivatives::given_force(std::size_t k) const {
+  double internal = 0.0, external = 0.0;
+  IMIC3D_PETSC(VecNorm(d_force_[k], NORM_2, &internal));
+  if (d_external_[k] != nullptr) IMIC3D_PETSC(VecNorm(d_external_[k], NORM_2, &external));
+  return internal + external;
 }
 
 bool PathDerivatives::balance_all(int& corrections) {
@@ -71,8 +84,8 @@ bool PathDerivatives::balance_all(int& corrections) {
     if (!balance_.differentiate(du_, d_parameters_, d_force_)) return false;
     bool balanced = true;
     for (std::size_t k = 0; k < du_.size(); ++k) {
-      if (pass == 0) IMIC3D_PETSC(VecNorm(d_force_[k], NORM_2, &scale[k]));  // dF_int/dLambda + dF_int/dxi . dxi/dLambda
-      const double norm = balance_.unbalanced_derivative(du_[k], d_force_[k]);
+      if (pass == 0) scale[k] = given_force(k);
+      const double norm = balance_.unbalanced_derivative(du_[k], d_force_[k], d_external_[k]);
       if (norm <= tolerance_ * scale[k]) continue;
       balanced = false;
       const double wanted = tolerance_ * scale[k] / norm;

@@ -2,6 +2,7 @@
 // Direct differentiation of an equilibrium path.
 
 #include <Eigen/Core>
+#include <Eigen/SparseCore>
 #include <cstddef>
 #include <deque>
 #include <span>
@@ -13,8 +14,8 @@
 
 namespace imic3d::mechanics {
 
-/// Derivatives of the path by parameters of the law, then in directions of the prescribed displacement: at every converged increment
-///     K dU/dLambda = -(dF_int/dLambda + dF_int/dxi_n . dxi_n/dLambda)
+/// Derivatives of the path by parameters of the law, then in directions of the prescribed displacement and the external forces: at every converged increment
+///     K dU/dLambda = dF_ext/dLambda - (dF_int/dLambda + dF_int/dxi_n . dxi_n/dLambda)
 /// What is left unbalanced is solved for with the factor at hand while that shrinks it fast, else with the converged tangent.
 class PathDerivatives {
  public:
@@ -24,20 +25,21 @@ class PathDerivatives {
   PathDerivatives(const PathDerivatives&) = delete;
   PathDerivatives& operator=(const PathDerivatives&) = delete;
 
-  /// By which of the law's parameters the path is differentiated, and in how many directions of the prescribed displacement.
+  /// By which of the law's parameters the path is differentiated, and in how many directions of what drives the specimen.
   void start(std::span<const int> free, std::size_t directions, const Accuracy& accuracy);
   [[nodiscard]] int size() const { return static_cast<int>(du_.size()); }
 
-  /// Where an increment has just converged: its derivatives, and those of the new history. `d_prescribed` [constrained degrees x directions];
-  /// `corrections` grows by the passes over the elements beyond one. False if they are not found; every rank gets the same answer. Collective.
-  [[nodiscard]] bool differentiate(const Eigen::MatrixXd& d_prescribed, int& corrections);
+  /// Where an increment has just converged: its derivatives, and those of the new history. `d_prescribed` [constrained degrees x directions], `d_external`
+  /// [3 * nodes x directions; empty: forces do not move]; `corrections` grows by the passes over the elements beyond one. False if they are not found; every rank gets the same answer. Collective.
+  [[nodiscard]] bool differentiate(const Eigen::MatrixXd& d_prescribed, const Eigen::SparseMatrix<double>& d_external, int& corrections);
   /// Of the displacement and of the internal forces, there.
   [[nodiscard]] const std::vector<Vec>& of_displacement() const { return du_; }
   [[nodiscard]] const std::vector<Vec>& of_forces() const { return d_force_; }
 
  private:
   void release();
-  void begin_with(const Eigen::MatrixXd& d_prescribed);
+  void begin_with(const Eigen::MatrixXd& d_prescribed, const Eigen::SparseMatrix<double>& d_external);
+  [[nodiscard]] double given_force(std::size_t k) const;
   [[nodiscard]] bool balance_all(int& corrections);
 
   ForceBalance& balance_;
@@ -47,7 +49,7 @@ class PathDerivatives {
   Work& work_;
   double tolerance_ = 0.0;
   OwnedVec correction_;
-  std::vector<Vec> du_, d_force_;     // of each free parameter and direction
+  std::vector<Vec> du_, d_force_, d_external_;  // of each free parameter and direction; the last of those alone in which forces move, else null
   std::vector<double> d_parameters_;  // unit vectors [free x number of parameters], then 0
   std::deque<Anderson> acceleration_;
 };

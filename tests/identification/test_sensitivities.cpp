@@ -80,7 +80,7 @@ void expect_derivatives_in_directions() {
   std::vector<Eigen::MatrixXd> of_surface(2, plate.record.driving);
   for (auto& direction : of_surface) {
     for (double& u : direction.reshaped()) u = noise(random);
-    run.directions.emplace_back(plate.specimen.from_surface(Control::displacement) * direction);
+    run.directions.push_back({.prescribed = plate.specimen.from_surface(Control::displacement) * direction});
   }
   const Path path = model.simulate(Control::displacement, {run}, frames).front();
   ASSERT_EQ(path.frames, frames) << path.message;

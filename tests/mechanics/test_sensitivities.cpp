@@ -90,8 +90,8 @@ class Bar {
   [[nodiscard]] const LawCase& law() const { return case_; }
   [[nodiscard]] bool under_given_forces() const { return driven_ == Driven::by_force; }
 
-  /// Pulled beyond yield in three frames, of several increments some, then unloaded.
-  Path pull(const std::vector<double>& parameters, const std::vector<int>& free = {}) {
+  /// Pulled beyond yield in three frames, of several increments some, then unloaded; `sideways`: times a force across at every node on the way, the direction of one more derivative with `along_it`.
+  Path pull(const std::vector<double>& parameters, const std::vector<int>& free = {}, double sideways = 0.0, bool along_it = false) {
     std::vector<LoadStep> steps;
     for (const double level : {0.4, 0.8, 1.0, 0.97}) {
       LoadStep step{.time = static_cast<double>(steps.size()) + level, .prescribed = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(dofs_.size())), .force = {}};
@@ -103,6 +103,12 @@ class Bar {
         const auto& right = mesh_.node_groups.at("right");
         for (int node : right) step.force[3 * node] = 250.0 * level / static_cast<double>(right.size());
       }
+      if (sideways != 0.0 || along_it) {
+        Eigen::VectorXd across = Eigen::VectorXd::Zero(3 * mesh_.nodes.rows());
+        for (Eigen::Index node = 0; node < mesh_.nodes.rows(); ++node) across[3 * node + 1] = level * (1.0 + static_cast<double>(steps.size())) * mesh_.nodes(node, 0);
+        step.force = step.force.size() > 0 ? Eigen::VectorXd(step.force + sideways * across) : Eigen::VectorXd(sideways * across);
+        if (along_it) step.d_prescribed.setZero(step.prescribed.size(), 1), step.d_force = Eigen::MatrixXd(across).sparseView();
+      }
       steps.push_back(std::move(step));
     }
     const Communicator world;
@@ -110,7 +116,7 @@ class Bar {
     const double tight = driven_ == Driven::by_images ? 1e-12 : 1e-13;
     Equilibrium equilibrium(partition, mesh_, law_, dofs_, {.max_iterations = 40, .tolerance = tight, .optical_tolerance = tight, .derivative_tolerance = 1e-11});
     Path path;
-    path.d_displacement.resize(free.size()), path.d_reaction.resize(free.size());
+    path.d_displacement.resize(free.size() + along_it), path.d_reaction.resize(free.size() + along_it);
     path.plastic_strain.resize(mesh_.cells.rows(), static_cast<Eigen::Index>(steps.size()));
     const auto append = [](Eigen::VectorXd& list, const Eigen::VectorXd& more) {
       list.conservativeResize(list.size() + more.size());
@@ -121,7 +127,7 @@ class Bar {
         [&](int t, const FrameState& state) {
           append(path.displacement, state.displacement), append(path.reaction, state.internal);
           path.plastic_strain.col(t) = state.plastic_strain;
-          for (std::size_t k = 0; k < free.size(); ++k) append(path.d_displacement[k], state.d_displacement[k]), append(path.d_reaction[k], state.d_internal[k]);
+          for (std::size_t k = 0; k < path.d_displacement.size(); ++k) append(path.d_displacement[k], state.d_displacement[k]), append(path.d_reaction[k], state.d_internal[k]);
         },
         {}, driven_ == Driven::by_displacement ? std::vector<int>{1, 2, 1, 1} : std::vector<int>{2, 8, 8, 1}, driven_ == Driven::by_images ? &optical_ : nullptr, free);
     return path;
@@ -180,6 +186,29 @@ void expect_derivatives(Bar bar) {
     if (largest_step > 1e-2) { EXPECT_GT(errors.front(), 10.0 * *best) << what; }
     if (smallest_step < 1e-6) { EXPECT_GT(errors.back(), 10.0 * *best) << what; }
   }
+}
+
+/// In a direction of the external forces, beside a parameter.
+TEST(Sensitivities, InADirectionOfTheForces) {
+  for (const auto type : {mesh::CellType::hex20, mesh::CellType::quad4})
+    for (const Driven driven : {Driven::by_displacement, Driven::by_force}) {
+      Bar bar(type, driven, power);
+      const Path path = bar.pull(power.parameters, {2}, 0.0, true);
+      ASSERT_EQ(path.status.frames, 4) << path.status.message;
+      ASSERT_EQ(path.d_displacement.size(), 2U);
+      double best = 1.0, coarse = 0.0;
+      for (const double h : {1e-2, 1e-3, 1e-4, 1e-5, 1e-6}) {
+        const Path plus = bar.pull(power.parameters, {}, h), minus = bar.pull(power.parameters, {}, -h);
+        if (plus.status.increments != path.status.increments || minus.status.increments != path.status.increments) continue;
+        const double error = ((plus.displacement - minus.displacement) / (2.0 * h) - path.d_displacement[1]).norm() / path.d_displacement[1].norm();
+        best = std::min(best, error), coarse = std::max(coarse, error);
+      }
+      EXPECT_LE(best, 1e-6);
+      EXPECT_GT(coarse, 10.0 * best);
+      if (driven == Driven::by_displacement) {
+        EXPECT_GT(path.d_reaction[1].norm(), 1.0);
+      }
+    }
 }
 
 TEST(Sensitivities, OfEveryLawUnderPrescribedDisplacement) {

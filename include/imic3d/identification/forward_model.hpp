@@ -45,6 +45,12 @@ struct ForceDistribution {
   Eigen::MatrixXd pattern;  ///< nodal forces [dofs x frames] on the simulated part for a resultant of 1 on the whole section
 };
 
+/// A direction in which what drives a specimen moves, for the path's derivatives.
+struct Direction {
+  Eigen::MatrixXd prescribed;             ///< displacement [constrained dofs x frames, length]
+  Eigen::SparseMatrix<double> force{};    ///< external nodal forces [3 * nodes x frames]; empty: they stay
+};
+
 /// One of several simulations that run side by side.
 struct Run {
   std::vector<double> parameters;
@@ -53,7 +59,7 @@ struct Run {
   const Eigen::MatrixXd* driving = nullptr;    ///< displacement of the ends, like Record::driving; the record's if not given
   const Eigen::MatrixXd* beyond = nullptr;     ///< added to the prescribed displacement [constrained dofs x frames, length]
   std::vector<int> free{};                     ///< parameters by which the path is differentiated directly; the forces stay as they are
-  std::vector<Eigen::MatrixXd> directions{};   ///< in which the prescribed displacement moves, for the path's derivatives [constrained dofs x frames, length]; Control::displacement
+  std::vector<Direction> directions{};         ///< by which it is differentiated, too; Control::displacement
   mechanics::Accuracy accuracy{};
 };
 

@@ -150,12 +150,13 @@ class FieldExperiment final : public Experiment {
   [[nodiscard]] Prediction observed(const std::vector<double>& values, Prediction true_one) const;
   /// What effects of the loading with these values add to the prescribed displacement of the ends [prescribed x frames]; empty without them.
   [[nodiscard]] Eigen::MatrixXd driven_beyond(const Variant& with, const std::vector<double>& loading) const;
-  /// How ends that are cut from a longer specimen move at depth beyond what a camera on one face shows: along the axis and across, each a parabola over the depth that is greatest in the middle of the
-  /// thickness, times a polynomial of Legendre over the width, times `uneven_share` of the elongation. Prescribed displacement [prescribed x frames] of one of so many shapes.
-  [[nodiscard]] Eigen::MatrixXd uneven_ends(const Variant& with, int shape) const;
+  /// What a camera on one face does not see of ends that are cut from a longer specimen: that they move at depth otherwise than on the face, along the axis and across (a parabola over the depth that
+  /// is greatest in the middle of the thickness, in parts of the elongation), and that the rest of the specimen, which does not grow thinner alike, pulls at them through the thickness (half a sine, in
+  /// parts of the mean axial stress); over the width a polynomial of Legendre. One of so many shapes.
+  [[nodiscard]] identification::Direction uneven_end(const Variant& with, int shape) const;
   [[nodiscard]] int uneven_shapes() const;
   static constexpr int uneven_degree = 4;
-  static constexpr double uneven_share = 0.01;
+  static constexpr double uneven_motion = 0.01, uneven_traction = 0.02;
   struct Tangent;     // what a series is differentiated by
   /// The prediction without camera and load cell, and its derivatives. Without forces where the model could not follow.
   [[nodiscard]] std::pair<Prediction, std::vector<Prediction>> differentiate(const std::vector<double>& values, const std::vector<Tangent>& tangents);

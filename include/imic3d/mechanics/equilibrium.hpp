@@ -23,6 +23,7 @@ struct LoadStep {
   Eigen::VectorXd prescribed;  ///< displacement of the constrained degrees, in the order of Constraints::dofs [length]
   Eigen::VectorXd force;       ///< external nodal forces [3 * nodes, force]; empty if there are none
   Eigen::MatrixXd d_prescribed{};  ///< directions in which `prescribed` moves [constrained degrees x directions], as many in every step
+  Eigen::SparseMatrix<double> d_force{};  ///< and in which `force` does, the same ones [3 * nodes x directions]; empty if it does not
 };
 
 /// The state at one converged frame. U and reactions in natural numbering, the same on every rank.
