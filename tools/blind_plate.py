@@ -6,6 +6,9 @@ images   a speckle of discs given by formulas, mapped back sample by sample, ave
 fields   the displacement at points as a subset correlation would give it, with noise, rounded
 
 tools/blind_plate.py {images,fields} [--reduced] [--waist] [--by imic3d] [--seeds N] [--nulls N] [--only NAME,NAME] [--out FOLDER] [--imic3d PROGRAM]
+tools/blind_plate.py {images,fields} --together [...]
+
+--together: three plates of one material in one loop; the load cell of the first reads 6 % too much, which none of them shows alone. Fails unless that is named.
 
 --by imic3d: pulled by `imic3d simulate` instead (a finer mesh, a longer specimen, 16 increments a frame; no motion out of plane), which tells what the loop errs by from what the two programs' laws differ by.
 
@@ -240,7 +243,28 @@ FAULTS = {
     "force in kN read as N": dict(force_unit=1000.0),
     "noise declared half as large as it is": dict(declared_noise=0.5 * GREY_NOISE),
 }
+TOGETHER = {"first": dict(force_gain=1.06), "second": {}, "third": {}}
 REDUCED = ["force zero", "magnification drift", "Poisson's ratio"]
+
+
+def together(kind, generator, folder, program):
+    for seed, (name, planted) in enumerate(TOGETHER.items(), 21):
+        make(kind, generator, folder / name, planted, seed)
+    tests = "".join(f"  - {{name: {name}, case: {name}/case.yaml}}\n" for name in TOGETHER)
+    (folder / "all.yaml").write_text(f"title: plates of one material\ntests:\n{tests}loop: {{draws: 60, additions: 2, rivals: 2, starts: [1.0]}}\noutput: all\n")
+    shutil.rmtree(folder / "all", ignore_errors=True)
+    subprocess.run([Path(program).resolve(), "loop", folder / "all.yaml"], check=True)
+    result = json.loads((folder / "all/result.json").read_text())
+    chi, found = result["after"]["chi"], result["after"]["parameters"]
+    gain = found.get("force_gain (first)", {"value": 1.0, "standard_deviation": 0.0})
+    off = {name: f"{100 * (found[name]['value'] / true - 1):+.2f} +- {100 * found[name]['standard_deviation'] / true:.2f} %" for name, true in TRUTH.items()}
+    print(f"named {result['named']}, gain {gain['value']:.4f} +- {gain['standard_deviation']:.4f}, parameters off by {off}, held-out chi {result['before']['chi']['held_out']:.2f} -> {chi['held_out']:.2f} (null {chi['null_held_out']:.2f})")
+    if result["named"] != ["force gain (first)"] or abs(gain["value"] - 1.06) > 4 * gain["standard_deviation"] or chi["held_out"] > 1.05 * chi["null_held_out"]:
+        sys.exit("the first load cell was not found")
+    for name in TOGETHER:
+        own = json.loads((folder / "all" / name / "result.json").read_text())
+        if own["named"] != (["force gain"] if name == "first" else []):
+            sys.exit(f"the page of the {name} plate names {own['named']}")
 
 
 def main():
@@ -249,6 +273,7 @@ def main():
     parser.add_argument("--reduced", action="store_true", help="one null and three effects at 10 x MDE (of fields the paper's pair of laws, too), from a coarser simulation; fails where a verdict is wrong")
     parser.add_argument("--waist", action="store_true", help="a plate with a waist and an elliptical hole")
     parser.add_argument("--by", choices=("calculix", "imic3d"), default="calculix")
+    parser.add_argument("--together", action="store_true", help="three plates in one loop")
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--nulls", type=int, default=10)
     parser.add_argument("--multiples", default="1,3,10,50")
@@ -259,6 +284,9 @@ def main():
     out = options.out or Path(f"runs/blind_{options.kind}")
     generator = Generator(out / options.by, not options.reduced, options.waist, options.imic3d if options.by == "imic3d" else None)
     suite = blind.Suite(out, options.imic3d, lambda folder, planted, seed: make(options.kind, generator, folder, planted, seed), TRUTH)
+    if options.together:
+        together(options.kind, generator, out, options.imic3d)
+        return
     only = set(filter(None, options.only.split(",")))
     wanted = lambda name: not only or name in only
     seeds = lambda name: range(options.seeds if wanted(name) else 0)

@@ -156,7 +156,7 @@ class FieldExperiment final : public Experiment {
   [[nodiscard]] identification::Direction uneven_end(const Variant& with, int shape) const;
   [[nodiscard]] int uneven_shapes() const;
   static constexpr int uneven_degree = 4;
-  static constexpr double uneven_motion = 0.01, uneven_traction = 0.02;
+  static constexpr double uneven_motion = 0.01, uneven_traction = 0.03;
   struct Tangent;     // what a series is differentiated by
   /// The prediction without camera and load cell, and its derivatives. Without forces where the model could not follow.
   [[nodiscard]] std::pair<Prediction, std::vector<Prediction>> differentiate(const std::vector<double>& values, const std::vector<Tangent>& tangents);
