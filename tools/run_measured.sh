@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Runs a case on measured data: tools/run_measured.sh pcabs_tension | plate_independent | gt4_stereo | stereo_chessboard |
 # steel304L_rates | steel_cyclic (curves: every case file of the folder, one after the other, and a picture of all);
-# with `loop` as the second word (pcabs_tension, oht_cfrp, gt4_stereo, steel304L_rates): what the declared model lacks
+# with `loop` as the second word (pcabs_tension, oht_cfrp, gt4_stereo, steel304L_rates, plate_independent): what the declared model lacks (loop.yaml, or the file that the third word names)
 # The data folder is IMIC3D_DATA (default ../shared/data); it is linked, never copied. A case without a section identify is
 # correlated only.
 set -euo pipefail
@@ -15,8 +15,9 @@ export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_AL
 if [ "$case" = stereo_chessboard ]; then exec build/release/imic3d calibrate "inputs/$case/${2:-calibration}.yaml"; fi
 if [ "${2:-}" = loop ]; then
   tools/make_meshes.sh
-  mpirun --oversubscribe -n "${RANKS:-2}" build/release/imic3d loop "inputs/$case/loop.yaml"
-  [ ! -e "runs/$case/loop/results.h5" ] || tools/plot_loop.py "runs/$case/loop/results.h5"
+  name=${3:-loop}
+  mpirun --oversubscribe -n "${RANKS:-2}" build/release/imic3d loop "inputs/$case/$name.yaml"
+  [ ! -e "runs/$case/$name/results.h5" ] || tools/plot_loop.py "runs/$case/$name/results.h5"
   exit
 fi
 if [ "$case" = steel304L_rates ] || [ "$case" = steel_cyclic ]; then
