@@ -355,9 +355,9 @@ std::vector<FieldExperiment::Prediction> FieldExperiment::predict(const std::vec
 
 std::pair<FieldExperiment::Prediction, std::vector<FieldExperiment::Prediction>> FieldExperiment::differentiate(const std::vector<double>& values, const std::vector<Tangent>& tangents) {
   const Eigen::MatrixXd driving = true_motion(values, measured_.driving);
-  // So many at once that the histories' derivatives stay small, and no fewer batches than groups of ranks.
-  const auto groups = static_cast<std::size_t>(groups_->layout.groups());
-  const auto most = std::clamp<std::size_t>((tangents.size() + groups - 1) / groups, 1, 20);
+  // So many at once that the histories' derivatives stay small (some hundred numbers of an element each; 320 MB), and no fewer batches than groups of ranks.
+  const auto groups = static_cast<std::size_t>(groups_->layout.groups()), room = std::max<std::size_t>(20, 400000 / static_cast<std::size_t>(variant({}).specimen.volume.cells.rows()));
+  const auto most = std::clamp<std::size_t>((tangents.size() + groups - 1) / groups, 1, room);
   std::vector<Simulation> wanted;
   struct Use {
     double weight;

@@ -58,8 +58,8 @@ Outcome Newton::solve(Start start, const Accuracy& accuracy, int& iterations) {
     if (optical != nullptr) scale = std::max(scale, (optical->stiffness * balance_.numbering().to_natural(balance_.displacement())).norm());
     residuals_.push_back(norm / scale);
     // Below the tolerance, or at the level of round-off where it no longer falls; grey levels are single precision.
-    const bool ends_early = accuracy.forces > 0.0 && optical == nullptr;
-    const double tolerance = optical != nullptr ? options_.optical_tolerance : ends_early ? accuracy.forces : options_.tolerance;
+    const bool ends_early = accuracy.forces >= options_.tolerance && optical == nullptr;
+    const double tolerance = optical != nullptr ? options_.optical_tolerance : accuracy.forces > 0.0 ? accuracy.forces : options_.tolerance;
     const double enough = std::max(tolerance * scale, least_norm_);
     // The last correction of Newton's method ends far below the tolerance: those of a kept factor go on as long as they help.
     const double target = may_keep && kept && !ends_early ? (iteration > 0 ? 1e-4 : 1e-2) * tolerance * scale : enough;

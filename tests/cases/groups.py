@@ -2,8 +2,10 @@
 """One identification on 1, 2, 3 and 5 ranks in 1, 2, 3 and 7 groups of ranks (--few: three of these): uneven groups, groups without a task, more groups than ranks.
 
 Usage: groups.py EXECUTABLE [--few]
-The parameters agree to 1e-9: the split over ranks changes the order of sums only, which costs about 1e-15 of the equilibrium; Newton's
-method ends each frame, and Gauss-Newton the stage, far below their tolerances, and differences over perturbations of 1e-3 keep 12 digits.
+The parameters agree to 1e-8, as those of a run that was taken up again: the split over ranks changes the order of sums only, which costs about
+1e-15 of the equilibrium; Newton's method ends each frame, and Gauss-Newton the stage, far below their tolerances, and differences over
+perturbations of 1e-3 keep 12 digits: 2e-12 comes out. Where that turns the rounding of one coefficient of the displacement in an element, which the pass over the pixels keeps
+in single precision (6e-8 px), E moves by 1e-9, a ten-millionth of its standard deviation in this case.
 """
 import json
 import pathlib
@@ -34,7 +36,7 @@ def main():
             measured = json.loads((out / "result.json").read_text())["groups"]
             made = {what: [group["ranks"] for group in of] for what, of in measured.items()}
             as_asked = groups == "auto" or all(len(of) == min(int(groups), ranks) for of in made.values())
-            require(apart < 1e-9 and deviations < 1e-6 and as_asked and set(made) == {"correlation", "simulations"} and all(sum(of) == ranks for of in made.values()),
+            require(apart < 1e-8 and deviations < 1e-6 and as_asked and set(made) == {"correlation", "simulations"} and all(sum(of) == ranks for of in made.values()),
                     f"{ranks} ranks, groups: {groups}: parameters {apart:.1e}, deviations {deviations:.1e}, groups of {made}")
             for what, plan in (("correlation", "frames"), ("simulations", "simulations")):
                 lines = [line for line in said.splitlines() if line.startswith(f"  {plan} ")]

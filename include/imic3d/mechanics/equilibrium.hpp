@@ -51,7 +51,7 @@ struct EquilibriumOptions {
 
 /// How far one run is solved; 0: as EquilibriumOptions say.
 struct Accuracy {
-  double forces = 0.0;  ///< `tolerance` where no images take part; given, corrections with a kept factor end there, not at round-off
+  double forces = 0.0;  ///< `tolerance` where no images take part; given and no smaller, corrections with a kept factor end there, not at round-off
   double derivatives = 0.0;  ///< `derivative_tolerance`
 };
 
