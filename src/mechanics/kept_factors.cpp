@@ -35,7 +35,7 @@ KeptFactors::Factor KeptFactors::make_solver() {
   IMIC3D_PETSC(KSPSetFromOptions(solver));
   IMIC3D_PETSC(KSPSetOperators(solver, tangent_, tangent_));
   PetscBool is_factor = PETSC_FALSE;
-  IMIC3D_PETSC(PetscObjectTypeCompare(reinterpret_cast<PetscObject>(preconditioner), PCCHOLESKY, &is_factor));
+  IMIC3D_PETSC(PetscObjectTypeCompareAny(reinterpret_cast<PetscObject>(preconditioner), &is_factor, PCCHOLESKY, PCLU, ""));
   direct_ = is_factor == PETSC_TRUE;
   tell_mumps(preconditioner);
   return {std::move(solver), {}};
@@ -98,11 +98,11 @@ Mat KeptFactors::mumps_factor() const {
   return std::string(type) == MATSOLVERMUMPS ? factor : nullptr;
 }
 
-/// Number of negative pivots of the factor at hand, -1 if the solver does not tell.
+/// Number of negative pivots of the factor at hand, -1 if the solver does not tell (of an unsymmetric tangent INFOG(12) is another number).
 PetscInt KeptFactors::negative_pivots() const {
   Mat factor = mumps_factor();
   PetscInt pivots = -1;
-  if (factor != nullptr) IMIC3D_PETSC(MatMumpsGetInfog(factor, 12, &pivots));
+  if (factor != nullptr && symmetric_) IMIC3D_PETSC(MatMumpsGetInfog(factor, 12, &pivots));
   return pivots;
 }
 

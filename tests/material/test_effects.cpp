@@ -101,6 +101,33 @@ TEST(Effects, TangentMatchesDifferencesOfTheStressAndItsSymmetryIsAsTheLawSays) 
   }
 }
 
+TEST(Effects, TangentOfAYieldStressInCauchyStressIsSymmetricAndOffByNoMoreThanTheStress) {
+  for (const Case& c : testing::plastic_cases()) {
+    if (c.name == "table" || c.name == "power_linear_tied") continue;
+    const auto law = make_law({.law = "j2", .hardening = c.name, .cauchy_yield = true, .effects = {"voce_term"}});
+    ASSERT_TRUE(law->symmetric_tangent());
+    std::vector<double> parameters = c.parameters;
+    parameters.insert(parameters.end(), {80.0, 12.0});
+    Random random(7);
+    MaterialPoint point(*law, parameters);
+    Matrix3 F = I;
+    for (int step = 0; step < 6; ++step) {
+      F = (I + random.matrix(0.03)) * F;
+      Matrix3 L = random.matrix(1.0);
+      L /= L.norm();
+      const Response response = point.at(F);
+      EXPECT_LT((response.tangent - response.tangent.transpose()).norm(), 1e-12 * response.tangent.norm()) << c.name;
+      const Matrix3 tau = testing::tensor_of(response.kirchhoff);
+      const Vector6 rate = response.tangent * testing::engineering_strain(L) + testing::vector_of(L * tau + tau * L.transpose());
+      constexpr double h = 1e-6;
+      const Vector6 difference = (point.at((I + h * L) * F).kirchhoff - point.at((I - h * L) * F).kirchhoff) / (2.0 * h);
+      EXPECT_LT((rate - difference).norm(), 2.0 * response.kirchhoff.norm()) << c.name << " step " << step;
+      EXPECT_LT((rate - difference).norm(), 0.05 * response.tangent.norm()) << c.name << " step " << step;
+      point.advance(F);
+    }
+  }
+}
+
 TEST(Effects, RotationsOfTheSpecimenTurnTheStress) {
   for (const auto& effect : testing::effect_cases()) {
     const Case c = effect.made();

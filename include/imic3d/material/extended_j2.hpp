@@ -57,13 +57,13 @@ struct ExtendedJ2 {
 
   void initialise(std::span<double> state) const { std::fill(state.begin(), state.end(), 0.0); }
 
-  /// Back-stresses that fade, pressure, damage and a yield stress in Cauchy stress are not derivatives of one
-  /// potential.
+  /// Back-stresses that fade, pressure and damage are not derivatives of one potential. Nor is a yield stress in Cauchy stress, but what that adds is of the size of sigma_y/K:
+  /// the tangent is made symmetric (LogStrainLaw), and Newton's method needs an iteration or two more.
   [[nodiscard]] bool symmetric_tangent() const {
     using enum effects::Effect;
     for (const Effect effect : {kinematic, kinematic_2, kinematic_3, pressure, damage})
       if (selection.has(effect)) return false;
-    return !cauchy_yield;
+    return true;
   }
 
   template <Scalar T>

@@ -225,7 +225,7 @@ class LogStrainLaw final : public FiniteStrainLaw {
     return finite;
   }
 
-  /// Values of the law's update and its tangent dT/dE (engineering shears) from dual numbers.
+  /// Values of the law's update and its tangent dT/dE (engineering shears) from dual numbers; its symmetric part where the law says that it has no other to speak of.
   bool differentiate(const StrainStep<double>& step, StressUpdate<double, Law::state_size>& result,
                      Matrix6& tangent) const noexcept {
     using T = Dual<6>;
@@ -241,6 +241,7 @@ class LogStrainLaw final : public FiniteStrainLaw {
     for (std::size_t i = 0; i < result.state.size(); ++i) result.state[i] = value(dual_result.state[i]);
     for (int i = 0; i < 6; ++i)
       for (int j = 0; j < 6; ++j) tangent(i, j) = dual_result.stress[i].derivative[static_cast<std::size_t>(j)];
+    if (symmetric_tangent()) tangent = (0.5 * (tangent + tangent.transpose())).eval();
     return true;
   }
 
