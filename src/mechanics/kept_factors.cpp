@@ -128,9 +128,50 @@ void KeptFactors::begin_derivatives() {
   IMIC3D_PETSC(KSPSetReusePreconditioner(refiner_, PETSC_TRUE));  // of both solvers
 }
 
+bool KeptFactors::renew() {
+  ++work_.factorisations;
+  auto& [solver, state] = factors_[at_hand_];
+  PC preconditioner = nullptr;
+  PCFailedReason failed = PC_NOERROR;
+  IMIC3D_PETSC(KSPGetPC(solver, &preconditioner));
+  IMIC3D_PETSC(PCSetReusePreconditioner(preconditioner, PETSC_FALSE));
+  IMIC3D_PETSC(PCSetUp(preconditioner));  // KSPSetUp does nothing the second time
+  IMIC3D_PETSC(PCSetReusePreconditioner(preconditioner, PETSC_TRUE));
+  IMIC3D_PETSC(PCGetFailedReason(preconditioner, &failed));
+  state.made = communicator_.all(failed == PC_NOERROR);
+  state.indefinite = negative_pivots() > 0;
+  return state.made;
+}
+
 void KeptFactors::substitute(Vec right, Vec solution) {
   ++work_.derivative_solutions;
   IMIC3D_PETSC(KSPSolve(factors_[at_hand_].solver, right, solution));
+}
+
+void KeptFactors::substitute(std::span<const Vec> right, std::span<const Vec> solution) {
+  const auto count = static_cast<PetscInt>(right.size());
+  work_.derivative_solutions += static_cast<int>(count);
+  PetscInt own = 0;
+  IMIC3D_PETSC(MatGetLocalSize(tangent_, &own, nullptr));
+  PetscOwner<Mat, MatDestroy> rights, solutions;
+  for (Mat* made : {rights.put(), solutions.put()}) IMIC3D_PETSC(MatCreateDense(communicator_.handle, own, PETSC_DECIDE, unknowns_, count, nullptr, made));
+  for (PetscInt k = 0; k < count; ++k) {
+    Vec column = nullptr;
+    IMIC3D_PETSC(MatDenseGetColumnVecWrite(rights, k, &column));
+    IMIC3D_PETSC(VecCopy(right[static_cast<std::size_t>(k)], column));
+    IMIC3D_PETSC(MatDenseRestoreColumnVecWrite(rights, k, &column));
+  }
+  for (Mat made : {rights.get(), solutions.get()}) {
+    IMIC3D_PETSC(MatAssemblyBegin(made, MAT_FINAL_ASSEMBLY));
+    IMIC3D_PETSC(MatAssemblyEnd(made, MAT_FINAL_ASSEMBLY));
+  }
+  IMIC3D_PETSC(KSPMatSolve(factors_[at_hand_].solver, rights, solutions));
+  for (PetscInt k = 0; k < count; ++k) {
+    Vec column = nullptr;
+    IMIC3D_PETSC(MatDenseGetColumnVecRead(solutions, k, &column));
+    IMIC3D_PETSC(VecCopy(column, solution[static_cast<std::size_t>(k)]));
+    IMIC3D_PETSC(MatDenseRestoreColumnVecRead(solutions, k, &column));
+  }
 }
 
 void KeptFactors::refine(Vec right, Vec solution, double remaining) {

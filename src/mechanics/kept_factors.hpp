@@ -4,6 +4,7 @@
 #include <petscksp.h>
 
 #include <cstddef>
+#include <span>
 #include <vector>
 
 #include "imic3d/core/parallel.hpp"
@@ -41,7 +42,9 @@ class KeptFactors {
   /// Solutions for derivatives, from one of these to the other: with the factor at hand as it is (`substitute`), or on the tangent with that factor as
   /// preconditioner (`refine`), until `remaining` of the right-hand side is left.
   void begin_derivatives();
+  [[nodiscard]] bool renew();  ///< the factor at hand is that of the tangent; false if there is none
   void substitute(Vec right, Vec solution);
+  void substitute(std::span<const Vec> right, std::span<const Vec> solution);  ///< all at once: the factor is read once
   void refine(Vec right, Vec solution, double remaining);
   void end_derivatives();
 

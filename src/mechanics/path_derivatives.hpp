@@ -16,7 +16,8 @@ namespace imic3d::mechanics {
 
 /// Derivatives of the path by parameters of the law, then in directions of the prescribed displacement and the external forces: at every converged increment
 ///     K dU/dLambda = dF_ext/dLambda - (dF_int/dLambda + dF_int/dxi_n . dxi_n/dLambda)
-/// What is left unbalanced is solved for with the factor at hand while that shrinks it fast, else with the converged tangent.
+/// What is left unbalanced is solved for with the factor at hand while that shrinks it fast, else with the converged tangent; of many derivatives with the
+/// factor of the converged tangent, in blocks.
 class PathDerivatives {
  public:
   /// `parameters`: how many the law has.
@@ -41,6 +42,8 @@ class PathDerivatives {
   void begin_with(const Eigen::MatrixXd& d_prescribed, const Eigen::SparseMatrix<double>& d_external);
   [[nodiscard]] double given_force(std::size_t k) const;
   [[nodiscard]] bool balance_all(int& corrections);
+  void correct_together(std::size_t k);
+  void correct_rest();
 
   ForceBalance& balance_;
   KeptFactors& factors_;
@@ -52,6 +55,8 @@ class PathDerivatives {
   std::vector<Vec> du_, d_force_, d_external_;  // of each free parameter and direction; the last of those alone in which forces move, else null
   std::vector<double> d_parameters_;  // unit vectors [free x number of parameters], then 0
   std::deque<Anderson> acceleration_;
+  std::vector<OwnedVec> unbalanced_, corrections_;  // of a block of derivatives that the factor at hand corrects at once
+  std::vector<std::size_t> block_;                  // which these are
 };
 
 }  // namespace imic3d::mechanics

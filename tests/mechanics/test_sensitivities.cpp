@@ -87,11 +87,13 @@ class Bar {
     };
   }
 
+  static constexpr double turn = 0.7;  ///< [rad]
+
   [[nodiscard]] const LawCase& law() const { return case_; }
   [[nodiscard]] bool under_given_forces() const { return driven_ == Driven::by_force; }
 
-  /// Pulled beyond yield in three frames, of several increments some, then unloaded; `sideways`: times a force across at every node on the way, the direction of one more derivative with `along_it`.
-  Path pull(const std::vector<double>& parameters, const std::vector<int>& free = {}, double sideways = 0.0, bool along_it = false) {
+  /// Pulled beyond yield in three frames, of several increments some, then unloaded; `sideways`: times a force across at every node on the way. Derivatives in `directions` of the forces, too: the k-th turned by `turn` * k towards another one.
+  Path pull(const std::vector<double>& parameters, const std::vector<int>& free = {}, double sideways = 0.0, int directions = 0) {
     std::vector<LoadStep> steps;
     for (const double level : {0.4, 0.8, 1.0, 0.97}) {
       LoadStep step{.time = static_cast<double>(steps.size()) + level, .prescribed = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(dofs_.size())), .force = {}};
@@ -103,11 +105,15 @@ class Bar {
         const auto& right = mesh_.node_groups.at("right");
         for (int node : right) step.force[3 * node] = 250.0 * level / static_cast<double>(right.size());
       }
-      if (sideways != 0.0 || along_it) {
-        Eigen::VectorXd across = Eigen::VectorXd::Zero(3 * mesh_.nodes.rows());
+      if (sideways != 0.0 || directions > 0) {
+        Eigen::VectorXd across = Eigen::VectorXd::Zero(3 * mesh_.nodes.rows()), along = across;
         for (Eigen::Index node = 0; node < mesh_.nodes.rows(); ++node) across[3 * node + 1] = level * (1.0 + static_cast<double>(steps.size())) * mesh_.nodes(node, 0);
+        for (Eigen::Index node = 0; node < mesh_.nodes.rows(); ++node) along[3 * node] = level * 30.0 * mesh_.nodes(node, 1);
         step.force = step.force.size() > 0 ? Eigen::VectorXd(step.force + sideways * across) : Eigen::VectorXd(sideways * across);
-        if (along_it) step.d_prescribed.setZero(step.prescribed.size(), 1), step.d_force = Eigen::MatrixXd(across).sparseView();
+        step.d_prescribed.setZero(step.prescribed.size(), directions);
+        Eigen::MatrixXd turned(across.size(), directions);
+        for (int k = 0; k < directions; ++k) turned.col(k) = std::cos(turn * k) * across + std::sin(turn * k) * along;
+        step.d_force = turned.sparseView();
       }
       steps.push_back(std::move(step));
     }
@@ -116,7 +122,7 @@ class Bar {
     const double tight = driven_ == Driven::by_images ? 1e-12 : 1e-13;
     Equilibrium equilibrium(partition, mesh_, law_, dofs_, {.max_iterations = 40, .tolerance = tight, .optical_tolerance = tight, .derivative_tolerance = 1e-11});
     Path path;
-    path.d_displacement.resize(free.size() + along_it), path.d_reaction.resize(free.size() + along_it);
+    path.d_displacement.resize(free.size() + static_cast<std::size_t>(directions)), path.d_reaction.resize(path.d_displacement.size());
     path.plastic_strain.resize(mesh_.cells.rows(), static_cast<Eigen::Index>(steps.size()));
     const auto append = [](Eigen::VectorXd& list, const Eigen::VectorXd& more) {
       list.conservativeResize(list.size() + more.size());
@@ -193,7 +199,7 @@ TEST(Sensitivities, InADirectionOfTheForces) {
   for (const auto type : {mesh::CellType::hex20, mesh::CellType::quad4})
     for (const Driven driven : {Driven::by_displacement, Driven::by_force}) {
       Bar bar(type, driven, power);
-      const Path path = bar.pull(power.parameters, {2}, 0.0, true);
+      const Path path = bar.pull(power.parameters, {2}, 0.0, 1);
       ASSERT_EQ(path.status.frames, 4) << path.status.message;
       ASSERT_EQ(path.d_displacement.size(), 2U);
       double best = 1.0, coarse = 0.0;
@@ -208,6 +214,30 @@ TEST(Sensitivities, InADirectionOfTheForces) {
       if (driven == Driven::by_displacement) {
         EXPECT_GT(path.d_reaction[1].norm(), 1.0);
       }
+    }
+}
+
+/// In more directions than are solved for at once: each is what it is among few.
+TEST(Sensitivities, InManyDirectionsOfTheForces) {
+  constexpr int many = 70;
+  for (const auto type : {mesh::CellType::hex8, mesh::CellType::quad4})
+    for (const Driven driven : {Driven::by_displacement, Driven::by_force, Driven::by_images}) {
+      Bar bar(type, driven, power);
+      const Path few = bar.pull(power.parameters, {2}, 0.0, 2), more = bar.pull(power.parameters, {2}, 0.0, many);
+      ASSERT_EQ(few.status.frames, 4) << few.status.message;
+      ASSERT_EQ(more.status.frames, 4) << more.status.message;
+      ASSERT_EQ(more.d_displacement.size(), 1U + many);
+      const auto expect_same = [](const std::vector<Eigen::VectorXd>& one, const std::vector<Eigen::VectorXd>& other) {
+        EXPECT_LE((other[0] - one[0]).norm(), 1e-9 * one[0].norm()) << "by the parameter";
+        const Eigen::VectorXd across = one[1], along = (one[2] - std::cos(Bar::turn) * across) / std::sin(Bar::turn);
+        ASSERT_GT(along.norm(), 0.1 * across.norm());
+        for (int k = 0; k < many; ++k) {
+          const Eigen::VectorXd expected = std::cos(Bar::turn * k) * across + std::sin(Bar::turn * k) * along;
+          EXPECT_LE((other[static_cast<std::size_t>(k) + 1] - expected).norm(), 1e-9 * (across.norm() + along.norm())) << "direction " << k;
+        }
+      };
+      expect_same(few.d_displacement, more.d_displacement);
+      if (driven == Driven::by_displacement) expect_same(few.d_reaction, more.d_reaction);
     }
 }
 
