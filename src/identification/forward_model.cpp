@@ -256,7 +256,12 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
     from_group(solution.displacement[t]);
     for (auto& values : solution.d_displacement[t]) from_group(values);
   }
-  impl_->last[static_cast<std::size_t>(control)] = std::move(solution);
+  Solution& last = impl_->last[static_cast<std::size_t>(control)];
+  if (solution.free.empty() && last.displacement.size() >= reached) {  // the derivatives of the series before serve the next one's start, too
+    solution.free = last.free, solution.d_displacement = std::move(last.d_displacement);
+    solution.d_displacement.resize(reached);
+  }
+  last = std::move(solution);
   return paths;
 }
 

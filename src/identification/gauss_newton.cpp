@@ -57,26 +57,32 @@ void settle_derivatives(Path& path, const ForwardModel& model, const ImageData& 
   }
 }
 
-/// Of simulations that only lead to where the iterations begin: with steps of 10 % it moves by 1e-6, and what comes out by a hundredth of that.
-constexpr mechanics::Accuracy accuracy_of_start{.forces = 1e-7, .derivatives = 1e-5};
+/// Of simulations that only lead to where the iterations begin: with steps of 10 % it moves by 1e-4. They are made anew, alike, where a run is taken up within them.
+constexpr mechanics::Accuracy accuracy_of_start{.forces = 1e-6, .derivatives = 1e-3};
+
+/// A step beyond which (Eq. 13) the next one is no smaller than a hundredth of it.
+constexpr double far_step = 3e-2;
+/// A step after which derivatives are taken for those before it: they change by as much, and move what is found by that part of its standard deviation.
+constexpr double near_step = 1e-2;
 
 /// Of the simulations that steps follow from. What is left depends on the factors at hand, and must not show where a run is taken up again without them (1e-8 of
 /// the parameters): a residual moves them by a tenth of it on the plate of docs/performance.md, by 13 times as much where two parameters are
 /// hard to tell apart. Differences of perturbed simulations need all digits: a Newton iteration may end just below a tolerance.
 constexpr mechanics::Accuracy accuracy_of_differences{.forces = 1e-13};
-mechanics::Accuracy accuracy_of_steps(const GaussNewtonOptions& options) {
+/// `eta`: of the step that led there (Eq. 13).
+mechanics::Accuracy accuracy_of_steps(const GaussNewtonOptions& options, double eta) {
   if (options.sensitivities == Sensitivities::perturbed) return accuracy_of_differences;
-  return {.forces = 1e-10, .derivatives = std::clamp(1e-4 * options.eta, 1e-9, 1e-7)};
+  return {.forces = eta > far_step ? 1e-8 : 1e-10, .derivatives = std::clamp(1e-4 * options.eta, 1e-9, 1e-7)};
 }
 
-Linearisation linearise(ForwardModel& model, const ImageData& images, const std::vector<double>& parameters,
-                        const Stage& stage, const GaussNewtonOptions& options, const mechanics::Accuracy& accuracy) {
+/// `near`: a linearisation so near that its derivatives hold here, too; null: there is none.
+Linearisation linearise(ForwardModel& model, const ImageData& images, const std::vector<double>& parameters, const Stage& stage,
+                        const GaussNewtonOptions& options, const mechanics::Accuracy& accuracy, const Linearisation* near = nullptr) {
   const int frames = stage.frames.back() + 1;
-  const bool direct = options.sensitivities == Sensitivities::direct;
+  const bool direct = options.sensitivities == Sensitivities::direct, differentiate = direct && near == nullptr;
   std::vector<Run> sets(direct ? 1 : 1 + stage.free.size(), Run{.parameters = parameters, .accuracy = accuracy});
-  if (direct)
-    sets.front().free = stage.free;
-  else
+  if (differentiate) sets.front().free = stage.free;
+  if (!direct)
     for (std::size_t j = 0; j < stage.free.size(); ++j)
       sets[1 + j].parameters[static_cast<std::size_t>(stage.free[j])] += step_of(parameters, stage.free[j], options);
 
@@ -86,13 +92,13 @@ Linearisation linearise(ForwardModel& model, const ImageData& images, const std:
     driven = paths = model.simulate(Control::displacement, sets, frames);
   } else {
     // The forces are those of the parameters at hand (Sec. 3.4); they stay as they are when a parameter moves.
-    const bool reaction = direct && has_force(options.functional);
+    const bool reaction = differentiate && has_force(options.functional);
     const auto distribution = model.distribute_forces({reaction ? sets.front() : Run{.parameters = parameters, .accuracy = accuracy}}, frames, driven);
     for (auto& set : sets) set.forces = &distribution.front();
     paths = model.simulate(control_of_images(options), sets, driven.front().frames);
     if (options.functional == Functional::combined && !direct) driven = model.simulate(Control::displacement, sets, driven.front().frames);
   }
-  if (direct) settle_derivatives(paths.front(), model, images, options);
+  if (differentiate) settle_derivatives(paths.front(), model, images, options);
   for (auto& path : paths) settle(path, model, images, model.record().surface_displacement, options);
   int common = frames;
   for (const auto& path : paths) common = std::min(common, path.frames);
@@ -105,6 +111,12 @@ Linearisation linearise(ForwardModel& model, const ImageData& images, const std:
   result.frames = common;
   result.surface = paths.front().surface;
   result.reaction = driven.front().reaction.head(common);
+  if (near != nullptr && direct) {
+    result.sensitivity = near->sensitivity, result.force_sensitivity = near->force_sensitivity;
+    for (auto& s : result.sensitivity) s.conservativeResize(Eigen::NoChange, common);
+    for (auto& s : result.force_sensitivity) s.conservativeResize(common);
+    return result;
+  }
   for (std::size_t j = 0; j < stage.free.size(); ++j) {
     if (direct) {
       result.sensitivity.emplace_back(paths.front().d_surface[j].leftCols(common));
@@ -486,16 +498,24 @@ void fit_rigid_motion(const Specimen& specimen, Control control, const Eigen::Sp
 
 double reaction_noise(Communicator world, const Specimen& specimen, std::shared_ptr<const material::FiniteStrainLaw> law,
                       const Eigen::MatrixXd& driving, const std::vector<double>& parameters) {
-  const auto draws = static_cast<int>(driving.cols());
-  Record noise;
-  noise.frames.resize(static_cast<std::size_t>(draws));
-  noise.time = Eigen::VectorXd::LinSpaced(draws, 1.0, draws);
-  noise.force.setZero(draws);
-  noise.surface_displacement = noise.driving = driving;
-  ForwardModel model(world, specimen, std::move(law), std::move(noise), {.with_fields = false}, 1, 1);
-  const Path path = model.simulate(Control::displacement, {{.parameters = parameters}}, draws).front();
-  if (path.frames < draws) throw ConvergenceError("the noise of the reaction: " + path.message);
-  return std::sqrt(path.reaction.squaredNorm() / draws);
+  // Betti: the resultant that a displacement of the ends takes is the work on it of the forces that hold the ends where the loaded one moves by one.
+  const auto& dofs = specimen.displacement_dofs;
+  const double small = 1e-6 * (specimen.volume.nodes.col(specimen.axis).maxCoeff() - specimen.volume.nodes.col(specimen.axis).minCoeff());
+  Eigen::MatrixXd unit = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(dofs.size()), 1);
+  for (std::size_t i = 0; i < dofs.size(); ++i)
+    if (dofs[i] % 3 == specimen.axis && std::binary_search(specimen.loaded.begin(), specimen.loaded.end(), dofs[i] / 3)) unit(static_cast<Eigen::Index>(i), 0) = small;
+  Record at_rest;
+  at_rest.frames.resize(1);
+  at_rest.time = Eigen::VectorXd::Ones(1), at_rest.force = Eigen::VectorXd::Zero(1);
+  at_rest.surface_displacement = at_rest.driving = Eigen::MatrixXd::Zero(driving.rows(), 1);
+  ForwardModel model(world, specimen, std::move(law), std::move(at_rest), {.with_fields = false}, 1, 1);
+  Eigen::VectorXd holding(static_cast<Eigen::Index>(dofs.size()));
+  const Path path = model.simulate(Control::displacement, {{.parameters = parameters, .beyond = &unit}}, 1, [&](int, int, const mechanics::FrameState& state) {
+    for (std::size_t i = 0; i < dofs.size(); ++i) holding[static_cast<Eigen::Index>(i)] = state.internal[dofs[i]] / small;
+  }).front();
+  if (path.frames < 1) throw ConvergenceError("the noise of the reaction: " + path.message);
+  const Eigen::RowVectorXd resultants = specimen.section_factor * (holding.transpose() * (specimen.displacement_from_surface * driving));
+  return std::sqrt(resultants.squaredNorm() / static_cast<double>(driving.cols()));
 }
 
 StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageData& images,
@@ -519,11 +539,17 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
   };
 
   if (at.iterates.empty()) {
-    if (options.sensitivities == Sensitivities::direct && control_of_images(options) == Control::force)
-      parameters = nearest_reaction(model, parameters, information, stage, options);
-    at.linear = linearise(model, images, parameters, stage, options, accuracy_of_steps(options));
-    if (at.linear.frames == 0) throw ConvergenceError("the first frame cannot be simulated: " + at.linear.message);
-    at.normal = assemble(world, model, images, at.linear, stage, options);
+    const bool direct = options.sensitivities == Sensitivities::direct, by_reaction = direct && control_of_images(options) == Control::force;
+    if (by_reaction) parameters = nearest_reaction(model, parameters, information, stage, options);
+    // Nobody knows yet how far the parameters are: coarsely first, unless they are near.
+    bool coarse = direct && control_of_images(options) == Control::displacement;
+    for (;; coarse = false) {
+      at.linear = linearise(model, images, parameters, stage, options, coarse ? accuracy_of_start : accuracy_of_steps(options, 0.0));
+      if (at.linear.frames == 0) throw ConvergenceError("the first frame cannot be simulated: " + at.linear.message);
+      at.normal = assemble(world, model, images, at.linear, stage, options);
+      const Eigen::VectorXd step = step_within_bounds(at.normal.matrix, at.normal.right, parameters, information, stage, options);
+      if (!coarse || relative_size(step, moved(parameters, step, stage), stage, options) > far_step) break;
+    }
     note(0.0, false);
   }
 
@@ -541,7 +567,8 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
         at.normal = assemble(world, model, images, at.linear, stage, options);
         break;
       }
-      at.linear = linearise(model, images, trial, stage, options, accuracy_of_steps(options));
+      const bool near = options.sensitivities == Sensitivities::direct && eta < near_step && at.linear.frames > stage.frames.back();
+      at.linear = linearise(model, images, trial, stage, options, accuracy_of_steps(options, eta), near ? &at.linear : nullptr);
       at.normal = assemble(world, model, images, at.linear, stage, options);
       const double after = at.normal.frames > 0 ? at.normal.cost / at.normal.frames : INFINITY;
       // Small steps are taken as they are: the cost no longer tells them apart from the noise.

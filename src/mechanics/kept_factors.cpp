@@ -71,8 +71,8 @@ void KeptFactors::tell_mumps(PC preconditioner) const {
     IMIC3D_PETSC(MatMumpsSetIcntl(factor, 8, 0));
 }
 
-void KeptFactors::take(int of_frame, bool simulated_before) {
-  at_hand_ = simulated_before && may_be_kept() && any_made() ? std::min(static_cast<std::size_t>(of_frame) + 1, most_ - 1) : 0;
+void KeptFactors::take(int of_frame, bool repeatedly) {
+  at_hand_ = repeatedly && may_be_kept() && any_made() ? std::min(static_cast<std::size_t>(of_frame) + 1, most_ - 1) : 0;
   while (factors_.size() <= at_hand_) factors_.push_back(make_solver());
 }
 
@@ -143,14 +143,13 @@ bool KeptFactors::renew() {
   return state.made;
 }
 
-void KeptFactors::substitute(Vec right, Vec solution) {
-  ++work_.derivative_solutions;
-  IMIC3D_PETSC(KSPSolve(factors_[at_hand_].solver, right, solution));
-}
-
 void KeptFactors::substitute(std::span<const Vec> right, std::span<const Vec> solution) {
   const auto count = static_cast<PetscInt>(right.size());
   work_.derivative_solutions += static_cast<int>(count);
+  if (count == 1) {
+    IMIC3D_PETSC(KSPSolve(factors_[at_hand_].solver, right.front(), solution.front()));
+    return;
+  }
   PetscInt own = 0;
   IMIC3D_PETSC(MatGetLocalSize(tangent_, &own, nullptr));
   PetscOwner<Mat, MatDestroy> rights, solutions;

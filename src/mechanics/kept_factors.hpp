@@ -17,7 +17,7 @@ namespace imic3d::mechanics {
 
 /// MUMPS LDL^T on small problems, CG with GAMG and the rigid-body near-null space above; everything open to options. A law
 /// without associated flow has an unsymmetric tangent: LU and GMRES then. LU does not tell the tangent's inertia. A frame that is
-/// simulated again has a factor of its own, as far as memory allows. Collective.
+/// simulated repeatedly has a factor of its own, as far as memory allows. Collective.
 class KeptFactors {
  public:
   /// Whether a solver holds the factor of some tangent, and one with negative pivots.
@@ -34,8 +34,8 @@ class KeptFactors {
   [[nodiscard]] bool any_made() const { return factors_.front().state.made; }
   [[nodiscard]] const State& at_hand() const { return factors_[at_hand_].state; }
 
-  /// Takes up the factor of a frame that was simulated before, if there is room for one.
-  void take(int of_frame, bool simulated_before);
+  /// Takes up the factor of a frame that is simulated `repeatedly`, if there is room for one.
+  void take(int of_frame, bool repeatedly);
   /// `kept`: with the factor at hand; else with that of the tangent, which is then the one at hand. False if the solver failed.
   [[nodiscard]] bool solve(Vec right, Vec solution, bool kept);
 
@@ -43,7 +43,6 @@ class KeptFactors {
   /// preconditioner (`refine`), until `remaining` of the right-hand side is left.
   void begin_derivatives();
   [[nodiscard]] bool renew();  ///< the factor at hand is that of the tangent; false if there is none
-  void substitute(Vec right, Vec solution);
   void substitute(std::span<const Vec> right, std::span<const Vec> solution);  ///< all at once: the factor is read once
   void refine(Vec right, Vec solution, double remaining);
   void end_derivatives();
@@ -69,7 +68,7 @@ class KeptFactors {
   const EquilibriumOptions& options_;
   Work& work_;
   bool direct_ = true;
-  std::vector<Factor> factors_;  // the first for frames that nothing is known of, the others each for a frame that is simulated again
+  std::vector<Factor> factors_;  // the first for frames that nothing is known of, the others each for a frame that is simulated repeatedly
   std::size_t at_hand_ = 0, most_ = 1;
   Solver refiner_;
   double least_refined_ = 1e-10;  // what it leaves at least of a right-hand side

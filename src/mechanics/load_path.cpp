@@ -37,7 +37,7 @@ int LoadPath::go_to(const LoadStep& step, const Eigen::VectorXd* near, int incre
   int count = increments, cuts = 0, iterations = 0;
   bool offers = near != nullptr && near->size() == dofs;
   if (offers) balance_.numbering().to_global(*near, offered_);
-  factors_.take(frame_, offers);
+  factors_.take(frame_, offers || derivatives_.size() > 0);  // what is differentiated will be simulated again
   balance_.assembler().save();
   before_.copy(now_);
   Start start = Start::offered;

@@ -5,13 +5,16 @@
 namespace imic3d::mechanics {
 
 namespace {
-/// So many solutions with the factor at hand an unbalanced derivative may still need before the tangent is assembled.
+/// So many solutions with the factor at hand an unbalanced derivative may still need before the converged tangent is assembled,
 constexpr double solutions_of_a_tangent = 7.0;
-/// For so many derivatives the converged tangent is factorised: each is then one solution.
-constexpr std::size_t directions_of_a_factor = 10;
+/// or, where there are so many derivatives that each of their passes costs more, factorised;
+constexpr double solutions_of_a_factor = 5.0;
+constexpr std::size_t directions_of_a_factor = 3;
+/// of so many before the first: each is then one solution.
+constexpr std::size_t directions_of_a_factor_at_once = 10;
 /// Derivatives in more directions are not accelerated: 16 vectors each.
 constexpr std::size_t most_accelerated = 16;
-/// Those that are not are corrected so many at once: the factor is read once.
+/// So many are corrected at once: the factor is read once.
 constexpr std::size_t block_size = 32;
 }  // namespace
 
@@ -82,7 +85,9 @@ double PathDerivatives::given_force(std::size_t k) const {
 bool PathDerivatives::balance_all(int& corrections) {
   constexpr int most = 30;
   bool by_factor = factors_.may_be_kept() && balance_.optical() == nullptr;  // else with the converged tangent
-  if (by_factor && du_.size() >= directions_of_a_factor && !(balance_.assemble_tangent() && factors_.renew())) return false;
+  const bool many = du_.size() >= directions_of_a_factor;
+  bool renewed = by_factor && du_.size() >= directions_of_a_factor_at_once;
+  if (renewed && !(balance_.assemble_tangent() && factors_.renew())) return false;
   std::vector<double> scale(du_.size()), last(du_.size(), INFINITY);
   for (int pass = 0; pass <= most; ++pass) {
     ++work_.derivative_passes;
@@ -94,24 +99,24 @@ bool PathDerivatives::balance_all(int& corrections) {
       if (norm <= tolerance_ * scale[k]) continue;
       balanced = false;
       const double wanted = tolerance_ * scale[k] / norm;
-      if (by_factor && (norm >= last[k] || std::log(wanted) < solutions_of_a_tangent * std::log(norm / last[k]))) {
+      const auto takes_more = [&](double solutions) { return norm >= last[k] || std::log(wanted) < solutions * std::log(norm / last[k]); };
+      if (by_factor && many && !renewed && takes_more(solutions_of_a_factor)) {
+        renewed = true;
+        if (!(balance_.assemble_tangent() && factors_.renew())) return false;
+        for (Anderson& accelerated : acceleration_) accelerated.restart();
+      } else if (by_factor && takes_more(solutions_of_a_tangent)) {
         by_factor = false;
         if (!balance_.assemble_tangent()) return false;
       }
       last[k] = norm;
-      if (by_factor && acceleration_.empty()) {
+      if (by_factor) {
         correct_together(k);
         continue;
       }
-      if (by_factor) {
-        factors_.substitute(balance_.residual(), correction_);
-        acceleration_[k].accelerate(correction_);
-      } else {
-        factors_.refine(balance_.residual(), correction_, 0.1 * wanted);
-      }
+      factors_.refine(balance_.residual(), correction_, 0.1 * wanted);
       IMIC3D_PETSC(VecAXPY(du_[k], 1.0, correction_));
     }
-    correct_rest();
+    correct_block();
     if (balanced) return true;
     ++corrections;
   }
@@ -124,15 +129,18 @@ void PathDerivatives::correct_together(std::size_t k) {
     for (auto* vectors : {&unbalanced_, &corrections_}) IMIC3D_PETSC(VecDuplicate(balance_.displacement(), vectors->emplace_back().put()));
   IMIC3D_PETSC(VecCopy(balance_.residual(), unbalanced_[block_.size()]));
   block_.push_back(k);
-  if (block_.size() == block_size) correct_rest();
+  if (block_.size() == block_size) correct_block();
 }
 
-void PathDerivatives::correct_rest() {
+void PathDerivatives::correct_block() {
   if (block_.empty()) return;
   std::vector<Vec> right, solution;
   for (std::size_t i = 0; i < block_.size(); ++i) right.push_back(unbalanced_[i]), solution.push_back(corrections_[i]);
   factors_.substitute(right, solution);
-  for (std::size_t i = 0; i < block_.size(); ++i) IMIC3D_PETSC(VecAXPY(du_[block_[i]], 1.0, solution[i]));
+  for (std::size_t i = 0; i < block_.size(); ++i) {
+    if (!acceleration_.empty()) acceleration_[block_[i]].accelerate(solution[i]);
+    IMIC3D_PETSC(VecAXPY(du_[block_[i]], 1.0, solution[i]));
+  }
   block_.clear();
 }
 

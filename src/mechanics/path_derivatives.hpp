@@ -43,7 +43,7 @@ class PathDerivatives {
   [[nodiscard]] double given_force(std::size_t k) const;
   [[nodiscard]] bool balance_all(int& corrections);
   void correct_together(std::size_t k);
-  void correct_rest();
+  void correct_block();
 
   ForceBalance& balance_;
   KeptFactors& factors_;

@@ -110,7 +110,7 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
 
 /// Noise of the reaction R of a DIC-driven simulation [force] that comes from the noise of the displacement prescribed on
 /// the ends: the rms reaction to `driving`, random displacements of the surface [unknowns x draws, length], from
-/// rest, with the law `parameters`. These are elastic; where the specimen yields its tangent is lower and so is the noise:
+/// rest, with the law `parameters`, elastic. Where the specimen yields its tangent is lower and so is the noise:
 /// an upper bound there. What is common to neighbouring frames (noise of the reference) counts as if it were not.
 [[nodiscard]] double reaction_noise(Communicator world, const Specimen& specimen,
                                     std::shared_ptr<const material::FiniteStrainLaw> law,
