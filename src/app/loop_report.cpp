@@ -64,6 +64,7 @@ nlohmann::json loop_summary(const loop::Experiment& experiment, const loop::Repo
       const auto& s = model.scores.candidates[i];
       nlohmann::json one = {{"name", candidate_name(model.others[i])}, {"link", std::string(name(candidates[static_cast<std::size_t>(model.others[i])].link))}, {"kappa", s.visibility},
                             {"z", s.z}, {"p", s.p}, {"degrees", s.degrees}, {"predicted_drop", s.drop}, {"significant", s.z > model.scores.threshold && !s.contradicted}, {"contradicted", s.contradicted}};
+      if (const auto& function = candidates[static_cast<std::size_t>(model.others[i])].formula_for; !function.empty()) one["formula_for"] = function;
       if (!model.baselines.cosine.empty()) one["cosine"] = model.baselines.cosine[i];
       const auto& its = candidates[static_cast<std::size_t>(model.others[i])].parameters;
       const auto sizes = std::count_if(its.begin(), its.end(), [&](int j) { return !parameters[static_cast<std::size_t>(j)].info.shape; });  // the shapes come last

@@ -10,20 +10,22 @@ namespace {
 struct Words {
   const char *sentence, *confused_with, *separated_by;
   double mark = 1e-2;  // size at which its mark is taken, of the usual size
+  const char* formula_for = "";
 };
+constexpr auto hardening_curve = "the hardening curve", rate_dependence = "the dependence on the rate";
 const std::map<std::string, Words>& words() {
   static const std::map<std::string, Words> all = {
       {"kinematic", {"the material hardens kinematically (Bauschinger effect)", "H, S_y, force gain", "reverse yielding"}},
       {"kinematic_2", {"a second back-stress, with its own range of strain", "Voce term", "cycles of several amplitudes"}},
       {"kinematic_3", {"a third back-stress, with its own range of strain", "Voce term", "cycles of several amplitudes"}},
       {"hill", {"the material is plastically anisotropic (Hill 48)", "parallax, heating", "a second orientation, a second camera"}},
-      {"viscosity", {"the material is viscous: a stress on top that grows with the rate", "rate, delay of the force", "a tenfold jump of the rate, a hold"}},
-      {"rate", {"the yield stress depends on the strain rate", "viscosity, delay of the force", "a tenfold jump of the rate, a hold"}},
+      {"viscosity", {"the material is viscous: a stress on top that grows with the rate", "rate, delay of the force", "a tenfold jump of the rate, a hold", 1e-2, rate_dependence}},
+      {"rate", {"the yield stress depends on the strain rate", "viscosity, delay of the force", "a tenfold jump of the rate, a hold", 1e-2, rate_dependence}},
       {"heating", {"plastic work heats and softens the material", "Hill's ratios, Voce term, damage", "a thermometer; a slow test"}},
-      {"voce_term", {"hardening that saturates is missing", "plateau, damage", "a longer range of strain"}},
-      {"voce_term_2", {"the shape of isotropic hardening is not that of the law: one more term that saturates", "kinematic hardening, damage", "a longer range of strain; cycles"}},
-      {"power_term", {"hardening by a power of the plastic strain is missing (Eq. 18 beside linear hardening)", "Voce term, plateau", "a longer range of strain"}},
-      {"plateau", {"the material has a yield plateau (Lüders)", "Voce term", "the curve around first yield", 1.0}},
+      {"voce_term", {"hardening that saturates is missing", "plateau, damage", "a longer range of strain", 1e-2, hardening_curve}},
+      {"voce_term_2", {"the shape of isotropic hardening is not that of the law: one more term that saturates", "kinematic hardening, damage", "a longer range of strain; cycles", 1e-2, hardening_curve}},
+      {"power_term", {"hardening by a power of the plastic strain is missing (Eq. 18 beside linear hardening)", "Voce term, plateau", "a longer range of strain", 1e-2, hardening_curve}},
+      {"plateau", {"the material has a yield plateau (Lüders)", "Voce term", "the curve around first yield", 1.0, hardening_curve}},
       {"damage", {"the material softens with plastic strain (damage)", "heating, Voce term", "the stiffness on unloading"}},
       {"pressure", {"plastic flow depends on pressure: friction and dilatancy", "Hill's ratios", "compression beside tension; the change of volume"}}};
   return all;
@@ -40,7 +42,7 @@ std::vector<Candidate> law_candidates(const std::vector<ParameterInfo>& informat
       const auto known = words().find(effect);
       const Words said = known != words().end() ? known->second : Words{"", "", ""};
       candidates.push_back({.name = effect, .link = Link::material, .parameters = {}, .sentence = said.sentence, .confused_with = said.confused_with,
-                            .separated_by = said.separated_by, .after = effect == "kinematic_2" ? "kinematic" : effect == "kinematic_3" ? "kinematic_2" : effect == "voce_term_2" ? "voce_term" : ""});
+                            .separated_by = said.separated_by, .after = effect == "kinematic_2" ? "kinematic" : effect == "kinematic_3" ? "kinematic_2" : effect == "voce_term_2" ? "voce_term" : "", .formula_for = said.formula_for});
       found = candidates.end() - 1;
     }
     found->parameters.push_back(first + static_cast<int>(j));

@@ -41,8 +41,16 @@ std::string sentence_of(const Experiment& experiment, const Report& report) {
     for (int k : which) all += (all.empty() ? "" : "; ") + candidate(k).sentence + " (" + size_of(experiment, k, after) + ")";
     return all;
   };
+  // Whatever has the same course has left the same marks.
+  const auto courses = [&](const std::vector<int>& which) {
+    std::vector<std::string> functions;
+    for (int k : which)
+      if (const auto& one = candidate(k).formula_for; !one.empty() && std::find(functions.begin(), functions.end(), one) == functions.end()) functions.push_back(one);
+    return functions.empty() ? "" : fmt::format("Of {} the test shows the course, not the formula. ", fmt::join(functions, " and "));
+  };
   if (report.verdict == Verdict::attributed) {
     text += report.named.size() == 1 ? "One candidate alone explains it: " + list(report.named) + ". " : "It takes " + std::to_string(report.named.size()) + " effects: " + list(report.named) + ". ";
+    text += courses(report.named);
   } else if (report.verdict == Verdict::ambiguous) {
     std::vector<std::string> names, separators;
     for (int k : report.set) names.push_back(candidate(k).name), separators.push_back(candidate(k).separated_by);

@@ -33,6 +33,7 @@ struct Candidate {
   std::string confused_with;
   std::string separated_by;     ///< the measurement that would tell it from these
   std::string after;            ///< a candidate without which it would be that one itself; empty: none
+  std::string formula_for{};    ///< the function of the model that it is one formula for, of which a test shows the course alone; empty: it is a thing of its own
 };
 
 constexpr int force_channel = -1;
