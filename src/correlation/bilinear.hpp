@@ -27,25 +27,24 @@ inline Corners central_slopes() {
 struct Bulge {
   /// Where it is evaluated: middles of the edges 01, 12, 23, 30, then the centre.
   static constexpr double xi[5] = {0.0, 1.0, 0.0, -1.0, 0.0}, eta[5] = {-1.0, 0.0, 1.0, 0.0, 0.0};
-  Eigen::Matrix<float, 5, 2> coefficients = Eigen::Matrix<float, 5, 2>::Zero();
+  Eigen::Matrix<double, 5, 2> coefficients = Eigen::Matrix<double, 5, 2>::Zero();
 
   Bulge() = default;
   /// `beyond` [5 x 2]: the map at these places less its bilinear part.
   explicit Bulge(const Eigen::Matrix<double, 5, 2>& beyond) {
     const auto row = [&](int k) { return beyond.row(k); };
-    Eigen::Matrix<double, 5, 2> c;
+    auto& c = coefficients;
     c.row(0) = 0.5 * (row(0) + row(2));
     c.row(1) = 0.5 * (row(2) - row(0));
     c.row(2) = 0.5 * (row(1) + row(3));
     c.row(3) = 0.5 * (row(1) - row(3));
     c.row(4) = row(4) - c.row(0) - c.row(2);
-    coefficients = c.cast<float>();
   }
   [[nodiscard]] Eigen::Vector2f at(float x, float y) const {
     const float a = 1.0F - x * x, b = 1.0F - y * y;
     Eigen::Matrix<float, 1, 5> shape;
     shape << a, a * y, b, b * x, a * b;
-    return (shape * coefficients).transpose();
+    return (shape * coefficients.cast<float>()).transpose();
   }
 };
 

@@ -260,8 +260,9 @@ std::vector<Eigen::Matrix2d> Correlation::deformation_gradient(const Eigen::Vect
   return F;
 }
 
+template <class Real>
 void Correlation::interpolate(const imaging::BSpline& g, int element, const InImage& shift, const Eigen::VectorXd& U, bool slopes,
-                              Seen& seen) const {
+                              Seen<Real>& seen) const {
   const ElementPixels pixels = pixels_of(element);
   const Corners u = of_element(shift, element);
   const Corners deformed = u + of_element(positions_, element);
@@ -272,11 +273,14 @@ void Correlation::interpolate(const imaging::BSpline& g, int element, const InIm
   const int whole_x = static_cast<int>(std::floor(u.col(0).mean())), whole_y = static_cast<int>(std::floor(u.col(1).mean()));
   const auto padded = static_cast<std::size_t>(pixels.count + lanes - 1);
   seen.dx.resize(padded), seen.dy.resize(padded), seen.value.resize(padded);
-  const Eigen::Vector<float, 5> beyond_x = bulge.coefficients.col(0), beyond_y = bulge.coefficients.col(1);
-  map_at(pixels, bilinear(u.col(0).array() - whole_x).cast<float>(), curved ? &beyond_x : nullptr, seen.dx.data());
-  map_at(pixels, bilinear(u.col(1).array() - whole_y).cast<float>(), curved ? &beyond_y : nullptr, seen.dy.data());
+  const auto map = [&](int component, int whole, std::vector<Real>& values) {
+    const Eigen::Vector<Real, 4> flat = bilinear(u.col(component).array() - whole).template cast<Real>();
+    const Eigen::Vector<Real, 5> beyond = bulge.coefficients.col(component).template cast<Real>();
+    map_at(pixels, flat.data(), curved ? beyond.data() : nullptr, values.data());
+  };
+  map(0, whole_x, seen.dx), map(1, whole_y, seen.dy);
   // A pixel beyond an element's outline by rounding must not touch what lies outside: one pixel of margin.
-  const double margin = 1.0 + (curved ? bulge.coefficients.cwiseAbs().sum() : 0.0F);
+  const double margin = 1.0 + (curved ? bulge.coefficients.cwiseAbs().sum() : 0.0);
   const bool inside = deformed.minCoeff() >= margin && deformed.col(0).maxCoeff() <= g.width() - 1 - margin &&
                       deformed.col(1).maxCoeff() <= g.height() - 1 - margin;
   std::size_t p = 0;
@@ -291,34 +295,41 @@ void Correlation::interpolate(const imaging::BSpline& g, int element, const InIm
   for (const PixelRow& run : quadrature_.rows_of(element))
     for (int i = 0; i < run.count; ++i, ++p) {
       const double x = run.column + i + whole_x + static_cast<double>(seen.dx[p]), y = run.row + whole_y + static_cast<double>(seen.dy[p]);
-      const auto sample = g.contains(x, y) ? g.sample(x, y) : imaging::BSpline::Sample{NAN, {NAN, NAN}};
-      seen.value[p] = sample.value;
-      if (slopes) seen.slope_x[p] = sample.slope.x(), seen.slope_y[p] = sample.slope.y();
+      seen.value[p] = g.contains(x, y) ? g.value<Real>(x, y) : Real(NAN);
+      if (!slopes) continue;
+      const Eigen::Vector2f slope = g.gradient(x, y);
+      seen.slope_x[p] = slope.x(), seen.slope_y[p] = slope.y();
     }
 }
 
-Evaluation Correlation::evaluate(const imaging::BSpline& g, const Eigen::VectorXd& U, const Communicator& group,
-                                 Gradient gradient) const {
-  const PixelQuadrature& q = quadrature_;
-  const InImage shift = pixel_displacement(U);
+template <class Real>
+std::vector<ElementSums> Correlation::sums_of(int begin, int end, const imaging::BSpline& g, const InImage& shift, const Eigen::VectorXd& U,
+                                              Gradient gradient) const {
   const bool own_slopes = gradient == Gradient::deformed;
-  const auto [begin, end] = share(group);
-  const auto mine = static_cast<std::size_t>(end - begin);
-
-  // Element sums. Grey levels are counted from the reference's mean, so that the moments keep their digits.
-  std::vector<ElementSums> sums(mine);
-  const float grey0 = mean_grey_;
+  std::vector<ElementSums> sums(static_cast<std::size_t>(end - begin));
 #pragma omp parallel
   {
-    Seen seen;
+    Seen<Real> seen;
 #pragma omp for schedule(static)
     for (int e = begin; e < end; ++e) {
       interpolate(g, e, shift, U, own_slopes, seen);
       ElementPixels pixels = pixels_of(e);
       if (own_slopes) pixels.gx = seen.slope_x.data(), pixels.gy = seen.slope_y.data();
-      sums[static_cast<std::size_t>(e - begin)] = sum_pixels(pixels, seen.value.data(), grey0, brightness_);
+      sums[static_cast<std::size_t>(e - begin)] = sum_pixels(pixels, seen.value.data(), mean_grey_, brightness_);
     }
   }
+  return sums;
+}
+
+Evaluation Correlation::evaluate(const imaging::BSpline& g, const Eigen::VectorXd& U, const Communicator& group,
+                                 Gradient gradient, Precision precision) const {
+  const PixelQuadrature& q = quadrature_;
+  const InImage shift = pixel_displacement(U);
+  const bool own_slopes = gradient == Gradient::deformed;
+  const auto [begin, end] = share(group);
+  // Element sums. Grey levels are counted from the reference's mean, so that the moments keep their digits.
+  const auto sums = precision == Precision::single ? sums_of<float>(begin, end, g, shift, U, gradient) : sums_of<double>(begin, end, g, shift, U, gradient);
+  const float grey0 = mean_grey_;
 
   // Light and correlation coefficient from the moments of all pixels.
   Evaluation result;
@@ -405,7 +416,7 @@ std::vector<float> Correlation::residual(const imaging::BSpline& g, const Eigen:
   std::vector<float> residual(quadrature_.pixels());
 #pragma omp parallel
   {
-    Seen here;
+    Seen<float> here;
 #pragma omp for schedule(static)
     for (int e = 0; e < elements(); ++e) {
       const float gain = brightness_ ? static_cast<float>(seen.element_gain[e]) : 1.0F;

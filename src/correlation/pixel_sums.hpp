@@ -21,13 +21,15 @@ struct ElementSums {
   double f = 0.0, g = 0.0, fg = 0.0, gg = 0.0, squares = 0.0;  ///< sums of a, b, ab, b^2, r^2
   double seen = 0.0;                                            ///< pixels that are not NaN in g: the others are in no sum
 };
-/// `g` [count]: the deformed image at the pixels.
+/// `g` [count]: the deformed image at the pixels; its precision is that of the sums.
 [[nodiscard]] ElementSums sum_pixels(const ElementPixels& pixels, const float* g, float level, bool light);
+[[nodiscard]] ElementSums sum_pixels(const ElementPixels& pixels, const double* g, float level, bool light);
 
 /// Sums of N_i N_j (gx gx, gx gy, gy gy, 1) for i <= j.
 [[nodiscard]] Gram sum_gram(const ElementPixels& pixels);
 
-/// A map of the element at every pixel: c0 + c1 xi + c2 eta + c3 xi eta, and what it has beyond that (Bulge), if anything.
-void map_at(const ElementPixels& pixels, const Eigen::Vector4f& bilinear, const Eigen::Vector<float, 5>* beyond, float* values);
+/// A map of the element at every pixel: c0 + c1 xi + c2 eta + c3 xi eta, `bilinear` [4], and what it has beyond that (Bulge) [5], if not null.
+void map_at(const ElementPixels& pixels, const float* bilinear, const float* beyond, float* values);
+void map_at(const ElementPixels& pixels, const double* bilinear, const double* beyond, double* values);
 
 }  // namespace imic3d::correlation

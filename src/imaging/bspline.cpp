@@ -54,33 +54,36 @@ IMIC3D_CLONES void prefilter(const float* samples, std::ptrdiff_t samples_stride
 }
 
 /// The four cubic B-splines that reach a cell, times 6, at t in [0, 1].
+template <class Real>
 struct Weights {
-  Floats w[4];
-  IMIC3D_INLINE explicit Weights(const Floats& t) {
-    const Floats s = 1.0F - t;
+  Lanes<Real> w[4];
+  IMIC3D_INLINE explicit Weights(const Lanes<Real>& t) {
+    const Lanes<Real> s = Real(1) - t;
     w[0] = s * s * s, w[3] = t * t * t;
-    w[1] = 4.0F + t * t * (3.0F * t - 6.0F);
-    w[2] = 6.0F - w[0] - w[1] - w[3];
+    w[1] = Real(4) + t * t * (Real(3) * t - Real(6));
+    w[2] = Real(6) - w[0] - w[1] - w[3];
   }
 };
 
 // `corner`: coefficient (column - 1, row - 1).
-IMIC3D_CLONES void interpolate_row(const float* corner, std::ptrdiff_t stride, const float* dx, const float* dy, int count, float* values) {
+template <class Real>
+IMIC3D_INLINE void interpolate_row(const float* corner, std::ptrdiff_t stride, const Real* dx, const Real* dy, int count, Real* values) {
   for (int i = 0; i < count;) {
-    const float whole_x = std::floor(dx[i]), whole_y = std::floor(dy[i]);
+    const Real whole_x = std::floor(dx[i]), whole_y = std::floor(dy[i]);
     const float* const c = corner + i + static_cast<std::ptrdiff_t>(whole_x) + static_cast<std::ptrdiff_t>(whole_y) * stride;
-    const Floats tx = load(dx + i) - whole_x, ty = load(dy + i) - whole_y;
-    const Weights x(tx), y(ty);
-    Floats sum{};
+    const Lanes<Real> tx = load<Real>(dx + i) - whole_x, ty = load<Real>(dy + i) - whole_y;
+    const Weights<Real> x(tx), y(ty);
+    Lanes<Real> sum{};
     for (int j = 0; j < 4; ++j) {
       const float* const line = c + j * stride;
-      sum += y.w[j] * (x.w[0] * load(line) + x.w[1] * load(line + 1) + x.w[2] * load(line + 2) + x.w[3] * load(line + 3));
+      sum += y.w[j] * (x.w[0] * load<Real>(line) + x.w[1] * load<Real>(line + 1) + x.w[2] * load<Real>(line + 2) + x.w[3] * load<Real>(line + 3));
     }
-    store(sum * (1.0F / 36.0F), values + i);
+    store<Real>(sum * (Real(1) / Real(36)), values + i);
     // Those that lie in another cell are done in the next turn.
-    const auto own = (tx >= 0.0F) & (tx <= 1.0F) & (ty >= 0.0F) & (ty <= 1.0F);
-    int done = 0, all = -1;
-    for (int l = 0; l < lanes; ++l) all &= own[l];
+    const auto own = (tx >= Real(0)) & (tx <= Real(1)) & (ty >= Real(0)) & (ty <= Real(1));
+    int done = 0;
+    auto all = own[0];
+    for (int l = 1; l < lanes; ++l) all &= own[l];
     if (all != 0)
       done = lanes;
     else
@@ -89,10 +92,20 @@ IMIC3D_CLONES void interpolate_row(const float* corner, std::ptrdiff_t stride, c
   }
 }
 
+IMIC3D_CLONES void row_of(const float* corner, std::ptrdiff_t stride, const float* dx, const float* dy, int count, float* values) {
+  interpolate_row(corner, stride, dx, dy, count, values);
+}
+IMIC3D_CLONES void row_of(const float* corner, std::ptrdiff_t stride, const double* dx, const double* dy, int count, double* values) {
+  interpolate_row(corner, stride, dx, dy, count, values);
+}
+
 }  // namespace
 
 void BSpline::shifted_row(int column, int row, const float* dx, const float* dy, int count, float* values) const {
-  interpolate_row(corner(column, row), stride_, dx, dy, count, values);
+  row_of(corner(column, row), stride_, dx, dy, count, values);
+}
+void BSpline::shifted_row(int column, int row, const double* dx, const double* dy, int count, double* values) const {
+  row_of(corner(column, row), stride_, dx, dy, count, values);
 }
 
 BSpline::BSpline(const Image& image) : width_(image.width), height_(image.height), stride_(image.width + 2 * border) {

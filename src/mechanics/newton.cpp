@@ -57,16 +57,15 @@ Outcome Newton::solve(Start start, const Accuracy& accuracy, int& iterations) {
     double scale = std::max({size, load, 1e-30});
     if (optical != nullptr) scale = std::max(scale, (optical->stiffness * balance_.numbering().to_natural(balance_.displacement())).norm());
     residuals_.push_back(norm / scale);
-    // Below the tolerance, or at the level of round-off where it no longer falls; grey levels are single precision.
+    // Below the tolerance, or at the level of round-off where it no longer falls.
     const bool ends_early = accuracy.forces >= options_.tolerance && optical == nullptr;
-    const double tolerance = optical != nullptr ? options_.optical_tolerance : accuracy.forces > 0.0 ? accuracy.forces : options_.tolerance;
+    const double tolerance = accuracy.forces > 0.0 && optical == nullptr ? accuracy.forces : options_.tolerance;
     const double enough = std::max(tolerance * scale, least_norm_);
     // The last correction of Newton's method ends far below the tolerance: those of a kept factor go on as long as they help.
     const double target = may_keep && kept && !ends_early ? (iteration > 0 ? 1e-4 : 1e-2) * tolerance * scale : enough;
     const bool pays = may_keep && factor.made && missing == 0.0 && (iteration == 0 ? near : rate < 1.0 && std::log(target / norm) > corrections_of_a_factor * std::log(rate));
     if (missing == 0.0 && (iteration > 0 || near)) {
-      const double round_off = optical != nullptr ? 1e-5 : 1e-8;
-      const bool stalled = !kept && iteration > (optical != nullptr ? 5 : 2) && norm > 0.5 * previous && norm < round_off * scale;
+      const bool stalled = !kept && iteration > (optical != nullptr ? 5 : 2) && norm > 0.5 * previous && norm < 1e-8 * scale;
       // A rigid motion costs hardly any force where the images pull weakly: it is the displacement that must have settled.
       double moved = 0.0, whole = 0.0;
       IMIC3D_PETSC(VecNorm(correction_, NORM_2, &moved));

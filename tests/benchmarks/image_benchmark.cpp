@@ -18,6 +18,7 @@ namespace {
 using correlation::Correlation;
 using correlation::CorrelationOptions;
 using correlation::Gradient;
+using correlation::Precision;
 
 // ---- the machine ----
 
@@ -128,17 +129,18 @@ Correlation sheet_of(double element, const CorrelationOptions& options = {}) {
 }
 
 /// Residual, b and element sums of one deformed image: a right-hand side. Elements of `range` pixels.
-void right_hand_side(benchmark::State& state, const CorrelationOptions& options, Gradient gradient) {
+void right_hand_side(benchmark::State& state, const CorrelationOptions& options, Gradient gradient, Precision precision = Precision::single) {
   const Correlation correlation = sheet_of(static_cast<double>(state.range(0)), options);
   const imaging::BSpline g(waves(width, height, stretch));
   const Eigen::VectorXd U = nodal(correlation.surface(), stretch);
   const Communicator alone{MPI_COMM_SELF};
   double rms = 0.0;
-  for (auto _ : state) rms = correlation.evaluate(g, U, alone, gradient).rms();
+  for (auto _ : state) rms = correlation.evaluate(g, U, alone, gradient, precision).rms();
   if (!(rms < 2.0)) state.SkipWithError("the motion is not the one of the images");
   pixels(state, correlation.quadrature().pixels());
 }
 BENCHMARK_CAPTURE(right_hand_side, plain, {}, Gradient::reference)->Arg(10)->Arg(20)->Arg(40)->Arg(100)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(right_hand_side, full_precision, {}, Gradient::reference, Precision::full)->Arg(20)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(right_hand_side, transported, {}, Gradient::transported)->Arg(20)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(right_hand_side, brightness, {.brightness = true}, Gradient::transported)->Arg(20)->Unit(benchmark::kMillisecond);
 

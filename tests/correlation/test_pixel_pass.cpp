@@ -227,6 +227,36 @@ TEST(PixelPass, OfLargeStrainAndFarMotionIsThePlainOne) {
   compare("far and strained", scene, U, rounding);
 }
 
+// Differences over 1e-7 px against those over 1e-3 px: of what is known to 6e-8 px only nothing would be left.
+TEST(PixelPass, InFullPrecisionIsSmooth) {
+  const auto compare_differences = [](const char* name, const Scene& scene, const Eigen::VectorXd& U, double pixels_per_length) {
+    const BSpline f(scene.reference), g(scene.deformed);
+    const Correlation correlation(scene.quads, scene.eye, f, scene.options);
+    const Eigen::VectorXd direction = some(U.size(), 1.0).reverse();
+    const auto slope = [&](double step, Precision precision) -> Eigen::VectorXd {
+      const Eigen::VectorXd dU = step / pixels_per_length * direction;
+      return (correlation.evaluate(g, U + dU, alone, Gradient::reference, precision).b - correlation.evaluate(g, U - dU, alone, Gradient::reference, precision).b) / (2.0 * step);
+    };
+    const Eigen::VectorXd truth = slope(1e-3, Precision::full);
+    const auto error = [&](Precision precision) { return (slope(1e-7, precision) - truth).norm() / truth.norm(); };
+    const double single = error(Precision::single), full = error(Precision::full);
+    std::printf("[          ] %s: single %.1e, full %.1e\n", name, single, full);
+    EXPECT_LT(full, 1e-5) << name;
+    EXPECT_GT(single, 1e-2) << name;  // else the test tells nothing
+    const Evaluation coarse = correlation.evaluate(g, U, alone), fine = correlation.evaluate(g, U, alone, Gradient::reference, Precision::full);
+    EXPECT_LT((coarse.b - fine.b).norm(), 1e-6 * fine.b.norm()) << name;
+    EXPECT_NEAR(coarse.squares, fine.squares, 1e-6 * fine.squares) << name;
+    EXPECT_EQ(coarse.dropped, fine.dropped) << name;
+  };
+  const Scene scene = flat(rectangle(1.0, 1.2, 10.8, 10.4, 7, 6), 10.0, 15.0, 128.0, 0.05, {.local_brightness = true});
+  compare_differences("telecentric", scene, some(2 * 8 * 7, 0.1), 10.0);
+  const Scene border = flat(rectangle(0.0, 0.0, 16.5, 14.5, 9, 8), 10.0, -3.0, 142.0, 0.0, {.brightness = true, .quadrature = {.clip = true}});
+  compare_differences("borders", border, some(2 * 10 * 9, 0.3), 10.0);
+  const Scene tilted{rectangle(-3.5, -3.0, 3.5, 3.0, 15, 13), std::make_shared<imaging::PinholeCamera>(looking_from(15.0, 160, 140)),
+                     photograph(pattern(), 160, 140), photograph(pattern(), 160, 140, bent), {.dofs_per_node = 3, .quadrature = {.clip = true}}};
+  compare_differences("perspective", tilted, some(3 * tilted.quads.nodes.rows(), 0.02), 20.0);
+}
+
 // The biquadratic map of the elements is not the projection itself, which is what is projected here, but of elements of 7 px it is nearly so.
 TEST(PixelPass, OfPerspectiveCamerasIsThePlainOne) {
   std::vector<std::shared_ptr<const Correlation>> correlations;

@@ -24,7 +24,7 @@ const char* name(Control control) {
 void expect_derivatives(Control control) {
   const Communicator world;
   Plate plate(stretch);
-  const mechanics::EquilibriumOptions tight{.max_iterations = 40, .tolerance = 1e-13, .optical_tolerance = 1e-12, .derivative_tolerance = 1e-11};
+  const mechanics::EquilibriumOptions tight{.max_iterations = 40, .tolerance = 1e-13, .derivative_tolerance = 1e-11};
   ForwardModel model(world, plate.specimen, plate.law, plate.record, tight, 1, 1);
   auto parameters = plate.truth;
   parameters[2] *= 1.03;

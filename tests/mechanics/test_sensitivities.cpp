@@ -120,7 +120,7 @@ class Bar {
     const Communicator world;
     const mesh::Partition partition = mesh::partition(mesh_, world);
     const double tight = driven_ == Driven::by_images ? 1e-12 : 1e-13;
-    Equilibrium equilibrium(partition, mesh_, law_, dofs_, {.max_iterations = 40, .tolerance = tight, .optical_tolerance = tight, .derivative_tolerance = 1e-11});
+    Equilibrium equilibrium(partition, mesh_, law_, dofs_, {.max_iterations = 40, .tolerance = tight, .derivative_tolerance = 1e-11});
     Path path;
     path.d_displacement.resize(free.size() + static_cast<std::size_t>(directions)), path.d_reaction.resize(path.d_displacement.size());
     path.plastic_strain.resize(mesh_.cells.rows(), static_cast<Eigen::Index>(steps.size()));

@@ -2,6 +2,7 @@
 // Pixels side by side: vectors of eight numbers, and loops compiled for several generations of processors.
 
 #include <cstring>
+#include <type_traits>
 
 /// Before a function that shall use the vector units of the machine it runs on, though the program is built for any x86-64:
 /// it is chosen when the program is loaded. What the versions compute differs by the rounding of fused multiply-adds.
@@ -20,14 +21,20 @@ namespace imic3d {
 inline constexpr int lanes = 8;
 using Floats = float __attribute__((vector_size(4 * lanes)));
 using Doubles = double __attribute__((vector_size(8 * lanes)));
+template <class Real>
+using Lanes = std::conditional_t<std::is_same_v<Real, float>, Floats, Doubles>;
 
-[[nodiscard]] IMIC3D_INLINE Floats load(const float* from) {
-  Floats values;
+/// Numbers of an array, in the precision of `Real`.
+template <class Real = float, class Stored>
+[[nodiscard]] IMIC3D_INLINE Lanes<Real> load(const Stored* from) {
+  Lanes<Stored> values;
   std::memcpy(&values, from, sizeof values);
-  return values;
+  return __builtin_convertvector(values, Lanes<Real>);
 }
-IMIC3D_INLINE void store(const Floats& values, float* to) { std::memcpy(to, &values, sizeof values); }
+template <class Real>
+IMIC3D_INLINE void store(const Lanes<Real>& values, Real* to) { std::memcpy(to, &values, sizeof values); }
 [[nodiscard]] IMIC3D_INLINE Doubles doubles(const Floats& values) { return __builtin_convertvector(values, Doubles); }
+[[nodiscard]] IMIC3D_INLINE Doubles doubles(const Doubles& values) { return values; }
 [[nodiscard]] IMIC3D_INLINE double total(const Floats& v) {
   double sum = 0.0;
   for (int l = 0; l < lanes; ++l) sum += static_cast<double>(v[l]);

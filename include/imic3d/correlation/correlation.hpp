@@ -39,9 +39,16 @@ enum class Gradient {
                 ///< gain and offset (biased by noise)
 };
 
+/// Of a pixel's displacement, of what is interpolated there, and of the sums over some pixels.
+enum class Precision {
+  single,  ///< 6e-8 px: more than images tell. b is then a function of U with steps of that size
+  full     ///< b is as smooth as the spline, for whoever solves for U beyond that; takes 1.4 times as long
+};
+
 /// Sums over an element's pixels of N_i N_j (fx fx, fx fy, fy fy, 1) for i <= j.
 using Gram = std::array<std::array<double, 4>, 10>;
 struct ElementPixels;
+struct ElementSums;
 
 /// What an image answers to a displacement.
 struct Evaluation {
@@ -100,7 +107,7 @@ class Correlation {
 
   /// Residual f - g(x + u), b_DIC (Eq. 9) and sums of the deformed image `g` at U.
   [[nodiscard]] Evaluation evaluate(const imaging::BSpline& g, const Eigen::VectorXd& U, const Communicator& group,
-                                    Gradient gradient = Gradient::reference) const;
+                                    Gradient gradient = Gradient::reference, Precision precision = Precision::single) const;
 
   /// f - (gain * g(x + u) + offset) [pixels of the quadrature, grey level]; NaN where the pixel left the image. The
   /// gain and offset are fitted if the options say so. Not collective.
@@ -121,12 +128,17 @@ class Correlation {
   [[nodiscard]] std::pair<int, int> share(const Communicator& group) const;
   [[nodiscard]] ElementPixels pixels_of(int element) const;
   /// The deformed image at the pixels of an element, NaN where they have left it. Kept from element to element of a thread.
+  template <class Real>
   struct Seen {
-    std::vector<float> dx, dy;            // displacement less its whole pixels
-    std::vector<float> value;             // g(x + u)
+    std::vector<Real> dx, dy;             // displacement less its whole pixels
+    std::vector<Real> value;              // g(x + u)
     std::vector<float> slope_x, slope_y;  // grad g(x + u), if asked for
   };
-  void interpolate(const imaging::BSpline& g, int element, const InImage& shift, const Eigen::VectorXd& U, bool slopes, Seen& seen) const;
+  template <class Real>
+  void interpolate(const imaging::BSpline& g, int element, const InImage& shift, const Eigen::VectorXd& U, bool slopes, Seen<Real>& seen) const;
+  /// Sums of the elements begin ... end - 1.
+  template <class Real>
+  [[nodiscard]] std::vector<ElementSums> sums_of(int begin, int end, const imaging::BSpline& g, const InImage& shift, const Eigen::VectorXd& U, Gradient gradient) const;
   /// Projections of the middles of the edges and of the centre of an element displaced by U, if given.
   [[nodiscard]] Eigen::Matrix<double, 5, 2> inner_points(int element, const Eigen::VectorXd* U) const;
   void correct_local_coordinates();

@@ -40,8 +40,7 @@ struct EquilibriumOptions {
   int increments = 1;             ///< load increments between two frames
   int max_iterations = 20;        ///< Newton iterations per increment
   int max_cuts = 6;               ///< doublings of a frame's increments before giving up
-  double tolerance = 1e-10;       ///< residual relative to the norm of the internal forces
-  double optical_tolerance = 1e-6;  ///< the same where the images take part
+  double tolerance = 1e-10;       ///< residual relative to the norm of the internal forces; where images take part, to that of the optical ones if it is larger
   double derivative_tolerance = 1e-9;  ///< unbalanced derivative of the forces, relative to that at fixed displacement
   bool keep_factors = true;       ///< a direct solver's factors serve while their corrections converge fast; else Newton's method takes the tangent anew in every iteration
   double memory_of_factors = 500.0;  ///< that a solver may spend on factors of frames that are simulated again, on each rank [MB]; one is always kept
@@ -112,7 +111,7 @@ class Equilibrium {
   /// A frame that fails is begun anew with twice as many, equal increments; if that fails too often the frames so far
   /// stand and the status says why. `increments`: the number to begin each frame with (empty: options.increments).
   /// With an `optical` term Newton's method is a modified one (grad F for grad G): it converges linearly, and
-  /// `options.optical_tolerance` is relative to the optical forces of the whole displacement.
+  /// `options.tolerance` is relative to the optical forces of the whole displacement, if these are larger. The term has to be smooth to that.
   ///
   /// `free`: the law's parameters by which the path is differentiated, directly: with the history's derivatives carried at the points,
   ///     K dU/dLambda = -(dF_int/dLambda + dF_int/dxi_n . dxi_n/dLambda)
