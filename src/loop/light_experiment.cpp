@@ -23,9 +23,11 @@ constexpr double judged_by_ratio = 10.0;   // standard deviations
 
 Eigen::VectorXd compressed(const Eigen::VectorXd& z) { return judged_by_ratio * (z / judged_by_ratio).array().asinh(); }
 
-/// L^-1 of (1 - shared) 1 + (shared + level) 1 1^T.
-Eigen::MatrixXd over_time(Eigen::Index frames, double shared, double level) {
-  const Eigen::MatrixXd covariance = (1.0 - shared) * Eigen::MatrixXd::Identity(frames, frames) + Eigen::MatrixXd::Constant(frames, frames, shared + level);
+/// L^-1 of S ((1 - shared) 1 + shared 1 1^T) S + level 1 1^T, S of each frame's standard deviation [frames].
+Eigen::MatrixXd over_time(const Eigen::VectorXd& deviation, double shared, double level) {
+  const auto frames = deviation.size();
+  const Eigen::MatrixXd alike = (1.0 - shared) * Eigen::MatrixXd::Identity(frames, frames) + Eigen::MatrixXd::Constant(frames, frames, shared);
+  const Eigen::MatrixXd covariance = deviation.asDiagonal() * alike * deviation.asDiagonal() + Eigen::MatrixXd::Constant(frames, frames, level);
   return covariance.llt().matrixL().solve(Eigen::MatrixXd::Identity(frames, frames));
 }
 
@@ -168,14 +170,23 @@ void LightExperiment::make_whitening() {
     const Eigen::MatrixXd Q = Eigen::HouseholderQR<Eigen::MatrixXd>(w.of_fitted.leftCols(2)).householderQ() * Eigen::MatrixXd::Identity(w.of_fitted.rows(), 2);
     w.kept = Eigen::MatrixXd::Identity(w.of_fitted.rows(), w.of_fitted.rows()) - Q * Q.transpose();
     if (optics.gain_and_offset_fitted) w.of_linear = (w.kept * w.of_linear).eval();
-    w.linear_over_time = over_time(count, 0.0, 1.0 / optics.references);
+    // A frame of more noise scatters more in all its numbers: by its places' median mean square over the expected one, where that is off by more than the level is known to.
+    const double of_reference = 1.0 / optics.references;
+    Eigen::VectorXd mean_square(count);
+    for (Eigen::Index t = 0; t < count; ++t) {
+      const Eigen::VectorXd ratios = frames[static_cast<std::size_t>(t)].squares.cwiseQuotient(w.expected.col(t));
+      const double middle = median(std::vector<double>(ratios.begin(), ratios.end()));
+      mean_square[t] = std::abs(middle - 1.0) > level_known_to ? middle : 1.0;
+    }
+    const Eigen::VectorXd scatter = (mean_square.array() * (1.0 + of_reference) - of_reference).max(0.1).sqrt();
+    w.linear_over_time = over_time(scatter, 0.0, of_reference);
     for (Eigen::Index c = 0; c < cells; ++c) {
       double mean_deviation = 0.0, shared = 0.0;
       for (Eigen::Index t = 0; t < count; ++t) {
         mean_deviation += w.deviation(c, t) / static_cast<double>(count);
         shared += optics.shared / optics.pixels[c] / frames[static_cast<std::size_t>(t)].spread[c] / static_cast<double>(count);
       }
-      w.over_time.push_back(over_time(count, std::min(0.9, shared), std::pow(level_known_to / mean_deviation, 2)));
+      w.over_time.push_back(over_time(mean_square, std::min(0.9, shared), std::pow(level_known_to / mean_deviation, 2)));
     }
     whitening_.push_back(std::make_shared<const Whitening>(std::move(w)));
   }

@@ -130,7 +130,9 @@ TEST(Joint, ATestsBaselinesAreOfItsOwnCandidates) {
     for (std::size_t k = 0; k < report.declared.others.size(); ++k) {
       const auto& all = joint.candidates()[static_cast<std::size_t>(report.declared.others[k])].name;
       const auto& own = curves.candidates()[static_cast<std::size_t>(bars.declared.others[i])].name;
-      if (all == own || all == own + " (bars)") EXPECT_EQ(bars.declared.baselines.cosine[i], report.declared.baselines.cosine[k]);
+      if (all == own || all == own + " (bars)") {
+        EXPECT_EQ(bars.declared.baselines.cosine[i], report.declared.baselines.cosine[k]);
+      }
     }
 }
 

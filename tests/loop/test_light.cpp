@@ -193,7 +193,7 @@ std::vector<Planted> planted() {
   return {{"light gain", "gain_drift", -0.01, [=](double grey, int t, const auto&, const auto&) { return grey * (1.0 - 0.01 * clock(t)); }},
           {"light offset", "offset_drift", 1.5, [=](double grey, int t, const auto&, const auto&) { return grey + 1.5 * clock(t); }},
           {"light gradient", "gradient_x", 0.002, [=](double grey, int t, const auto& pixel, const auto&) { return grey * (1.0 + 0.002 * clock(t) * (pixel[0] / scale - 5.0)); }},
-          {"noise level", "noise_drift", 0.15, as_it_is}};
+          {"noise level", "noise_drift", 0.3, as_it_is}};
 }
 
 TEST_P(PlantedLight, IsNamedWithItsSize) {
