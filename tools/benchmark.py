@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """Whole runs as ratios of processor time (user and system, one thread): medians, all sides in one call, taking turns.
 
-Usage: benchmark.py [--only calculix,identification,loop] [--repeats 5] [--loops 1] [--cores 1] [--program FILE] [--output FOLDER] [--size-hole 1 --size-far 2.5 --layers 1]
+Usage: benchmark.py [--only calculix,identification,loop] [--repeats 5] [--loops 1] [--cores 1] [--which TEXT] [--program FILE] [--output FOLDER] [--size-hole 1 --size-far 2.5 --layers 1]
 
 calculix        a direct simulation of the plate with a hole (hex20), with 1, 3 and 4 increments a frame, and CalculiX (C3D20R) on the
                 same nodes and elements, with the same ends and frames; it cuts large frames by itself. Its law is the transformed table of
@@ -133,6 +133,14 @@ class Benchmark:
         self.ratios.append({"ratio": f"{what} / {over}", "value": round(value, 2), "least": round(min(each), 2), "largest": round(max(each), 2), "measured": [len(a), len(b)]})
         print(f"{what} / {over}: {value:.2f} ({min(each):.2f} to {max(each):.2f})", flush=True)
 
+    def alone(self):
+        """The direct simulation that is the unit of the identification."""
+        what = f"simulation, imic3d, {self.options.increments[0]} a frame"
+        for _ in range(self.options.repeats):
+            self.times.setdefault(what, []).append(self.simulate("simulation_1", self.options.increments[0])[0])
+        self.unknowns = 3 * len(self.nodes)
+        self.row(what)
+
     def against_calculix(self):
         _, fine_force, fine_u = self.simulate("fine", FINE)
         ends = np.zeros((len(VALUES) - 1, len(self.nodes), 2))
@@ -183,12 +191,14 @@ class Benchmark:
                 for name, stages in (("four stages", FOUR), ("one stage", ONE))}
         if self.options.perturbed:
             runs["identification, four stages, perturbed"] = ("perturbed", FOUR)
+        runs = {what: how for what, how in runs.items() if self.options.which in what}
         found = {}
         for _ in range(self.options.repeats):
             for what, how in runs.items():
                 spent, found[what] = self.identify(what, *how)
                 self.times.setdefault(what, []).append(spent)
-            self.times.setdefault("imic3d dic", []).append(self.imic3d("dic", "identification_four_stages.yaml", "--output", "dic"))
+            case = next(iter(runs)).replace(", ", "_").replace(" ", "_")
+            self.times.setdefault("imic3d dic", []).append(self.imic3d("dic", f"{case}.yaml", "--output", "dic"))
         self.row("imic3d dic")
         for what in runs:
             self.row(what, errors(found[what]))
@@ -229,7 +239,7 @@ class Benchmark:
         only = self.options.only.split(",")
         if self.options.cores > 1 and (load := os.getloadavg()[0]) > 0.3:
             print(f"load {load:.1f}: others use this machine, and wall times are worth little")
-        self.against_calculix()
+        self.against_calculix() if "calculix" in only else self.alone()
         if "identification" in only or "loop" in only:
             self.identification()
         if "loop" in only:
@@ -261,6 +271,7 @@ def main():
     parser.add_argument("--size-far", type=float, default=2.5)
     parser.add_argument("--layers", type=int, default=1)
     parser.add_argument("--cores", type=int, default=1, help="wall time on as many, instead of processor time on one")
+    parser.add_argument("--which", default="", help="identifications whose name has it: `four stages`, `one stage`, `displacement-driven`")
     parser.add_argument("--no-perturbed", dest="perturbed", action="store_false")
     parser.add_argument("--fine-calculix", action="store_true", help="CalculiX's accuracy against itself with 32 increments a frame")
     options = parser.parse_args()

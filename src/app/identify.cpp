@@ -98,17 +98,17 @@ void identify(const Communicator& world, const CommandOptions& options) {
                         .driving = [&](const Eigen::MatrixXd& noise) { return driving_displacement(seen, noise); },
                         .calibration = calibration_errors(seen, test, specimen, record.surface_displacement, test.identify.noise_draws),
                         .draws = test.identify.noise_draws};
+  const SimulationTasks tasks = simulation_tasks(test);
+  id::ForwardModel model(world, specimen, material.law, record, {.increments = test.identify.steps_per_frame},
+                         tasks.side_by_side, test.identify.groups, tasks.before);
+
   const bool gap = solver.functional == id::Functional::equilibrium_gap;
   if (solver.functional != id::Functional::force_driven && !gap) {
-    const double reaction = found.reaction_noise ? *found.reaction_noise : id::reaction_noise(world, specimen, material.law, driving_noise(seen), material.values);
+    const double reaction = found.reaction_noise ? *found.reaction_noise : id::reaction_noise(world, model, driving_noise(seen), material.values);
     checkpoint.reaction_noise(reaction);
     spdlog::info("noise of the reaction through the displacement of the ends: {:.4g} {}", reaction, test.units.force);
     solver.force_noise = std::hypot(solver.force_noise, reaction);
   }
-
-  const SimulationTasks tasks = simulation_tasks(test);
-  id::ForwardModel model(world, specimen, material.law, record, {.increments = test.identify.steps_per_frame},
-                         tasks.side_by_side, test.identify.groups, tasks.before);
 
   const auto parameters = static_cast<Eigen::Index>(material.values.size());
   Eigen::MatrixXd covariance = Eigen::MatrixXd::Constant(parameters, parameters, std::nan(""));

@@ -126,11 +126,13 @@ std::vector<double> cut_offs_of_least_error(const Measure& measure, const Eigen:
   for (double cut_off = longest; cut_off > 0.99 * longest / 16.0; cut_off /= std::sqrt(2.0)) cut_offs.push_back(cut_off);
   Eigen::MatrixXd error(static_cast<Eigen::Index>(cut_offs.size()), frames);
   error.row(0).setConstant(2.0 * static_cast<double>(count));
+  Factor factor;
+  factor.analyzePattern(measure.M + energy);
   for (std::size_t k = 1; k < cut_offs.size(); ++k) {
     const Eigen::SparseMatrix<double> bent = measure.smoothing_weight(cut_offs[k]) * energy;
-    const Factor factor(measure.M + bent);
+    factor.factorize(measure.M + bent);
     const Eigen::MatrixXd lost = factor.solve(bent * factor.solve(bent * U)), once = factor.solve(at);
-    const Eigen::ArrayXd kept = diagonal(2.0 * once - factor.solve(measure.M * once));  // of the noise: its covariance with what smoothing leaves of it, over sigma^2
+    const Eigen::ArrayXd kept = 2.0 * diagonal(once) - once.cwiseProduct(measure.M * once).colwise().sum().transpose().array();  // of the noise: its covariance with what smoothing leaves of it, over sigma^2
     error.row(static_cast<Eigen::Index>(k)) = (lost(unknowns, Eigen::all).array().square().colwise() / (sigma * sigma * variance)).colwise().sum() + 2.0 * (kept / variance).sum();
   }
   std::vector<double> chosen(static_cast<std::size_t>(frames));

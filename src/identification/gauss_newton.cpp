@@ -496,24 +496,23 @@ void fit_rigid_motion(const Specimen& specimen, Control control, const Eigen::Sp
   }
 }
 
-double reaction_noise(Communicator world, const Specimen& specimen, std::shared_ptr<const material::FiniteStrainLaw> law,
-                      const Eigen::MatrixXd& driving, const std::vector<double>& parameters) {
+double reaction_noise(Communicator world, ForwardModel& model, const Eigen::MatrixXd& driving, const std::vector<double>& parameters) {
   // Betti: the resultant that a displacement of the ends takes is the work on it of the forces that hold the ends where the loaded one moves by one.
+  const Specimen& specimen = model.specimen();
   const auto& dofs = specimen.displacement_dofs;
   const double small = 1e-6 * (specimen.volume.nodes.col(specimen.axis).maxCoeff() - specimen.volume.nodes.col(specimen.axis).minCoeff());
   Eigen::MatrixXd unit = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(dofs.size()), 1);
   for (std::size_t i = 0; i < dofs.size(); ++i)
     if (dofs[i] % 3 == specimen.axis && std::binary_search(specimen.loaded.begin(), specimen.loaded.end(), dofs[i] / 3)) unit(static_cast<Eigen::Index>(i), 0) = small;
-  Record at_rest;
-  at_rest.frames.resize(1);
-  at_rest.time = Eigen::VectorXd::Ones(1), at_rest.force = Eigen::VectorXd::Zero(1);
-  at_rest.surface_displacement = at_rest.driving = Eigen::MatrixXd::Zero(driving.rows(), 1);
-  ForwardModel model(world, specimen, std::move(law), std::move(at_rest), {.with_fields = false}, 1, 1);
-  Eigen::VectorXd holding(static_cast<Eigen::Index>(dofs.size()));
-  const Path path = model.simulate(Control::displacement, {{.parameters = parameters, .beyond = &unit}}, 1, [&](int, int, const mechanics::FrameState& state) {
+  const Eigen::MatrixXd at_rest = Eigen::MatrixXd::Zero(driving.rows(), 1);
+  Eigen::VectorXd holding = Eigen::VectorXd::Zero(unit.rows());
+  const Solutions before = model.solutions();
+  const Path path = model.simulate(Control::displacement, {{.parameters = parameters, .driving = &at_rest, .beyond = &unit}}, 1, [&](int, int, const mechanics::FrameState& state) {
     for (std::size_t i = 0; i < dofs.size(); ++i) holding[static_cast<Eigen::Index>(i)] = state.internal[dofs[i]] / small;
   }).front();
+  model.start_from(before);
   if (path.frames < 1) throw ConvergenceError("the noise of the reaction: " + path.message);
+  world.broadcast(std::span(holding.data(), dofs.size()));  // of the first group
   const Eigen::RowVectorXd resultants = specimen.section_factor * (holding.transpose() * (specimen.displacement_from_surface * driving));
   return std::sqrt(resultants.squaredNorm() / static_cast<double>(driving.cols()));
 }

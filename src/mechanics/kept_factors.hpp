@@ -3,6 +3,8 @@
 
 #include <petscksp.h>
 
+#include <algorithm>
+#include <cmath>
 #include <cstddef>
 #include <span>
 #include <vector>
@@ -33,6 +35,10 @@ class KeptFactors {
   /// Whether there was a tangent yet.
   [[nodiscard]] bool any_made() const { return factors_.front().state.made; }
   [[nodiscard]] const State& at_hand() const { return factors_[at_hand_].state; }
+
+  /// What a factorisation with its tangent costs, in corrections with the factor at hand and their passes over the elements: measured on plates of 3,474 to
+  /// 39,342 unknowns (hex20), 7 to 23.
+  [[nodiscard]] double corrections_of_a_factor() const { return 7.0 * std::sqrt(std::max(1.0, static_cast<double>(unknowns_) / 3500.0)); }
 
   /// Takes up the factor of a frame that is simulated `repeatedly`, if there is room for one.
   void take(int of_frame, bool repeatedly);

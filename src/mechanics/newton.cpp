@@ -5,11 +5,6 @@
 
 namespace imic3d::mechanics {
 
-namespace {
-/// A factorisation with its tangent, counted in corrections with the factor at hand and their passes over the elements.
-constexpr double corrections_of_a_factor = 7.0;
-}  // namespace
-
 Newton::Newton(ForceBalance& balance, KeptFactors& factors, const EquilibriumOptions& options) : balance_(balance), factors_(factors), options_(options) {
   IMIC3D_PETSC(VecDuplicate(balance_.displacement(), correction_.put()));
 }
@@ -63,7 +58,7 @@ Outcome Newton::solve(Start start, const Accuracy& accuracy, int& iterations) {
     const double enough = std::max(tolerance * scale, least_norm_);
     // The last correction of Newton's method ends far below the tolerance: those of a kept factor go on as long as they help.
     const double target = may_keep && kept && !ends_early ? (iteration > 0 ? 1e-4 : 1e-2) * tolerance * scale : enough;
-    const bool pays = may_keep && factor.made && missing == 0.0 && (iteration == 0 ? near : rate < 1.0 && std::log(target / norm) > corrections_of_a_factor * std::log(rate));
+    const bool pays = may_keep && factor.made && missing == 0.0 && (iteration == 0 ? near : rate < 1.0 && std::log(target / norm) > factors_.corrections_of_a_factor() * std::log(rate));
     if (missing == 0.0 && (iteration > 0 || near)) {
       const bool stalled = !kept && iteration > (optical != nullptr ? 5 : 2) && norm > 0.5 * previous && norm < 1e-8 * scale;
       // A rigid motion costs hardly any force where the images pull weakly: it is the displacement that must have settled.

@@ -7,8 +7,7 @@ namespace imic3d::mechanics {
 namespace {
 /// So many solutions with the factor at hand an unbalanced derivative may still need before the converged tangent is assembled,
 constexpr double solutions_of_a_tangent = 7.0;
-/// or, where there are so many derivatives that each of their passes costs more, factorised;
-constexpr double solutions_of_a_factor = 5.0;
+/// or, where there are so many derivatives that one of their passes costs two corrections, factorised;
 constexpr std::size_t directions_of_a_factor = 3;
 /// of so many before the first: each is then one solution.
 constexpr std::size_t directions_of_a_factor_at_once = 10;
@@ -100,7 +99,7 @@ bool PathDerivatives::balance_all(int& corrections) {
       balanced = false;
       const double wanted = tolerance_ * scale[k] / norm;
       const auto takes_more = [&](double solutions) { return norm >= last[k] || std::log(wanted) < solutions * std::log(norm / last[k]); };
-      if (by_factor && many && !renewed && takes_more(solutions_of_a_factor)) {
+      if (by_factor && many && !renewed && takes_more(0.5 * factors_.corrections_of_a_factor())) {
         renewed = true;
         if (!(balance_.assemble_tangent() && factors_.renew())) return false;
         for (Anderson& accelerated : acceleration_) accelerated.restart();

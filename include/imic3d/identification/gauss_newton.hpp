@@ -112,9 +112,7 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
 /// the ends: the rms reaction to `driving`, random displacements of the surface [unknowns x draws, length], from
 /// rest, with the law `parameters`, elastic. Where the specimen yields its tangent is lower and so is the noise:
 /// an upper bound there. What is common to neighbouring frames (noise of the reference) counts as if it were not.
-[[nodiscard]] double reaction_noise(Communicator world, const Specimen& specimen,
-                                    std::shared_ptr<const material::FiniteStrainLaw> law,
-                                    const Eigen::MatrixXd& driving, const std::vector<double>& parameters);
+[[nodiscard]] double reaction_noise(Communicator world, ForwardModel& model, const Eigen::MatrixXd& driving, const std::vector<double>& parameters);
 
 /// The rigid motions of the deformed surface that a simulation under `control` leaves to the images [unknowns x modes]. Under
 /// forces those in the plane (2 translations, rotation), and where cameras see them also the translation along z and the
