@@ -62,8 +62,8 @@ constexpr mechanics::Accuracy accuracy_of_start{.forces = 1e-6, .derivatives = 1
 
 /// A step beyond which (Eq. 13) the next one is no smaller than a hundredth of it.
 constexpr double far_step = 3e-2;
-/// A step after which derivatives are taken for those before it: they change by as much, and move what is found by that part of its standard deviation.
-constexpr double near_step = 1e-2;
+/// Steps of so many eta_c, after which derivatives are taken for those before them: they change by as much, and move what is found by that part of its standard deviation.
+constexpr double near_steps = 4.0;
 
 /// Of the simulations that steps follow from. What is left depends on the factors at hand, and must not show where a run is taken up again without them (1e-8 of
 /// the parameters): a residual moves them by a tenth of it on the plate of docs/performance.md, by 13 times as much where two parameters are
@@ -566,7 +566,7 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
         at.normal = assemble(world, model, images, at.linear, stage, options);
         break;
       }
-      const bool near = options.sensitivities == Sensitivities::direct && eta < near_step && at.linear.frames > stage.frames.back();
+      const bool near = options.sensitivities == Sensitivities::direct && eta < near_steps * options.eta && at.linear.frames > stage.frames.back();
       at.linear = linearise(model, images, trial, stage, options, accuracy_of_steps(options, eta), near ? &at.linear : nullptr);
       at.normal = assemble(world, model, images, at.linear, stage, options);
       const double after = at.normal.frames > 0 ? at.normal.cost / at.normal.frames : INFINITY;
