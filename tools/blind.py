@@ -12,15 +12,11 @@ import sys
 import numpy as np
 
 
-# Candidates that are formulas for one function of the model (`formula_for` in result.json): of it a test shows the course.
-FORMULAS = [{"voce_term", "voce_term_2", "power_term", "plateau"}, {"rate", "viscosity"}]
-
-
 class Suite:
     """`make(folder, planted, seed)` writes a case file; `truth`: true values of the declared parameters."""
 
     def __init__(self, folder, program, make, truth):
-        self.folder, self.program, self.make, self.truth, self.rows, self.invisible = folder, os.path.abspath(program), make, truth, [], set()
+        self.folder, self.program, self.make, self.truth, self.rows, self.invisible, self.formula_for = folder, os.path.abspath(program), make, truth, [], set(), {}
         os.environ.setdefault("OMP_NUM_THREADS", "1")
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         folder.mkdir(parents=True, exist_ok=True)
@@ -46,6 +42,7 @@ class Suite:
         row = dict(kind=kind, effect=effect, multiple=multiple, seed=seed, verdict="failed", named="", set="", outcome="failed", chi=nan, null=nan, held_before=nan, held_after=nan, held_null=nan,
                    worst_bias_before=nan, worst_bias_after=nan, size=nan, deviation=nan, planted=nan, inside=nan, kappa=nan, p=nan, seconds=nan, chi_squared="", cosine="", bic="")
         if result is not None:
+            self.formula_for |= {one["name"]: one["formula_for"] for one in result["before"]["candidates"] if "formula_for" in one}
             named, chosen, verdict = result["named"], result["set"], result["verdict"]
             row |= dict(verdict=verdict, named=" + ".join(named), set=", ".join(chosen), outcome=self.outcome(kind, effect, verdict, named, chosen), chi=result["before"]["chi"]["fitted"],
                         null=result["before"]["chi"]["null_fitted"], held_before=result["before"]["chi"]["held_out"], held_after=result["after"]["chi"]["held_out"],
@@ -70,12 +67,12 @@ class Suite:
         print(f"{kind:8} {effect:24} {multiple:6} seed {seed}: {row['verdict']:14} {row['outcome']:18} {row['set'] or row['named']:32} {row['seconds']:5.0f} s", flush=True)
         return result
 
-    @staticmethod
-    def outcome(kind, effect, verdict, named, chosen):
+    def outcome(self, kind, effect, verdict, named, chosen):
         if kind == "null":
             return "nothing" if verdict == "nothing found" else "false alarm"
         if kind in ("outside", "without", "fault"):
-            another = any({effect, *named, *chosen} <= formulas for formulas in FORMULAS)
+            functions = {self.formula_for.get(name) for name in (effect, *named, *chosen)}
+            another = len(functions) == 1 and functions != {None}
             return {"nothing found": "missed", "unexplained": "unexplained"}.get(verdict, "another formula" if another else "wrong")
         if verdict == "nothing found":
             return "missed"

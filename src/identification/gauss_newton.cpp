@@ -60,7 +60,7 @@ void settle_derivatives(Path& path, const ForwardModel& model, const ImageData& 
 /// Of simulations that only lead to where the iterations begin: with steps of 10 % it moves by 1e-4. They are made anew, alike, where a run is taken up within them.
 constexpr mechanics::Accuracy accuracy_of_start{.forces = 1e-6, .derivatives = 1e-3};
 
-/// A step beyond which (Eq. 13) the next one is no smaller than a hundredth of it.
+/// A step (Eq. 13) behind which another one follows that does not ask for the last digits.
 constexpr double far_step = 3e-2;
 /// Steps of so many eta_c, after which derivatives are taken for those before them: they change by as much, and move what is found by that part of its standard deviation.
 constexpr double near_steps = 4.0;

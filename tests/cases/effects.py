@@ -5,6 +5,7 @@ Usage: effects.py EXECUTABLE
 """
 import math
 import pathlib
+import subprocess
 import sys
 import tempfile
 
@@ -25,9 +26,17 @@ simulate:
 output: out
 """
 
+EFFECTS = ["kinematic", "hill", "viscosity", "rate", "heating", "voce_term", "voce_term_2", "power_term", "plateau", "damage", "pressure"]
+
 
 def main():
     program = sys.argv[1]
+    listed = subprocess.run([program, "effects"], capture_output=True, text=True, check=True).stdout.split("\n")
+    for name in EFFECTS:
+        at = [i for i, line in enumerate(listed) if line.startswith(f"{name} (material")]
+        require(len(at) == 1 and " null " in listed[at[0] + 1] and "confused with" in "".join(listed[at[0]:at[0] + 9]), f"imic3d effects lists {name} with its null values")
+    functions = sum("one formula for the hardening curve" in line for line in listed), sum("one formula for the dependence on the rate" in line for line in listed)
+    require(functions == (4, 2), f"four formulas for the hardening curve, two for the dependence on the rate {functions}")
     with tempfile.TemporaryDirectory() as temporary:
         folder = pathlib.Path(temporary)
         gmsh("plate_with_hole", folder / "plate.msh", length=24, size_hole=2.5, size_far=5)
@@ -40,7 +49,7 @@ def main():
         for kinematics in ("kinematics: plane_stress", "layers: 1, mid_plane_symmetry: true"):
             base = forces(kinematics)
             require(len(base) == 5, f"{kinematics}: every frame converged")
-            null = forces(kinematics, "kinematic, hill, viscosity, rate, heating, voce_term, voce_term_2, power_term, plateau, damage, pressure")
+            null = forces(kinematics, ", ".join(EFFECTS))
             worst = max(abs(a / b - 1) for a, b in zip(null, base))
             require(worst < 1e-5, f"with effects at their null values and the unsymmetric solver the forces are the same ({worst:.0e})")
             kinematic = forces(kinematics, "kinematic", ", C_1: 20e3, gamma_1: 100", ranks=2)

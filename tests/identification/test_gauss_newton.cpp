@@ -1,6 +1,8 @@
 // What a stage takes: where it begins, and how much is simulated for it.
 #include <gtest/gtest.h>
 
+#include <random>
+
 #include "plate.hpp"
 
 namespace imic3d::identification {
@@ -57,6 +59,24 @@ TEST(GaussNewton, SimulatesNoMoreThanItMust) {
   EXPECT_LE(work.factorisations, work.frames);
   RecordProperty("frames", work.frames);
   RecordProperty("factorisations", work.factorisations);
+}
+
+/// By one solution what the simulations of all draws give, on any split into groups; and the next series begins where it would have.
+TEST(GaussNewton, NoiseOfTheReactionIsThatOfSimulatedDraws) {
+  Plate plate({0.002, 0.004});
+  std::mt19937 random(5);
+  std::normal_distribution<double> noise(0.0, 1e-6);  // elastic
+  Eigen::MatrixXd draws(plate.record.driving.rows(), 6);
+  for (double& u : draws.reshaped()) u = noise(random);
+  ForwardModel model({}, plate.specimen, plate.law, plate.record, {.with_fields = false}, 3, 0);
+  double squares = 0.0;
+  for (Eigen::Index k = 0; k < draws.cols(); ++k) {
+    const Eigen::MatrixXd driving = draws.col(k);
+    ForwardModel alone({}, plate.specimen, plate.law, plate.record, {.with_fields = false}, 1, 1);
+    squares += std::pow(alone.simulate(Control::displacement, {{.parameters = plate.truth, .driving = &driving}}, 1).front().reaction[0], 2);
+  }
+  EXPECT_NEAR(reaction_noise({}, model, draws, plate.truth) / std::sqrt(squares / 6.0), 1.0, 1e-4);
+  for (const Solution& last : model.solutions()) EXPECT_TRUE(last.displacement.empty());
 }
 
 }  // namespace

@@ -212,6 +212,7 @@ TEST(CurveExperiment, FrictionIsFoundAtReversals) {
   const Report report = loop_on(experiment);
   ASSERT_EQ(report.named.size(), 1U) << report.sentence;
   EXPECT_EQ(experiment.candidates()[static_cast<std::size_t>(report.named.front())].name, "friction") << report.sentence;
+  EXPECT_EQ(report.sentence.find("the course"), std::string::npos) << report.sentence;
   const auto place = experiment.candidates()[static_cast<std::size_t>(report.named.front())].parameters.front();
   EXPECT_NEAR(report.final.fit.values[static_cast<std::size_t>(place)], 20.0, 2.0);
 }
@@ -238,6 +239,7 @@ TEST(CurveExperiment, ALargePlateauIsNamedAlone) {
   ASSERT_EQ(report.named.size(), 1U) << report.sentence;
   const Candidate& named = experiment.candidates()[static_cast<std::size_t>(report.named.front())];
   EXPECT_EQ(named.name, "plateau") << report.sentence;
+  EXPECT_NE(report.sentence.find("Of the hardening curve the test shows the course, not the formula."), std::string::npos) << report.sentence;
   EXPECT_NEAR(report.final.fit.values[static_cast<std::size_t>(named.parameters.front())], 0.04, 1e-3);
 }
 
