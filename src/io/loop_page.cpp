@@ -61,7 +61,7 @@ std::string candidates(const json& model) {
     const bool hidden = one["kappa"].get<double>() < 0.05;
     rows += fmt::format("<tr{}><td>{}</td><td class=\"left\">{}</td><td>{}{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>\n", hidden ? " class=\"held\"" : "",
                         escaped(one["name"].get<std::string>()), escaped(one["link"].get<std::string>()), shown(one["z"], 3), one["significant"].get<bool>() ? " *" : one["contradicted"].get<bool>() ? " (*)" : "",
-                        shown(one["kappa"], 2), hidden ? "invisible" : sizes(one, "size", true), sizes(one, "detectable", false), shown(one["predicted_drop"], 3));
+                        shown(one["kappa"], 2), hidden ? "invisible" : sizes(one, "size", true), one["kappa"].get<double>() < 1e-9 ? "none" : sizes(one, "detectable", false), shown(one["predicted_drop"], 3));
   }
   return rows + fmt::format("</table>\n<p class=\"note\">* beyond the limit {} that noise alone exceeds in 4 of 100 tests over all candidates, in brackets where with this size the held-out frames are explained worse: no more than chance; κ: what the free parameters leave of the mark</p>\n",
                             shown(model["threshold"], 3));

@@ -53,10 +53,16 @@ std::string sentence_of(const Experiment& experiment, const Report& report) {
     text += courses(report.named);
   } else if (report.verdict == Verdict::ambiguous) {
     std::vector<std::string> names, separators;
-    for (int k : report.set) names.push_back(candidate(k).name), separators.push_back(candidate(k).separated_by);
+    for (int k : report.set) {
+      names.push_back(candidate(k).name);
+      if (const auto& one = candidate(k).separated_by; std::find(separators.begin(), separators.end(), one) == separators.end()) separators.push_back(one);
+    }
     const std::vector<int> sure(report.named.begin(), report.named.end() - 1);
     text += sure.empty() ? "It is one of: " : "It takes " + list(sure) + ", and one of: ";
     text += fmt::format("{}; these data cannot tell. What would: {}. ", fmt::join(names, ", "), fmt::join(separators, "; "));
+    std::vector<int> all = sure;
+    all.insert(all.end(), report.set.begin(), report.set.end());
+    text += courses(all);
   } else {
     text += "No known effect explains it";
     if (!report.named.empty()) text += ", though it helps to add: " + list(report.named);

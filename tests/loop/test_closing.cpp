@@ -318,6 +318,7 @@ TEST(Closing, TwinsAreAmbiguous) {
   const Report report = loop_on(Curves(3, {{Curves::twin_again, 12.0}}));
   EXPECT_EQ(report.verdict, Verdict::ambiguous) << report.sentence;
   EXPECT_EQ(report.set, (std::vector<int>{Curves::twin, Curves::twin_again}));  // geometry before material
+  EXPECT_NE(report.sentence.find("What would: another test. "), std::string::npos) << report.sentence;  // said once
 }
 
 TEST(Closing, TheInvisibleIsListedAndNotNamed) {
