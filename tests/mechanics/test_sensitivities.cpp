@@ -3,6 +3,7 @@
 
 #include <Eigen/Dense>
 #include <cmath>
+#include <numeric>
 #include <set>
 
 #include "box.hpp"
@@ -227,6 +228,10 @@ TEST(Sensitivities, InManyDirectionsOfTheForces) {
       ASSERT_EQ(few.status.frames, 4) << few.status.message;
       ASSERT_EQ(more.status.frames, 4) << more.status.message;
       ASSERT_EQ(more.d_displacement.size(), 1U + many);
+      const auto& increments = more.status.increments;
+      if (driven != Driven::by_images) {
+        EXPECT_LE(more.status.derivative_corrections, std::accumulate(increments.begin(), increments.end(), 0)) << "with the converged tangent's factor each takes one solution";
+      }
       const auto expect_same = [](const std::vector<Eigen::VectorXd>& one, const std::vector<Eigen::VectorXd>& other) {
         EXPECT_LE((other[0] - one[0]).norm(), 1e-9 * one[0].norm()) << "by the parameter";
         const Eigen::VectorXd across = one[1], along = (one[2] - std::cos(Bar::turn) * across) / std::sin(Bar::turn);
