@@ -330,9 +330,7 @@ identification::ImageData make_image_data(const Observation& observation, const 
   // The splines of the frames that this rank judges are kept while they take less than 2 GB.
   auto kept = std::make_shared<std::map<std::pair<int, int>, imaging::BSpline>>();  // of a frame and a camera
   auto size = std::make_shared<std::size_t>(0);
-  // Where the images pull the simulation, equilibrium and differences of simulations ask for all digits of b.
-  const auto precision = test.identify.alpha > 0.0 ? correlation::Precision::full : correlation::Precision::single;
-  data.evaluate = [&observation, &test, kept, size, weights, unknowns, precision](int t, const Eigen::VectorXd& displacement, const Communicator& group) {
+  data.evaluate = [&observation, &test, kept, size, weights, unknowns](int t, const Eigen::VectorXd& displacement, const Communicator& group) {
     constexpr std::size_t budget = 2'000'000'000;
     const auto place = static_cast<std::size_t>(observation.places[static_cast<std::size_t>(t)]);
     identification::ImageEvaluation all{.b = Eigen::VectorXd::Zero(unknowns), .squares = 0.0, .pixels = 0.0, .element_rms = {}};
@@ -355,7 +353,7 @@ identification::ImageData make_image_data(const Observation& observation, const 
           *size += 4UL * static_cast<std::size_t>(fresh.width()) * static_cast<std::size_t>(fresh.height());
           spline = *size < budget ? &kept->emplace(std::pair{t, camera}, std::move(fresh)).first->second : &fresh;
         });
-        const auto seen = cameras[c].evaluate(*spline, displacement.segment(first, cameras.unknowns()), group, correlation::Gradient::reference, precision);
+        const auto seen = cameras[c].evaluate(*spline, displacement.segment(first, cameras.unknowns()), group, correlation::Gradient::reference, correlation::Precision::full);
         all.b.segment(first, cameras.unknowns()) += weight * seen.b;
         all.squares += weight * seen.squares, all.pixels += seen.pixels;
         squares += weight * seen.element_squares, pixels += seen.element_pixels;

@@ -72,7 +72,7 @@ constexpr mechanics::Accuracy accuracy_of_differences{.forces = 1e-13};
 /// `eta`: of the step that led there (Eq. 13).
 mechanics::Accuracy accuracy_of_steps(const GaussNewtonOptions& options, double eta) {
   if (options.sensitivities == Sensitivities::perturbed) return accuracy_of_differences;
-  return {.forces = eta > far_step ? 1e-9 : 1e-10, .derivatives = std::clamp(1e-4 * options.eta, 1e-9, 1e-7)};
+  return {.forces = eta > far_step ? 1e-9 : 1e-10, .derivatives = std::clamp(1e-3 * options.eta, 1e-9, 1e-6)};
 }
 
 /// `near`: a linearisation so near that its derivatives hold here, too; null: there is none.

@@ -66,6 +66,8 @@ void CaseReader::read_identify() {
   if (gap && !case_.specimen.plane_stress())
     mistake(section.path("functional"), "equilibrium_gap in 3D", "specimen.kinematics: plane_stress");
   if (gap && case_.material.law != "elastic") mistake(section.path("functional"), "equilibrium_gap with law: " + case_.material.law, "law: elastic");
+  // Where the images pull in equilibrium the iterations for the derivatives may not converge.
+  identify.sensitivities = case_.specimen.element == "hex8s" || identify.alpha > 0.0 ? "perturbed" : "direct";
   section.get("sensitivities", identify.sensitivities);
   if (case_.specimen.element == "hex8s" && identify.sensitivities == "direct")
     mistake(section.path("sensitivities"), "direct with specimen.element: hex8s", "perturbed, or element: hex8, hex20");

@@ -170,7 +170,7 @@ class Trials:
             self.resumes(others, f"{what}, killed in the {where} on {ranks}")
 
     def variants(self):
-        """Direct sensitivities, alpha > 0, and three cameras."""
+        """Perturbed sensitivities, alpha > 0, and three cameras."""
         restart_case.make_three_cameras(self.program, self.folder)
         for name in restart_case.VARIANTS:
             Trials(self.program, self.folder, name).everywhere(name)

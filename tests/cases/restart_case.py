@@ -18,7 +18,7 @@ output: {output}
 
 # What else is restarted than the plain case: keys of `identify`, or three cameras on both faces.
 VARIANTS = {
-    "direct": "  sensitivities: direct\n",
+    "perturbed": "  sensitivities: perturbed\n",
     "alpha": "  alpha: 0.01\n",
     "cameras": "",
 }

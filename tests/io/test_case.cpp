@@ -172,6 +172,12 @@ TEST_F(CaseFile, OnePointWithoutStabilisationNeedsTheImages) {
   EXPECT_EQ(mistakes(one_point), "case.yaml:10 identify.alpha: not given, or 0, with specimen.element: hex8r; allowed: above 0, e.g. 1e-2, or element: hex8s");
   EXPECT_TRUE(read(changed(one_point, "functional: force_driven", "functional: force_driven\n  alpha: 0.1")).specimen.one_point());
   EXPECT_TRUE(read(changed(good_case, "element: hex8", "element: hex8s")).specimen.one_point());
+  // Derivatives by differentiation, but where there are none or the images pull.
+  EXPECT_EQ(read(good_case).identify.sensitivities, "direct");
+  EXPECT_EQ(read(changed(good_case, "element: hex8", "element: hex8s")).identify.sensitivities, "perturbed");
+  const std::string pulled = changed(good_case, "functional: force_driven", "functional: force_driven\n  alpha: 0.1");
+  EXPECT_EQ(read(pulled).identify.sensitivities, "perturbed");
+  EXPECT_EQ(read(changed(pulled, "alpha: 0.1", "alpha: 0.1\n  sensitivities: direct")).identify.sensitivities, "direct");
   EXPECT_EQ(mistakes(changed(good_case, "element: hex8", "element: hex8s, kinematics: plane_stress")),
             "case.yaml:4 specimen.element: hex8s with kinematics: plane_stress; allowed: quad4, quad8; hex8r, hex8s with kinematics: 3d");
 }

@@ -174,7 +174,7 @@ struct IdentifyCase {
   std::string functional = "force_driven";  ///< `force_driven`, `displacement_driven`, `combined`, `equilibrium_gap`
   double alpha = 0.0;  ///< penalty parameter of Eq. 16; 0: the limit alpha -> 0
   std::vector<StageCase> stages;
-  std::string sensitivities = "perturbed";  ///< `direct`, `perturbed`
+  std::string sensitivities;  ///< `direct`, `perturbed`
   double eta = 1e-3;  ///< Eq. 13
   int max_iterations = 20;
   std::optional<double> boundary_smoothing;  ///< longest waves that the driving displacement may lose [length]
