@@ -85,18 +85,22 @@ Measure measured_by(const Cameras& cameras, const Eigen::SparseMatrix<double>& h
 }
 
 Eigen::MatrixXd smooth(const Measure& measure, const Eigen::MatrixXd& U, double cut_off) {
-  const Eigen::SparseMatrix<double> bent = measure.smoothing_weight(cut_off) * curvature_energy(measure.surface, measure.dofs_per_node);
-  const Factor factor(measure.M + bent);
-  return U - factor.solve(bent * factor.solve(bent * U));
+  return smooth(measure, U, std::vector<double>(static_cast<std::size_t>(U.cols()), cut_off));
 }
 
 Eigen::MatrixXd smooth(const Measure& measure, Eigen::MatrixXd U, const std::vector<double>& cut_offs) {
   std::map<double, std::vector<Eigen::Index>> frames_of;
   for (std::size_t t = 0; t < cut_offs.size() && static_cast<Eigen::Index>(t) < U.cols(); ++t)
     if (cut_offs[t] > 0.0) frames_of[cut_offs[t]].push_back(static_cast<Eigen::Index>(t));
+  if (frames_of.empty()) return U;
+  const Eigen::SparseMatrix<double> energy = curvature_energy(measure.surface, measure.dofs_per_node);
+  Factor factor;
+  factor.analyzePattern(measure.M + energy);
   for (const auto& [cut_off, frames] : frames_of) {
+    const Eigen::SparseMatrix<double> bent = measure.smoothing_weight(cut_off) * energy;
+    factor.factorize(measure.M + bent);
     const Eigen::MatrixXd own = U(Eigen::all, frames);
-    U(Eigen::all, frames) = smooth(measure, own, cut_off);
+    U(Eigen::all, frames) = own - factor.solve(bent * factor.solve(bent * own));
   }
   return U;
 }

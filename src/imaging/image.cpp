@@ -67,30 +67,40 @@ std::optional<ImageHeader> bmp_header(Bytes& bytes) {
   return ImageHeader{static_cast<int>(*width), std::abs(rows), 8};
 }
 
-std::optional<ImageHeader> tiff_header(Bytes& bytes) {
+/// `block`: pixels of a strip or tile, which the decoder holds at once; those of a whole image where strips are said to be no shorter.
+std::optional<ImageHeader> tiff_header(Bytes& bytes, double& block) {
   const auto directory = bytes.integer(4, 4);
   if (!directory) return {};
   const auto entries = bytes.integer(*directory, 2);
   if (!entries) return {};
   ImageHeader header{0, 0, 1};
+  double rows_per_strip = 0.0, tile_width = 0.0, tile_height = 0.0;
   for (std::uint64_t i = 0; i < *entries; ++i) {
     const std::uint64_t entry = *directory + 2 + 12 * i;
     const auto tag = bytes.integer(entry, 2), type = bytes.integer(entry + 2, 2), count = bytes.integer(entry + 4, 4);
     if (!tag || !type || !count) return {};
-    if (*tag < 256 || *tag > 258) continue;
+    double* const of_block = *tag == 278 ? &rows_per_strip : *tag == 322 ? &tile_width : *tag == 323 ? &tile_height : nullptr;
+    if ((*tag < 256 || *tag > 258) && of_block == nullptr) continue;
     const std::size_t size = *type == 3 ? 2 : 4;
     // More than fits into the entry stands elsewhere (bits per sample of a colour file).
     std::uint64_t place = entry + 8;
     if (*count * size > 4) place = bytes.integer(place, 4).value_or(0);
     const auto value = bytes.integer(place, size);
-    if (!value || *value > INT_MAX) return {};
+    if (!value) return {};
+    if (of_block != nullptr) {
+      *of_block = *value < INT_MAX ? *value : 0.0;  // all rows
+      continue;
+    }
+    if (*value > INT_MAX) return {};
     (*tag == 256 ? header.width : *tag == 257 ? header.height : header.depth) = static_cast<int>(*value);
   }
+  block = std::max(header.width * rows_per_strip, tile_width * tile_height);
   return header;
 }
 
-/// What the file says of itself; nothing if it is none of the allowed formats or its header is broken.
-std::optional<ImageHeader> declared(const fs::path& file) {
+/// What the file says of itself; nothing if it is none of the allowed formats or its header is broken. `most`: pixels that decoding it takes room for.
+std::optional<ImageHeader> declared(const fs::path& file, double& most) {
+  double block = 0.0;
   Bytes bytes(file);
   const std::string magic = bytes.text(0, 8);
   std::optional<ImageHeader> header;
@@ -99,9 +109,10 @@ std::optional<ImageHeader> declared(const fs::path& file) {
   else if (magic.substr(0, 2) == "BM")
     header = bmp_header(bytes);
   else if (magic.substr(0, 4) == std::string("MM\0*", 4))
-    header = tiff_header(bytes);
+    header = tiff_header(bytes, block);
   else if (magic.substr(0, 4) == std::string("II*\0", 4))
-    bytes.big_endian = false, header = tiff_header(bytes);
+    bytes.big_endian = false, header = tiff_header(bytes, block);
+  if (header) most = std::max(static_cast<double>(header->width) * header->height, block);
   return header && header->width > 0 && header->height > 0 ? header : std::nullopt;
 }
 
@@ -116,9 +127,11 @@ Image read_image(const fs::path& file) {
   cv::Mat decoded;
   std::string reason;
   // A broken header must not claim the memory: no compression packs more than some thousand pixels into a byte.
-  const auto header = declared(file);
-  if (header && static_cast<double>(header->width) * header->height > 5000.0 * static_cast<double>(fs::file_size(file)))
-    throw InputError(file.string(), fmt::format("{} in {} bytes", described(*header), fs::file_size(file)), allowed_file);
+  double most = 0.0;
+  const auto header = declared(file, most);
+  if (header && most > 5000.0 * static_cast<double>(fs::file_size(file)))
+    throw InputError(file.string(), fmt::format("{} in {} bytes{}", described(*header), fs::file_size(file),
+                                                most > static_cast<double>(header->width) * header->height ? fmt::format(", in strips or tiles of {:.0f} pixels", most) : ""), allowed_file);
   try {
     if (header) decoded = cv::imread(file.string(), cv::IMREAD_UNCHANGED | cv::IMREAD_IGNORE_ORIENTATION);
   } catch (const cv::Exception& error) {
@@ -139,7 +152,8 @@ Image read_image(const fs::path& file) {
 
 ImageHeader read_header(const fs::path& file) {
   require_file(file);
-  const auto header = declared(file);
+  double most = 0.0;
+  const auto header = declared(file, most);
   if (!header) throw InputError(file.string(), "a file that cannot be decoded", allowed_file);
   if (header->depth != 8 && header->depth != 16)
     throw InputError(file.string(), fmt::format("{} bits per sample", header->depth), allowed_file);

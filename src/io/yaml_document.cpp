@@ -1,6 +1,7 @@
 #include "yaml_document.hpp"
 
 #include <fmt/format.h>
+#include <yaml-cpp/eventhandler.h>
 #include <yaml-cpp/yaml.h>
 
 #include <algorithm>
@@ -136,6 +137,27 @@ class Converter {
 
 namespace {
 
+/// Passes over a document.
+class Skip : public YAML::EventHandler {
+  void OnDocumentStart(const YAML::Mark&) override {}
+  void OnDocumentEnd() override {}
+  void OnNull(const YAML::Mark&, YAML::anchor_t) override {}
+  void OnAlias(const YAML::Mark&, YAML::anchor_t) override {}
+  void OnScalar(const YAML::Mark&, const std::string&, YAML::anchor_t, const std::string&) override {}
+  void OnSequenceStart(const YAML::Mark&, const std::string&, YAML::anchor_t, YAML::EmitterStyle::value) override {}
+  void OnSequenceEnd() override {}
+  void OnMapStart(const YAML::Mark&, const std::string&, YAML::anchor_t, YAML::EmitterStyle::value) override {}
+  void OnMapEnd() override {}
+};
+
+/// Whether anything follows the first document. YAML::LoadAll would go on for ever where a text begins with a comma, which is no document and is never passed.
+bool several_documents(const std::string& text) {
+  std::istringstream stream(text);
+  YAML::Parser parser(stream);
+  Skip skip;
+  return parser.HandleNextDocument(skip) && parser.HandleNextDocument(skip);
+}
+
 /// Place of the first byte that does not belong to UTF-8 (RFC 3629), or the end.
 std::size_t first_foreign_byte(std::string_view text) {
   for (std::size_t i = 0; i < text.size();) {
@@ -184,17 +206,19 @@ YamlDocument read_yaml(const std::filesystem::path& file) {
   if (const auto foreign = first_foreign_byte(document.text); foreign < document.text.size())
     throw InputError(fmt::format("{}:{}", file.string(), 1 + std::count(document.text.begin(), document.text.begin() + static_cast<std::ptrdiff_t>(foreign), '\n')),
                      fmt::format("byte 0x{:02x}", static_cast<unsigned char>(document.text[foreign])), "text in UTF-8");
-  std::vector<YAML::Node> nodes;
+  YAML::Node root;
+  bool several = false;
   try {
-    nodes = YAML::LoadAll(document.text);
+    root = YAML::Load(document.text);
+    several = root.IsMap() && several_documents(document.text);
   } catch (const YAML::Exception& exception) {
     throw InputError(fmt::format("{}:{}", file.string(), exception.mark.line + 1),
                      fmt::format("not YAML at column {}: {}", exception.mark.column + 1, exception.msg), "");
   }
-  if (nodes.size() != 1 || !nodes.front().IsMap())
-    throw InputError(file.string(), nodes.size() > 1 ? "several YAML documents" : "no sections",
+  if (several || !root.IsMap())
+    throw InputError(file.string(), several ? "several YAML documents" : "no sections",
                      "sections such as title, specimen, cameras, loads, material, identify");
-  document.root = Converter(document).convert(nodes.front(), "", 1);
+  document.root = Converter(document).convert(root, "", 1);
   return document;
 }
 

@@ -410,6 +410,9 @@ TEST_F(CaseFile, WhatTheCommandNeedsMustBeThere) {
 
 TEST_F(CaseFile, WhatIsNotACaseFile) {
   EXPECT_EQ(mistakes("title: [a\nspecimen: {"), "case.yaml:2: not YAML at column 9: end of sequence flow not found");
+  // yaml-cpp's own reader of several documents never ends here.
+  EXPECT_THAT(mistakes(", lower: 1}\n"), testing::HasSubstr("case.yaml: no sections"));
+  EXPECT_THAT(mistakes(good_case + "---\ntitle: another\n"), testing::HasSubstr("case.yaml: several YAML documents"));
   EXPECT_EQ(mistakes("a: &x {b: *x}"), "case.yaml:1: too many levels or values; allowed: a plain case file");
   EXPECT_THAT(mistakes(""), HasSubstr("no sections"));
   EXPECT_THAT(mistakes("just a text"), HasSubstr("no sections"));

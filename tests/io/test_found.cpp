@@ -22,9 +22,19 @@ int read_all(const char* kind, const Read& read) {
 }
 
 TEST(Found, CasesLoadsAndImagesGiveAResultOrAnInputError) {
-  EXPECT_GE(read_all("case", fuzz::case_file), 1);
+  EXPECT_GE(read_all("case", fuzz::case_file), 4);
   EXPECT_GE(read_all("loads", fuzz::loads), 1);
-  EXPECT_GE(read_all("image", fuzz::image), 4);
+  EXPECT_GE(read_all("image", fuzz::image), 5);
+}
+
+// A decoder holds a whole strip: 65524 x 2560 pixels here, of a file of 380 bytes.
+TEST(Found, StripsThatPromiseMoreThanTheFileHoldsAreRefused) {
+  try {
+    (void)imaging::read_image(IMIC3D_SOURCE_DIRECTORY "/tests/fuzz/found/image/tiff_of_long_strips");
+    ADD_FAILURE();
+  } catch (const InputError& error) {
+    EXPECT_THAT(error.what(), ::testing::HasSubstr("in 380 bytes, in strips or tiles of 167741440 pixels"));
+  }
 }
 
 TEST(Found, AScalarOfAMegabyteIsReadWithoutRecursion) {
