@@ -57,7 +57,7 @@ void settle_derivatives(Path& path, const ForwardModel& model, const ImageData& 
   }
 }
 
-/// Of simulations that only lead to where the iterations begin: with steps of 10 % it moves by 1e-4. They are made anew, alike, where a run is taken up within them.
+/// Of simulations that only lead to where the iterations begin: with steps of 10 % it moves by 1e-3. They are made anew, alike, where a run is taken up within them.
 constexpr mechanics::Accuracy accuracy_of_start{.forces = 1e-4, .derivatives = 2e-2};
 
 /// A step (Eq. 13) behind which another one follows that does not ask for the last digits.

@@ -66,8 +66,9 @@ void CaseReader::read_identify() {
   if (gap && !case_.specimen.plane_stress())
     mistake(section.path("functional"), "equilibrium_gap in 3D", "specimen.kinematics: plane_stress");
   if (gap && case_.material.law != "elastic") mistake(section.path("functional"), "equilibrium_gap with law: " + case_.material.law, "law: elastic");
-  // Where the images pull in equilibrium the iterations for the derivatives may not converge.
-  identify.sensitivities = case_.specimen.element == "hex8s" || identify.alpha > 0.0 ? "perturbed" : "direct";
+  section.get("groups", identify.groups);
+  // Where the images pull in equilibrium the iterations for the derivatives may not converge; simulations side by side are perturbed ones.
+  identify.sensitivities = case_.specimen.element == "hex8s" || identify.alpha > 0.0 || identify.groups > 1 ? "perturbed" : "direct";
   section.get("sensitivities", identify.sensitivities);
   if (case_.specimen.element == "hex8s" && identify.sensitivities == "direct")
     mistake(section.path("sensitivities"), "direct with specimen.element: hex8s", "perturbed, or element: hex8, hex20");
@@ -80,7 +81,6 @@ void CaseReader::read_identify() {
     identify.driving = (folder_ / driving).lexically_normal();
     if (!std::filesystem::exists(identify.driving)) mistake(section.path("driving"), identify.driving.string(), "results.h5 of `imic3d dic`");
   }
-  section.get("groups", identify.groups);
   section.get("steps_per_frame", identify.steps_per_frame);
   if (section.has("held_out")) identify.held_out = frames_of(section, "held_out", case_.frames);
   const auto is_held_out = [&](int frame) {

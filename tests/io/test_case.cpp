@@ -175,6 +175,7 @@ TEST_F(CaseFile, OnePointWithoutStabilisationNeedsTheImages) {
   // Derivatives by differentiation, but where there are none or the images pull.
   EXPECT_EQ(read(good_case).identify.sensitivities, "direct");
   EXPECT_EQ(read(changed(good_case, "element: hex8", "element: hex8s")).identify.sensitivities, "perturbed");
+  EXPECT_EQ(read(changed(good_case, "functional: force_driven", "functional: force_driven\n  groups: 2")).identify.sensitivities, "perturbed");
   const std::string pulled = changed(good_case, "functional: force_driven", "functional: force_driven\n  alpha: 0.1");
   EXPECT_EQ(read(pulled).identify.sensitivities, "perturbed");
   EXPECT_EQ(read(changed(pulled, "alpha: 0.1", "alpha: 0.1\n  sensitivities: direct")).identify.sensitivities, "direct");
