@@ -57,8 +57,10 @@ void settle_derivatives(Path& path, const ForwardModel& model, const ImageData& 
   }
 }
 
-/// Of simulations that only lead to where the iterations begin: with steps of 10 % it moves by 1e-3. They are made anew, alike, where a run is taken up within them.
-constexpr mechanics::Accuracy accuracy_of_start{.forces = 1e-4, .derivatives = 2e-2};
+/// Of simulations that only lead to where the iterations begin: with steps of 10 % it moves by 1e-4. They are made anew, alike, where a run is taken up within them.
+constexpr mechanics::Accuracy accuracy_of_start{.forces = 1e-6, .derivatives = 1e-3};
+/// Of a first linearisation whose step is long: what it leads to moves by 1e-3.
+constexpr mechanics::Accuracy accuracy_of_a_long_step{.forces = 1e-4, .derivatives = 2e-2};
 
 /// A step (Eq. 13) behind which another one follows that does not ask for the last digits.
 constexpr double far_step = 3e-2;
@@ -543,7 +545,7 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
     // Nobody knows yet how far the parameters are: coarsely first, unless they are near.
     bool coarse = direct && control_of_images(options) == Control::displacement;
     for (;; coarse = false) {
-      at.linear = linearise(model, images, parameters, stage, options, coarse ? accuracy_of_start : accuracy_of_steps(options, 0.0));
+      at.linear = linearise(model, images, parameters, stage, options, coarse ? accuracy_of_a_long_step : accuracy_of_steps(options, 0.0));
       if (at.linear.frames == 0) throw ConvergenceError("the first frame cannot be simulated: " + at.linear.message);
       at.normal = assemble(world, model, images, at.linear, stage, options);
       const Eigen::VectorXd step = step_within_bounds(at.normal.matrix, at.normal.right, parameters, information, stage, options);
