@@ -133,6 +133,13 @@ Linearisation linearise(ForwardModel& model, const ImageData& images, const std:
   return result;
 }
 
+/// Whether what a step leads to is that of the linearisation, up to a thousandth of eta_c in the parameters. The step before left what its second-order
+/// terms moved, `eta` of `before`^2; those of this step move by as much of eta^2. The forces that Sec. 3.4 takes from the parameters at hand are not part of a linearisation.
+bool is_straight(double eta, double before, const Linearisation& at, const Stage& stage, const GaussNewtonOptions& options) {
+  return options.functional == Functional::displacement_driven && options.sensitivities == Sensitivities::direct && at.frames > stage.frames.back() &&
+         eta < near_steps * options.eta && eta * eta * eta < 1e-3 * options.eta * before * before;
+}
+
 /// What is observed after a step so small that second-order terms do not count: no simulation is needed, nor are other derivatives.
 void extrapolate(Linearisation& at, const Eigen::VectorXd& step) {
   for (std::size_t j = 0; j < at.sensitivity.size(); ++j) {
@@ -562,7 +569,8 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
     for (int halving = 0;; ++halving) {
       const auto trial = moved(parameters, step, stage);
       eta = relative_size(step, trial, stage, options);  // Eq. (13)
-      if (halving == 0 && eta < options.eta) {  // a shortened step starts from where `linear` no longer is
+      // A shortened step starts from where `linear` no longer is.
+      if (halving == 0 && (eta < options.eta || is_straight(eta, at.iterates.back().eta, at.linear, stage, options))) {
         parameters = trial;
         extrapolate(at.linear, step);
         at.normal = assemble(world, model, images, at.linear, stage, options);

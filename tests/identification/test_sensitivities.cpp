@@ -135,5 +135,36 @@ TEST(DirectSensitivities, IdentifyWhatPerturbedOnesDo) {
   }
 }
 
+/// A step of few eta_c behind one that left little is not simulated, and leads to the same parameters.
+TEST(DirectSensitivities, SpareTheSimulationOfAStraightStep) {
+  const Communicator world;
+  Plate plate(stretch);
+  std::mt19937 random(3);
+  std::normal_distribution<double> noise(0.0, 2e-4);
+  for (double& u : plate.record.surface_displacement.reshaped()) u += noise(random);
+  struct Found {
+    std::vector<double> parameters, eta;
+    int frames;
+  };
+  const auto identified = [&](double eta) {
+    ForwardModel model(world, plate.specimen, plate.law, plate.record, {.with_fields = false}, 3, 0);
+    Found found{.parameters = plate.truth, .eta = {}, .frames = 0};
+    found.parameters[0] *= 1.2, found.parameters[2] *= 0.85;
+    const auto result = gauss_newton(world, model, plate.images, testing::information(plate), {.free = {0, 2}, .frames = {0, 1, 2, 3, 4, 5}},
+                                     {.functional = Functional::displacement_driven, .eta = eta, .force_noise = 5.0, .sensitivities = Sensitivities::direct}, found.parameters,
+                                     [&](const Iterate& iterate) { found.eta.push_back(iterate.eta); });
+    EXPECT_TRUE(result.converged) << result.message;
+    found.frames = model.work().frames;
+    return found;
+  };
+  const Found near = identified(1e-8);
+  ASSERT_GE(near.eta.size(), 5U);
+  const double eta = 0.9 * near.eta[3];  // above which the third step is
+  const Found found = identified(eta);
+  EXPECT_EQ(found.eta.size(), 5U);
+  EXPECT_EQ(found.frames, 3 * 6) << "the start and what the first two steps lead to";
+  for (const std::size_t j : {0U, 2U}) EXPECT_NEAR(found.parameters[j] / near.parameters[j], 1.0, 0.01 * eta);
+}
+
 }  // namespace
 }  // namespace imic3d::identification

@@ -100,7 +100,8 @@ struct Continuation {
 
 /// Runs one stage from `parameters` and leaves the result there. With direct sensitivities and a simulation under forces it begins where the
 /// reaction of the DIC-driven simulation is nearest to the measured force (Sec. 2.2: their ratio calibrates): a coarse start, which Eqs 10-13 do
-/// not depend on. The last step, below eta_c, is not simulated: what it changes follows from the sensitivities. `information` describes each parameter (bounds).
+/// not depend on. The last step, below eta_c, is not simulated: what it changes follows from the sensitivities; nor, displacement-driven, is
+/// one of a few eta_c of which second-order terms, as large as the step before shows them, are below a thousandth of eta_c. `information` describes each parameter (bounds).
 /// `report` is called after each iteration. Collective over `world`. Throws std::invalid_argument for direct sensitivities of a model that
 /// is not differentiable().
 StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageData& images,
