@@ -109,13 +109,13 @@ void LoadPath::place(Start start, double target, double times) {
 /// equilibrium, those before stand.
 Outcome LoadPath::solve(Start start, int& iterations) {
   const Vec u = balance_.displacement();
-  auto outcome = newton_.solve(start, accuracy_, iterations);
+  auto outcome = newton_.solve(start, accuracy_, derivatives_.reduction(), iterations);
   for (int again = 0; again < renewals && outcome == Outcome::converged && balance_.assembler().renew_hourglass_moduli() > renewed_modulus; ++again) {
     IMIC3D_PETSC(VecCopy(u, found_));
-    if (newton_.solve(Start::continued, accuracy_, iterations) == Outcome::converged) continue;
+    if (newton_.solve(Start::continued, accuracy_, derivatives_.reduction(), iterations) == Outcome::converged) continue;
     balance_.assembler().restore_hourglass_moduli();
     IMIC3D_PETSC(VecCopy(found_, u));
-    return newton_.solve(Start::continued, accuracy_, iterations);
+    return newton_.solve(Start::continued, accuracy_, derivatives_.reduction(), iterations);
   }
   return outcome;
 }

@@ -28,7 +28,7 @@ bool Newton::correct(bool kept) {
   return factors_.solve(balance_.residual(), correction_, kept);
 }
 
-Outcome Newton::solve(Start start, const Accuracy& accuracy, int& iterations) {
+Outcome Newton::solve(Start start, const Accuracy& accuracy, double derivatives, int& iterations) {
   const OpticalTerm* optical = balance_.optical();
   const bool begins = start == Start::standing, near = start == Start::offered;
   residuals_.clear();
@@ -58,7 +58,7 @@ Outcome Newton::solve(Start start, const Accuracy& accuracy, int& iterations) {
     const double enough = std::max(tolerance * scale, least_norm_);
     // The last correction of Newton's method ends far below the tolerance: those of a kept factor go on as long as they help.
     const double target = may_keep && kept && !ends_early ? (iteration > 0 ? 1e-4 : 1e-2) * tolerance * scale : enough;
-    const bool pays = may_keep && factor.made && missing == 0.0 && (iteration == 0 ? near : rate < 1.0 && std::log(target / norm) > factors_.corrections_of_a_factor() * std::log(rate));
+    const bool pays = may_keep && factor.made && missing == 0.0 && (iteration == 0 ? near : rate < 1.0 && std::log(derivatives * target / norm) > factors_.corrections_of_a_factor() * std::log(rate));
     if (missing == 0.0 && (iteration > 0 || near)) {
       const bool stalled = !kept && iteration > (optical != nullptr ? 5 : 2) && norm > 0.5 * previous && norm < 1e-8 * scale;
       // A rigid motion costs hardly any force where the images pull weakly: it is the displacement that must have settled.

@@ -27,8 +27,9 @@ class Newton {
  public:
   Newton(ForceBalance& balance, KeptFactors& factors, const EquilibriumOptions& options);
 
-  /// `iterations` grows by the corrections of the displacement. Collective.
-  [[nodiscard]] Outcome solve(Start start, const Accuracy& accuracy, int& iterations);
+  /// `iterations` grows by the corrections of the displacement. `derivatives`: how far the factor is to reduce what is unbalanced of derivatives
+  /// afterwards, too; 1: none follow. Collective.
+  [[nodiscard]] Outcome solve(Start start, const Accuracy& accuracy, double derivatives, int& iterations);
   /// Relative ones of the iterations of the last increment.
   [[nodiscard]] const std::vector<double>& residuals() const { return residuals_; }
 

@@ -46,6 +46,8 @@ void PathDerivatives::start(std::span<const int> free, std::size_t directions, c
   for (std::size_t k = 0; k < free.size(); ++k) d_parameters_[k * parameters_ + static_cast<std::size_t>(free[k])] = 1.0;
 }
 
+double PathDerivatives::reduction() const { return du_.empty() || du_.size() >= directions_of_a_factor_at_once ? 1.0 : tolerance_; }
+
 bool PathDerivatives::differentiate(const Eigen::MatrixXd& d_prescribed, const Eigen::SparseMatrix<double>& d_external, int& corrections) {
   if (balance_.optical() != nullptr) balance_.add_optical_stiffness();
   factors_.begin_derivatives();

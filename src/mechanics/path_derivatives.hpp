@@ -28,6 +28,8 @@ class PathDerivatives {
 
   /// By which of the law's parameters the path is differentiated, and in how many directions of what drives the specimen.
   void start(std::span<const int> free, std::size_t directions, const Accuracy& accuracy);
+  /// By how much the factor at hand is to reduce what is unbalanced of them; 1 where it is not asked to.
+  [[nodiscard]] double reduction() const;
   [[nodiscard]] int size() const { return static_cast<int>(du_.size()); }
 
   /// Where an increment has just converged: its derivatives, and those of the new history. `d_prescribed` [constrained degrees x directions], `d_external`
