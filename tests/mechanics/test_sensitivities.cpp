@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
+#include <array>
 #include <cmath>
 #include <numeric>
 #include <set>
@@ -76,19 +77,25 @@ class Bar {
     const Eigen::Index size = 3 * mesh_.nodes.rows();
     optical_.stiffness.resize(size, size);
     for (Eigen::Index i = 0; i < size; i += 3) optical_.stiffness.insert(i, i) = 50.0;
-    const Eigen::VectorXd seen = 0.04 * mesh_.nodes.reshaped<Eigen::RowMajor>();
+    const Eigen::VectorXd stretch = 0.04 * mesh_.nodes.reshaped<Eigen::RowMajor>();
+    // Between two frames on the way from one to the next: images that jump back at the beginning of a frame unload all of the bar.
+    const auto seen = [stretch](int frame, double fraction) -> Eigen::VectorXd {
+      const double before = frame > 0 ? levels[static_cast<std::size_t>(frame) - 1] : 0.0;
+      return (before + fraction * (levels[static_cast<std::size_t>(frame)] - before)) * stretch;
+    };
     // Of the third order, so that the tangent is not that of the stiffness.
-    optical_.force = [this, seen](int, double fraction, const Eigen::VectorXd& U) -> Eigen::VectorXd {
-      const Eigen::VectorXd gap = fraction * seen - U;
+    optical_.force = [this, seen](int frame, double fraction, const Eigen::VectorXd& U) -> Eigen::VectorXd {
+      const Eigen::VectorXd gap = seen(frame, fraction) - U;
       return optical_.stiffness * (gap.array() + gap.array().cube()).matrix();
     };
-    optical_.d_force = [this, seen](int, double fraction, const Eigen::VectorXd& U, const Eigen::VectorXd& dU) -> Eigen::VectorXd {
-      const Eigen::VectorXd gap = fraction * seen - U;
+    optical_.d_force = [this, seen](int frame, double fraction, const Eigen::VectorXd& U, const Eigen::VectorXd& dU) -> Eigen::VectorXd {
+      const Eigen::VectorXd gap = seen(frame, fraction) - U;
       return -optical_.stiffness * ((1.0 + 3.0 * gap.array().square()) * dU.array()).matrix();
     };
   }
 
   static constexpr double turn = 0.7;  ///< [rad]
+  static constexpr std::array levels = {0.4, 0.8, 1.0, 0.97};  ///< of the frames
 
   [[nodiscard]] const LawCase& law() const { return case_; }
   [[nodiscard]] bool under_given_forces() const { return driven_ == Driven::by_force; }
@@ -96,7 +103,7 @@ class Bar {
   /// Pulled beyond yield in three frames, of several increments some, then unloaded; `sideways`: times a force across at every node on the way. Derivatives in `directions` of the forces, too: the k-th turned by `turn` * k towards another one.
   Path pull(const std::vector<double>& parameters, const std::vector<int>& free = {}, double sideways = 0.0, int directions = 0) {
     std::vector<LoadStep> steps;
-    for (const double level : {0.4, 0.8, 1.0, 0.97}) {
+    for (const double level : levels) {
       LoadStep step{.time = static_cast<double>(steps.size()) + level, .prescribed = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(dofs_.size())), .force = {}};
       if (driven_ == Driven::by_displacement)
         for (std::size_t i = 0; i < dofs_.size(); ++i)
