@@ -12,6 +12,7 @@
 #include <numeric>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
+#include <set>
 
 namespace imic3d::imaging {
 namespace {
@@ -75,10 +76,12 @@ std::optional<ImageHeader> tiff_header(Bytes& bytes, double& block) {
   if (!entries) return {};
   ImageHeader header{0, 0, 1};
   double rows_per_strip = 0.0, tile_width = 0.0, tile_height = 0.0;
+  std::set<std::uint32_t> read;
   for (std::uint64_t i = 0; i < *entries; ++i) {
     const std::uint64_t entry = *directory + 2 + 12 * i;
     const auto tag = bytes.integer(entry, 2), type = bytes.integer(entry + 2, 2), count = bytes.integer(entry + 4, 4);
     if (!tag || !type || !count) return {};
+    if (!read.insert(*tag).second) return {};  // of a tag that is there twice decoders take either
     double* const of_block = *tag == 278 ? &rows_per_strip : *tag == 322 ? &tile_width : *tag == 323 ? &tile_height : nullptr;
     if ((*tag < 256 || *tag > 258) && of_block == nullptr) continue;
     const std::size_t size = *type == 3 ? 2 : 4;

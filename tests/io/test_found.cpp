@@ -24,7 +24,7 @@ int read_all(const char* kind, const Read& read) {
 TEST(Found, CasesLoadsAndImagesGiveAResultOrAnInputError) {
   EXPECT_GE(read_all("case", fuzz::case_file), 4);
   EXPECT_GE(read_all("loads", fuzz::loads), 1);
-  EXPECT_GE(read_all("image", fuzz::image), 5);
+  EXPECT_GE(read_all("image", fuzz::image), 6);
 }
 
 // A decoder holds a whole strip: 65524 x 2560 pixels here, of a file of 380 bytes.
@@ -35,6 +35,12 @@ TEST(Found, StripsThatPromiseMoreThanTheFileHoldsAreRefused) {
   } catch (const InputError& error) {
     EXPECT_THAT(error.what(), ::testing::HasSubstr("in 380 bytes, in strips or tiles of 167741440 pixels"));
   }
+}
+
+TEST(Found, TiffOfTwoWidthsIsRefused) {
+  // The first of its widths makes strips of 671 MB, the second is one pixel.
+  EXPECT_THROW((void)imaging::read_image(IMIC3D_SOURCE_DIRECTORY "/tests/fuzz/found/image/tiff_of_two_widths"), InputError);
+  EXPECT_THROW((void)imaging::read_header(IMIC3D_SOURCE_DIRECTORY "/tests/fuzz/found/image/tiff_of_two_widths"), InputError);
 }
 
 TEST(Found, AScalarOfAMegabyteIsReadWithoutRecursion) {
