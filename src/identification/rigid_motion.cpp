@@ -1,0 +1,62 @@
+// What the simulation leaves open of the rigid motion, fitted to the measured displacement.
+#include <Eigen/Dense>
+#include <Eigen/Geometry>
+
+#include "imic3d/identification/gauss_newton.hpp"
+
+namespace imic3d::identification {
+
+Eigen::MatrixXd rigid_modes(const Specimen& specimen, Control control, const Eigen::VectorXd& displacement) {
+  const bool in_plane = control == Control::force, through = control != Control::images && specimen.out_of_plane();
+  const Eigen::Index first = in_plane ? 3 : 0;
+  Eigen::MatrixXd modes = Eigen::MatrixXd::Zero(displacement.size(), first + (through ? 3 : 0));
+  const double middle = specimen.surface.mesh.nodes.col(2).mean();  // where a rotation moves the ends least that drive the simulation
+  for (const Face& face : specimen.faces)
+    for (Eigen::Index i = 0; i < face.nodes(); ++i) {
+      const Eigen::Index row = face.first_unknown + face.components * i;
+      Eigen::Vector3d x = face.surface.mesh.nodes.row(i).transpose();
+      for (int a = 0; a < face.components; ++a) x[a] += displacement[row + a];
+      if (in_plane) {
+        modes.row(row).head<3>() << 1.0, 0.0, -x[1];
+        modes.row(row + 1).head<3>() << 0.0, 1.0, x[0];
+      }
+      if (!through) continue;
+      const double z = x[2] - middle;
+      modes(row, first + 2) = z;
+      modes(row + 1, first + 1) = -z;
+      if (face.components == 3) modes.row(row + 2).tail<3>() << 1.0, x[1], -x[0];
+    }
+  return modes;
+}
+
+void fit_rigid_motion(const Specimen& specimen, Control control, const Eigen::SparseMatrix<double>& M, const Eigen::MatrixXd& dic,
+                      Path& path) {
+  const bool through = specimen.out_of_plane(), in_plane = control == Control::force;
+  const Eigen::Vector3d pivot(0.0, 0.0, specimen.surface.mesh.nodes.col(2).mean());
+  for (int t = 0; t < path.frames; ++t) {
+    for (int iteration = 0; iteration < (through ? 3 : 1); ++iteration) {
+      const Eigen::MatrixXd modes = rigid_modes(specimen, control, path.surface.col(t));
+      if (modes.cols() == 0) return;
+      const Eigen::MatrixXd weighted = M * modes;
+      const Eigen::MatrixXd normal = modes.transpose() * weighted;
+      const Eigen::VectorXd motion = normal.ldlt().solve(weighted.transpose() * (dic.col(t) - path.surface.col(t)));
+      if (!through) {
+        path.surface.col(t) += modes * motion;
+        continue;
+      }
+      const Eigen::Vector3d leaning = motion.tail<3>();  // along z, about x and y
+      const Eigen::Vector3d turned(leaning[1], leaning[2], in_plane ? motion[2] : 0.0), moved(in_plane ? motion[0] : 0.0, in_plane ? motion[1] : 0.0, leaning[0]);
+      const Eigen::Matrix3d R = Eigen::AngleAxisd(turned.norm(), turned.stableNormalized()).toRotationMatrix();
+      for (const Face& face : specimen.faces)
+        for (Eigen::Index i = 0; i < face.nodes(); ++i) {
+          auto u = path.surface.col(t).segment(face.first_unknown + face.components * i, face.components);
+          Eigen::Vector3d x = face.surface.mesh.nodes.row(i).transpose();
+          for (int a = 0; a < face.components; ++a) x[a] += u[a];
+          const Eigen::Vector3d change = (R - Eigen::Matrix3d::Identity()) * (x - pivot) + moved;
+          for (int a = 0; a < face.components; ++a) u[a] += change[a];
+        }
+    }
+  }
+}
+
+}  // namespace imic3d::identification
