@@ -137,7 +137,7 @@ LightFindings look_at_light(const Observation& seen, const io::Case& test, int f
     });
     return made;
   };
-  loop::LightExperiment experiment(std::move(cameras), numbers, declared_effects(test, true), learned, [&](std::string unit) { return unit_in(std::move(unit), test.units); });
+  loop::LightExperiment experiment(std::move(cameras), numbers, options.held_out, declared_effects(test, true), learned, [&](std::string unit) { return unit_in(std::move(unit), test.units); });
   const auto report = loop::close_loop(experiment, options, say);
   findings.verdict = report.verdict;
   findings.sentence = report.sentence;

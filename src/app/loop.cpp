@@ -150,7 +150,7 @@ class FieldTest final : public LoopTest {
     spdlog::info("noise: {:.3f} grey levels{}", seen_->noise, std::isfinite(experiment_->measured().force_noise) ? fmt::format(", {:.4g} {} of the force", experiment_->measured().force_noise, test_.units.force) : "");
   }
   loop::Experiment& experiment() override { return *experiment_; }
-  std::vector<int> held_out() const override { return places_held_out(experiment_->measured().frames); }
+  std::vector<int> held_out() const override { return experiment_->measured().held_out; }
   int simulations() const override { return experiment_->simulations(); }
   void write(const std::filesystem::path& folder, const loop::Report& report, double seconds) override {
     const LoopFields fields = loop_fields(*experiment_, report);  // collective
@@ -161,18 +161,24 @@ class FieldTest final : public LoopTest {
   }
 
  private:
+  /// Those that are declared; blocks where none of them is there.
   [[nodiscard]] std::vector<int> places_held_out(const std::vector<int>& frames) const {
+    const auto& declared = test_.identify.held_out;
     std::vector<int> held;
     for (std::size_t t = 0; t < frames.size(); ++t)
-      if (std::binary_search(test_.identify.held_out.begin(), test_.identify.held_out.end(), frames[t])) held.push_back(static_cast<int>(t));
-    return held;
+      if (std::binary_search(declared.begin(), declared.end(), frames[t])) held.push_back(static_cast<int>(t));
+    std::vector<int> beyond;
+    std::copy_if(declared.begin(), declared.end(), std::back_inserter(beyond), [&](int frame) { return frame > frames.back(); });
+    if (!beyond.empty()) spdlog::info("held-out frames behind the last one that is fitted take no part: {}", io::to_text(beyond));
+    return held.empty() ? loop::held_out_blocks(static_cast<int>(frames.size())) : held;
   }
 
   void lay_out(loop::FieldData data) {
+    data.held_out = places_held_out(data.frames);
     experiment_ = std::make_unique<loop::FieldExperiment>(world_, std::move(data), declared_model(test_, material_), loop::FieldOptions{.modes = test_.loop.modes});
   }
   /// The declared model fitted to the data as they are, near which the loop will find it again; as declared where that fails.
-  std::vector<double> first_fit(const std::vector<int>& held_out) {
+  std::vector<double> first_fit() {
     std::vector<double> values;
     std::vector<int> free;
     const auto& parameters = experiment_->parameters();
@@ -182,7 +188,7 @@ class FieldTest final : public LoopTest {
     }
     const auto& data = experiment_->data();
     std::vector<char> fitted(experiment_->frame_numbers().size(), 1);
-    for (int t : held_out.empty() ? loop::held_out_blocks(static_cast<int>(fitted.size())) : held_out) fitted[static_cast<std::size_t>(t)] = 0;
+    for (int t : held_out()) fitted[static_cast<std::size_t>(t)] = 0;
     try {
       return loop::fit(*experiment_, loop::Weight(data, {}), loop::rows_of_frames(data, fitted), free, values).values;
     } catch (const ConvergenceError&) {
@@ -193,13 +199,11 @@ class FieldTest final : public LoopTest {
   /// Looks at the light, beside images of the declared model's motion on a finer mesh, of which the experiment learns its bias; where it changes and the correlation has left it alone, the images are
   /// correlated again with gain and offset of each frame, or of each element, fitted.
   void settle_light(const std::function<void(const std::string&)>& say) {
-    std::vector<int> frames;
-    for (int place : seen_->places) frames.push_back(test_.frames[static_cast<std::size_t>(place)]);
-    auto options = how(test_, places_held_out(frames));
+    auto options = how(test_, held_out());
     options.starts = {1.0};
     options.leave_out.clear();
     const auto synthetic = [&](const ImageShown& shown) {
-      const auto values = first_fit(options.held_out);
+      const auto values = first_fit();
       shown_ = shown;
       experiment_->learn_bias(values);
       shown_ = {};
@@ -310,9 +314,7 @@ void loop_on_tests(const Communicator& world, const CommandOptions& options, con
   std::vector<loop::JointExperiment::Test> joined;
   for (std::size_t k = 0; k < cases.size(); ++k) {
     tests.push_back(make_test(world, cases[k], say));
-    auto held = tests.back()->held_out();
-    if (held.empty() && cases[k].experiments.empty()) held = loop::held_out_blocks(static_cast<int>(tests.back()->experiment().frame_numbers().size()));
-    joined.push_back({all.tests[k].name, &tests.back()->experiment(), std::move(held)});
+    joined.push_back({all.tests[k].name, &tests.back()->experiment(), tests.back()->held_out()});
   }
   loop::JointExperiment experiment(std::move(joined));
   auto options_of_all = how(all, experiment.held_out());

@@ -40,7 +40,7 @@ namespace {
 
 std::vector<char> flags(int frames, const std::vector<int>& chosen) {
   std::vector<char> flag(static_cast<std::size_t>(frames), 0);
-  for (int t : chosen) flag[static_cast<std::size_t>(t)] = 1;
+  for (int t : chosen) flag.at(static_cast<std::size_t>(t)) = 1;
   return flag;
 }
 
@@ -80,6 +80,7 @@ class Loop {
       at = best->model;
       experiment_.put_back(at.ground->learned);
       if (!at.traced) appraisal_.trace(at);
+      if (last || !significant(at)) take_out_needless(at);
       if (last) {
         report_.set = round.set;
         report_.verdict = round.set.size() == 1 ? Verdict::attributed : Verdict::ambiguous;
@@ -193,21 +194,26 @@ class Loop {
 
   Round try_candidates(const Model& at) {
     const std::vector<Score>& scores = at.scores.candidates;
-    std::vector<std::size_t> order, invisible;
+    std::vector<std::size_t> order, doubtful;
     for (std::size_t i = 0; i < at.others.size(); ++i)
-      if (beyond_limit(at, scores[i])) (stands_out(at, scores[i]) ? order : invisible).push_back(i);
-    for (auto* list : {&order, &invisible}) {
+      if (stands_out(at, scores[i])) order.push_back(i);
+    for (std::size_t i = 0; i < at.others.size(); ++i)
+      if (!stands_out(at, scores[i]) && (order.empty() ? beyond_limit(at, scores[i]) : scores[i].z > at.scores.threshold)) doubtful.push_back(i);
+    for (auto* list : {&order, &doubtful}) {
       std::sort(list->begin(), list->end(), [&](std::size_t a, std::size_t b) { return scores[a].z > scores[b].z; });
-      if (list->size() > static_cast<std::size_t>(options_.rivals)) list->resize(static_cast<std::size_t>(options_.rivals));
+      // As many as are asked for, and all that are as good as the best within their noise.
+      std::size_t kept = std::min(list->size(), static_cast<std::size_t>(options_.rivals));
+      while (kept < list->size() && scores[(*list)[kept]].z >= scores[list->front()].z - 1.0) ++kept;
+      list->resize(kept);
     }
     // Far from the truth the linear score says nothing of an effect whose mark changes with its size: it may be that of a negative one.
     const std::size_t near = order.size();
     for (std::size_t i = 0; i < at.others.size(); ++i)
       if (from_afar(at, at.others[i]) && scores[i].visibility >= least_visibility && std::find(order.begin(), order.end(), i) == order.end()) order.push_back(i);
-    // An invisible effect whose score is as large as those of all that are seen, within their noise, may be what is there: it is named where it suffices, after those that are seen.
-    std::erase_if(invisible, [&](std::size_t i) { return !order.empty() && scores[i].z < scores[order.front()].z - 1.0; });
+    // An invisible effect, or one that the held-out frames speak against, whose score is as large as those of all others, within their noise, may be what is there: it is named where it suffices, after those.
+    std::erase_if(doubtful, [&](std::size_t i) { return !order.empty() && (scores[i].z < scores[order.front()].z - 1.0 || std::find(order.begin(), order.end(), i) != order.end()); });
     const std::size_t seen = order.size();
-    order.insert(order.end(), invisible.begin(), invisible.end());
+    order.insert(order.end(), doubtful.begin(), doubtful.end());
     Round round;
     std::size_t seen_in_set = 0;
     for (std::size_t place = 0; place < order.size(); ++place) {
@@ -279,9 +285,14 @@ class Loop {
           say(fmt::format("    with {}: {}", candidate(trial.candidate).name, error.what()));
         }
       }
-      appraisal_.judge(trial.model);
-      judge(trial, at);
-      announce(trial.model, "with " + candidate(trial.candidate).name);
+      try {
+        appraisal_.judge(trial.model);
+        judge(trial, at);
+        announce(trial.model, "with " + candidate(trial.candidate).name);
+      } catch (const ConvergenceError& error) {
+        trial.plausible = false;
+        trial.objection = error.what();
+      }
       if (!trial.plausible) say("    not plausible: " + trial.objection);
       if (trial.sufficient && trial.plausible) round.set.push_back(trial.candidate), seen_in_set += trial.visible ? 1 : 0;
       round.trials.push_back(std::move(trial));
@@ -292,6 +303,32 @@ class Loop {
     for (const auto& [first, last] : {std::pair(round.set.begin(), first_invisible), std::pair(first_invisible, round.set.end())})
       std::stable_sort(first, last, [&](int a, int b) { return candidate(a).link < candidate(b).link; });
     return round;
+  }
+
+  /// An effect that helped before another one sufficed may be needed no more: what is left without it tells.
+  void take_out_needless(Model& at) {
+    for (std::size_t i = at.added.size() - 1; i-- > 0;) {
+      const int needless = at.added[i];
+      Model without;
+      without.ground = at.ground;
+      without.added = at.added;
+      without.added.erase(without.added.begin() + static_cast<std::ptrdiff_t>(i));
+      std::vector<double> start = at.fit.values;
+      for (int j : candidate(needless).parameters) start[static_cast<std::size_t>(j)] = experiment_.parameters()[static_cast<std::size_t>(j)].value;
+      try {
+        without.fit = fit(experiment_, at.ground->weight, rows_, free_of(without.added), start);
+        appraisal_.judge(without);
+      } catch (const ConvergenceError& error) {
+        say(fmt::format("without {}: {}", candidate(needless).name, error.what()));
+        continue;
+      }
+      announce(without, "without " + candidate(needless).name);
+      if (significant(without) || without.misfit.held_out > std::max(1.02 * at.misfit.held_out, at.misfit.null_held_out)) continue;
+      say("taken out again: " + candidate(needless).name);
+      if (!without.traced) appraisal_.trace(without);
+      std::erase(report_.named, needless);
+      at = std::move(without);
+    }
   }
 
   void judge(Trial& trial, const Model& at) {

@@ -12,6 +12,7 @@
 #include "declared.hpp"
 #include "imic3d/core/error.hpp"
 #include "imic3d/loop/law_effects.hpp"
+#include "imic3d/loop/statistics.hpp"
 
 namespace imic3d::loop {
 
@@ -250,7 +251,10 @@ std::vector<Eigen::MatrixXd> CurveExperiment::whitening_of(const Scatter& scatte
       const Eigen::MatrixXd B = basis(first, size);
       covariance += B * scatter.covariance * B.transpose();
     }
-    all.emplace_back(covariance.llt().matrixL().solve(Eigen::MatrixXd::Identity(size, size)));
+    std::vector<int> last;
+    for (Eigen::Index i = 0; i < size; ++i)
+      if (bins_[static_cast<std::size_t>(first + i)].held_out) last.push_back(static_cast<int>(i));
+    all.emplace_back(whitening(covariance, last));
   }
   return all;
 }
@@ -259,7 +263,7 @@ Eigen::VectorXd CurveExperiment::whitened(const Eigen::VectorXd& raw, const std:
   Eigen::VectorXd result(raw.size());
   for (std::size_t k = 0; k < bars_.size(); ++k) {
     const auto [first, size] = bars_[k];
-    result.segment(first, size) = whitening[k].triangularView<Eigen::Lower>() * raw.segment(first, size);
+    result.segment(first, size) = whitening[k] * raw.segment(first, size);
   }
   return result;
 }
@@ -268,13 +272,15 @@ std::vector<Eigen::VectorXd> CurveExperiment::residuals(const std::vector<std::v
   const auto N = static_cast<Eigen::Index>(bins_.size());
   Eigen::MatrixXd all = Eigen::MatrixXd::Zero(N, static_cast<Eigen::Index>(sets.size()));
   std::vector<double> good(sets.size(), 0.0);
-  for (std::size_t s = 0; s < sets.size(); ++s) {
-    if (static_cast<int>(s) % world_.size() != world_.rank()) continue;
-    const auto predicted = predict(sets[s]);
-    if (predicted.empty()) continue;
-    all.col(static_cast<Eigen::Index>(s)) = whitened(binned(predicted));
-    good[s] = 1.0;
-  }
+  collectively(world_, [&] {
+    for (std::size_t s = 0; s < sets.size(); ++s) {
+      if (static_cast<int>(s) % world_.size() != world_.rank()) continue;
+      const auto predicted = predict(sets[s]);
+      if (predicted.empty()) continue;
+      all.col(static_cast<Eigen::Index>(s)) = whitened(binned(predicted));
+      good[s] = 1.0;
+    }
+  });
   world_.sum(std::span(all.data(), static_cast<std::size_t>(all.size())));
   world_.sum(good);
   std::vector<Eigen::VectorXd> result(sets.size());
@@ -307,11 +313,13 @@ std::vector<Eigen::VectorXd> CurveExperiment::residuals_near(const std::vector<d
   }
   std::vector<Eigen::MatrixXd> paths(curves_.size());
   std::vector<double> good(curves_.size(), 0.0);
-  for (std::size_t k = 0; k < curves_.size(); ++k) {
-    paths[k].setZero(curves_[k].stress.size(), 1 + static_cast<Eigen::Index>(free.size()));
-    if (static_cast<int>(k) % world_.size() != world_.rank()) continue;
-    if (auto path = follow(k, law, values, free); path.size() > 0) paths[k] = std::move(path), good[k] = 1.0;
-  }
+  for (std::size_t k = 0; k < curves_.size(); ++k) paths[k].setZero(curves_[k].stress.size(), 1 + static_cast<Eigen::Index>(free.size()));
+  collectively(world_, [&] {
+    for (std::size_t k = 0; k < curves_.size(); ++k) {
+      if (static_cast<int>(k) % world_.size() != world_.rank()) continue;
+      if (auto path = follow(k, law, values, free); path.size() > 0) paths[k] = std::move(path), good[k] = 1.0;
+    }
+  });
   for (auto& path : paths) world_.sum(std::span(path.data(), static_cast<std::size_t>(path.size())));
   world_.sum(good);
   ++simulations_;

@@ -14,6 +14,7 @@
 
 #include "imic3d/core/error.hpp"
 #include "imic3d/loop/law_effects.hpp"
+#include "imic3d/loop/statistics.hpp"
 #include "declared.hpp"
 #include "field_series.hpp"
 
@@ -82,7 +83,7 @@ FieldExperiment::FieldExperiment(Communicator world, FieldData data, DeclaredMod
   }
   const auto frames = measured_.force.size();
   const Eigen::MatrixXd over_time = Eigen::MatrixXd::Identity(frames, frames) + Eigen::MatrixXd::Constant(frames, frames, 1.0 / measured_.references);
-  over_time_ = over_time.llt().matrixL().solve(Eigen::MatrixXd::Identity(frames, frames));
+  over_time_ = whitening(over_time, measured_.held_out);
   for (Eigen::Index t = 0; t < frames; ++t) {
     for (std::size_t k = 0; k < faces_.size(); ++k)
       for (int side : faces_[k].modes.sides()) data_.push_back({static_cast<int>(t), static_cast<int>(k), side});
@@ -147,15 +148,12 @@ void FieldExperiment::make_scene() {
   Variant& declared = variant({});
   scene.axis = declared.specimen.axis;
   scene.plane = mesh::dimension(declared.specimen.volume.type) == 2;
+  scene.half = !scene.plane && declared.specimen.section_factor != 1.0;
   scene.elongation = elongation_of(declared.specimen, declared.to_variant * measured_.driving);
-  if (declared.specimen.section_factor == 1.0 && !scene.plane) {
+  if (!scene.half && !scene.plane) {
     const double depth = declared.specimen.volume.nodes.col(2).maxCoeff() - declared.specimen.volume.nodes.col(2).minCoeff();
     scene.driven_depth = measured_.faces.size() == 2 ? 0.5 * depth : measured_.faces.front().name == "back" ? depth : 0.0;
   }
-  // The elastic field: that of the frame of largest force that is within a fifth of the largest, from the simulation.
-  Eigen::Index frame = 0;
-  const double largest = measured_.force.cwiseAbs().maxCoeff();
-  for (Eigen::Index t = 0; t < measured_.force.size() && std::abs(measured_.force[t]) < 0.3 * largest; ++t) frame = t;
   Eigen::Index first = 0;
   for (const auto& face : measured_.faces) {
     faces_.push_back({scene, {}, first});
@@ -168,8 +166,16 @@ void FieldExperiment::make_scene() {
   const auto paths = simulate({Simulation{model_.values, {}, measured_.driving, {}}});
   if (paths.front().R.size() == 0) throw ConvergenceError("the declared model cannot follow the measured displacement of the ends");
   motion_ = paths.front().U;
-  for (std::size_t k = 0; k < faces_.size(); ++k)
-    faces_[k].scene.elastic = motion_.col(frame).segment(faces_[k].first, measured_.faces[k].unknowns()) / paths.front().R[frame];
+  // The elastic field: that of the last of the first loaded frames whose reaction is below 0.3 of the largest.
+  const Eigen::VectorXd& reaction = paths.front().R;
+  const double largest = reaction.cwiseAbs().maxCoeff();
+  Eigen::Index frame = 0;
+  while (frame + 1 < reaction.size() && std::abs(reaction[frame]) < 0.05 * largest) ++frame;
+  while (frame + 1 < reaction.size() && std::abs(reaction[frame + 1]) >= std::abs(reaction[frame]) && std::abs(reaction[frame + 1]) < 0.3 * largest) ++frame;
+  for (std::size_t k = 0; k < faces_.size(); ++k) {
+    const Eigen::VectorXd own = motion_.col(frame).segment(faces_[k].first, measured_.faces[k].unknowns());
+    faces_[k].scene.elastic = largest > 0.0 ? Eigen::VectorXd(own / reaction[frame]) : Eigen::VectorXd::Zero(own.size());
+  }
 }
 
 std::span<const double> FieldExperiment::values_of(std::size_t effect, const std::vector<double>& values) const {

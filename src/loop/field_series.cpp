@@ -60,13 +60,13 @@ MeshChange FieldExperiment::mesh_of(const Key& wanted) const {
 
 FieldExperiment::Variant& FieldExperiment::variant(const Key& wanted) {
   const std::vector<double>& key = wanted.specimen;
-  auto& variants = groups_->variants;
+  auto& variants = wanted.synthetic ? groups_->synthetic_variants : groups_->variants;
   for (auto it = variants.begin(); it != variants.end(); ++it)
     if (it->first == wanted) {
       variants.splice(variants.begin(), variants, it);
       return variants.front().second;
     }
-  while (variants.size() > 6) variants.erase(std::prev(variants.end()));
+  while (variants.size() > (wanted.synthetic ? 3 : 6)) variants.erase(std::prev(variants.end()));
   const double increments = key.empty() ? 1.0 : key[1];
   const bool before_test = !key.empty() && key[2] > 0.5;
   variants.emplace_front(wanted, Variant{});
@@ -97,7 +97,7 @@ FieldExperiment::Variant& FieldExperiment::variant(const Key& wanted) {
                                                   mechanics::EquilibriumOptions{.increments = model_.increments * static_cast<int>(increments), .derivative_tolerance = 1e-5, .memory_of_factors = 100.0, .with_fields = false}, 1, 1);
   // Nearly the same series as the last one of these ranks, of another law or specimen.
   const auto alike = std::find_if(std::next(variants.begin()), variants.end(), [&](const auto& other) {
-    return other.first.synthetic == wanted.synthetic && !other.second.before_test && other.second.specimen.volume.nodes.rows() == made.specimen.volume.nodes.rows();
+    return !other.second.before_test && other.second.specimen.volume.nodes.rows() == made.specimen.volume.nodes.rows();
   });
   if (!before_test && alike != variants.end()) {
     auto solutions = alike->second.model->solutions();
@@ -197,7 +197,12 @@ std::vector<FieldExperiment::Series> FieldExperiment::simulate(const std::vector
       if (beyond.size() > 0) run.beyond = &beyond;
       for (const auto& direction : one.directions) run.directions.push_back({.prescribed = with.specimen.from_surface(id::Control::displacement) * on_variant(direction)});
       for (const int shape : one.uneven) run.directions.push_back(uneven_end(with, shape));
-      const auto path = with.model->simulate(id::Control::displacement, {run}, static_cast<int>(frames + before)).front();
+      id::Path path;
+      try {
+        path = with.model->simulate(id::Control::displacement, {run}, static_cast<int>(frames + before)).front();
+      } catch (const ConvergenceError&) {  // of derivatives, alike on all ranks of the group
+        continue;
+      }
       if (path.frames < frames + before || !layout.group().is_root()) continue;
       const auto of_frames = [&](const Eigen::MatrixXd& surface) -> Eigen::MatrixXd {
         if (!with.before_test) return surface;

@@ -73,7 +73,8 @@ struct FieldExperiment::Groups {
   Groups(const Communicator& world, int groups) : layout(world, 64, groups), halves(world, 2, std::min(groups, 2)) {}
   GroupLayout layout, halves;  // halves: of all ranks, for synthetic tests
   [[nodiscard]] const GroupLayout& of(const Key& key) const { return key.synthetic ? halves : layout; }
-  std::list<std::pair<Key, Variant>> variants;  // this rank's groups', the last used first
+  // This rank's groups', the last used first. Those of synthetic tests by themselves: a rank's half is another group than that of its other series, and all ranks of a group forget the same ones.
+  std::list<std::pair<Key, Variant>> variants, synthetic_variants;
 };
 
 }  // namespace imic3d::loop

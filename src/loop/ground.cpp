@@ -16,7 +16,11 @@ void doubt_bias(const Experiment& experiment, Eigen::MatrixXd& null) {
   const Experiment::Doubt doubt = experiment.doubt();
   if (doubt.each.size() == 0) return;
   const auto& data = experiment.data();
-  const auto frames = static_cast<double>(experiment.frame_numbers().size());
+  std::vector<double> clock(experiment.frame_numbers().size());  // of each frame in its test, from -1 to 1
+  for (std::size_t t = 0; t < clock.size(); ++t) {
+    const auto [first, last] = experiment.test_of(static_cast<int>(t));
+    clock[t] = last > first ? 2.0 * (static_cast<int>(t) - first) / (last - first) - 1.0 : 0.0;
+  }
   std::vector<Eigen::Index> place(data.size());  // of a number within its frame
   Eigen::Index most = 0;
   for (std::size_t i = 0; i < data.size(); ++i) {
@@ -32,7 +36,7 @@ void doubt_bias(const Experiment& experiment, Eigen::MatrixXd& null) {
     for (double& x : whole.reshaped()) x = normal(random);
     const double size = std::sqrt(1.0 + 1.0 / 3.0 + 0.2);
     for (std::size_t i = 0; i < data.size(); ++i) {
-      const double s = frames > 1.0 ? 2.0 * data[i].frame / (frames - 1.0) - 1.0 : 0.0;
+      const double s = clock[static_cast<std::size_t>(data[i].frame)];
       const auto row = static_cast<Eigen::Index>(i);
       const Eigen::Vector3d both = (doubt.each[row] * c.col(place[i]) + whole * doubt.whole.row(row).transpose()) / size;
       draw[row] += both[0] + both[1] * s + both[2] * 0.5 * (3.0 * s * s - 1.0);

@@ -74,8 +74,15 @@ std::vector<int> JointExperiment::frame_numbers() const {
   return all;
 }
 
+std::size_t JointExperiment::test_with(int frame) const { return static_cast<std::size_t>(std::upper_bound(first_frame_.begin(), first_frame_.end(), frame) - first_frame_.begin()) - 1; }
+
+std::pair<int, int> JointExperiment::test_of(int frame) const {
+  const auto test = test_with(frame);
+  return {first_frame_[test], first_frame_[test + 1] - 1};
+}
+
 std::string JointExperiment::frame_name(int frame) const {
-  const auto test = static_cast<std::size_t>(std::upper_bound(first_frame_.begin(), first_frame_.end(), frame) - first_frame_.begin()) - 1;
+  const auto test = test_with(frame);
   return tests_[test].name + ", " + tests_[test].experiment->frame_name(frame - first_frame_[test]);
 }
 

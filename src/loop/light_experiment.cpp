@@ -10,6 +10,7 @@
 #include <random>
 
 #include "imic3d/core/error.hpp"
+#include "imic3d/loop/statistics.hpp"
 #include "declared.hpp"
 
 namespace imic3d::loop {
@@ -23,12 +24,12 @@ constexpr double judged_by_ratio = 10.0;   // standard deviations
 
 Eigen::VectorXd compressed(const Eigen::VectorXd& z) { return judged_by_ratio * (z / judged_by_ratio).array().asinh(); }
 
-/// L^-1 of S ((1 - shared) 1 + shared 1 1^T) S + level 1 1^T, S of each frame's standard deviation [frames].
-Eigen::MatrixXd over_time(const Eigen::VectorXd& deviation, double shared, double level) {
+/// Whitens S ((1 - shared) 1 + shared 1 1^T) S + level 1 1^T, S of each frame's standard deviation [frames].
+Eigen::MatrixXd over_time(const Eigen::VectorXd& deviation, double shared, double level, const std::vector<int>& held_out) {
   const auto frames = deviation.size();
   const Eigen::MatrixXd alike = (1.0 - shared) * Eigen::MatrixXd::Identity(frames, frames) + Eigen::MatrixXd::Constant(frames, frames, shared);
   const Eigen::MatrixXd covariance = deviation.asDiagonal() * alike * deviation.asDiagonal() + Eigen::MatrixXd::Constant(frames, frames, level);
-  return covariance.llt().matrixL().solve(Eigen::MatrixXd::Identity(frames, frames));
+  return whitening(covariance, held_out);
 }
 
 double root_of_count(double count, double pixels) {
@@ -55,9 +56,9 @@ struct LightExperiment::Whitening {
   Eigen::Index first_row = 0;              // within a frame
 };
 
-LightExperiment::LightExperiment(std::vector<LightCamera> cameras, std::vector<int> frames, const std::vector<DeclaredEffect>& declared, Synthetic synthetic,
+LightExperiment::LightExperiment(std::vector<LightCamera> cameras, std::vector<int> frames, std::vector<int> held_out, const std::vector<DeclaredEffect>& declared, Synthetic synthetic,
                                  const std::function<std::string(std::string)>& unit)
-    : cameras_(std::move(cameras)), frames_(std::move(frames)), synthetic_(std::move(synthetic)) {
+    : cameras_(std::move(cameras)), frames_(std::move(frames)), held_out_(std::move(held_out)), synthetic_(std::move(synthetic)) {
   make_whitening();
   for (const auto& camera : cameras_)
     parameters_.push_back({.info = {.name = cameras_.size() == 1 ? "noise" : "noise_" + camera.optics.camera, .unit = "grey level", .description = "standard deviation of one image", .lower = 0.1 * camera.optics.noise, .upper = 10.0 * camera.optics.noise},
@@ -179,14 +180,14 @@ void LightExperiment::make_whitening() {
       mean_square[t] = std::abs(middle - 1.0) > level_known_to ? middle : 1.0;
     }
     const Eigen::VectorXd scatter = (mean_square.array() * (1.0 + of_reference) - of_reference).max(0.1).sqrt();
-    w.linear_over_time = over_time(scatter, 0.0, of_reference);
+    w.linear_over_time = over_time(scatter, 0.0, of_reference, held_out_);
     for (Eigen::Index c = 0; c < cells; ++c) {
       double mean_deviation = 0.0, shared = 0.0;
       for (Eigen::Index t = 0; t < count; ++t) {
         mean_deviation += w.deviation(c, t) / static_cast<double>(count);
         shared += optics.shared / optics.pixels[c] / frames[static_cast<std::size_t>(t)].spread[c] / static_cast<double>(count);
       }
-      w.over_time.push_back(over_time(mean_square, std::min(0.9, shared), std::pow(level_known_to / mean_deviation, 2)));
+      w.over_time.push_back(over_time(mean_square, std::min(0.9, shared), std::pow(level_known_to / mean_deviation, 2), held_out_));
     }
     whitening_.push_back(std::make_shared<const Whitening>(std::move(w)));
   }

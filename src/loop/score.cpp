@@ -194,7 +194,8 @@ Scores score(const ScoreProblem& problem) {
     const Eigen::VectorXd scale = length.segment(first, sizes).cwiseInverse();
     one.size = test.size(j, sizes, z).cwiseProduct(scale);
     one.deviation = test.covariance(j, sizes).diagonal().cwiseMax(0.0).cwiseSqrt().cwiseProduct(scale);
-    one.detectable = (normal_as_student(result.threshold + power_deviations, freedom[j]) / unit / test.information(j).diagonal().cwiseMax(1e-300).array().sqrt()).matrix().cwiseQuotient(length.segment(first, count));
+    const double wider = detectable(result.threshold, power_deviations, one.degrees) / (result.threshold + power_deviations);
+    one.detectable = (wider * normal_as_student(result.threshold + power_deviations, freedom[j]) / unit / test.information(j).diagonal().cwiseMax(1e-300).array().sqrt()).matrix().cwiseQuotient(length.segment(first, count));
     one.bias = pull * problem.signatures[j].leftCols(sizes);
     result.candidates.push_back(std::move(one));
   }

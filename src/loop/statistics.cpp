@@ -1,7 +1,9 @@
 #include "imic3d/loop/statistics.hpp"
 
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 namespace imic3d::loop {
 
@@ -34,6 +36,45 @@ double student_as_normal(double t, double freedom) {
 double normal_as_student(double z, double freedom) {
   const double scaled = z * (8.0 * freedom + 3.0) / (8.0 * freedom + 1.0);
   return std::copysign(std::sqrt(freedom * std::expm1(scaled * scaled / freedom)), z);
+}
+
+double detectable(double limit, double beyond, int degrees) {
+  if (degrees == 1) return limit + beyond;
+  const double log_p = log_chi_squared_tail(limit * limit, 1), power = 0.5 * std::erfc(-beyond / std::sqrt(2.0));
+  const auto where = [](double high, auto&& below) {
+    double low = 0.0;
+    for (int i = 0; i < 50; ++i) {
+      const double middle = 0.5 * (low + high);
+      (below(middle) ? low : high) = middle;
+    }
+    return 0.5 * (low + high);
+  };
+  const double critical = where(std::pow(limit + 3.0, 2) + 4.0 * degrees, [&](double value) { return log_chi_squared_tail(value, degrees) > log_p; });
+  // The non-central one is a mixture: degrees + 2 i with Poisson's probability of i.
+  std::map<int, double> tails;
+  const auto tail = [&](double shift) {
+    double sum = 0.0;
+    const double mean = 0.5 * shift;
+    for (int i = 0; i < 10 + static_cast<int>(mean + 8.0 * std::sqrt(mean)); ++i) {
+      const auto [known, made] = tails.try_emplace(i, 0.0);
+      if (made) known->second = chi_squared_tail(critical, degrees + 2 * i);
+      sum += std::exp(i * std::log(std::max(mean, 1e-300)) - mean - std::lgamma(i + 1.0)) * known->second;
+    }
+    return sum;
+  };
+  return std::sqrt(where(2.0 * critical + 20.0, [&](double shift) { return tail(shift) < power; }));
+}
+
+Eigen::MatrixXd whitening(const Eigen::MatrixXd& covariance, const std::vector<int>& last) {
+  const auto count = static_cast<int>(covariance.rows());
+  std::vector<int> order;
+  for (int i = 0; i < count; ++i)
+    if (std::find(last.begin(), last.end(), i) == last.end()) order.push_back(i);
+  order.insert(order.end(), last.begin(), last.end());
+  const Eigen::MatrixXd inverse = Eigen::MatrixXd(covariance(order, order)).llt().matrixL().solve(Eigen::MatrixXd::Identity(count, count));
+  Eigen::MatrixXd result(count, count);
+  result(order, order) = inverse;
+  return result;
 }
 
 double upper_quantile(Eigen::VectorXd values, double level) {

@@ -97,7 +97,7 @@ struct Filmed {
       for (int t = 0; t < count; ++t) all.push_back(statistics.frame(synthetic(t), found[static_cast<std::size_t>(t)].displacement));
       return std::vector<std::vector<LightFrame>>{all};
     };
-    return {{std::move(one)}, numbers, declared, learned};
+    return {{std::move(one)}, numbers, {2, 5}, declared, learned};
   }
 };
 

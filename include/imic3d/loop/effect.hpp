@@ -20,6 +20,7 @@ struct Scene {
   int components = 2;                   ///< of a node's displacement: x, y; 3 where several cameras see z too
   int axis = 1;                         ///< of the load
   bool plane = false;                   ///< plane stress
+  bool half = false;                    ///< in space, but the mesh ends at a plane of symmetry in the middle of the thickness: neither face moves otherwise than the other
   Eigen::Vector2d low, high;            ///< the surface's box [length]
   double element = 1.0;                 ///< mean size of its elements [length]
   double thickness = 1.0;               ///< [length]

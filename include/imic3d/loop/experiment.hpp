@@ -54,6 +54,8 @@ class Experiment {
   [[nodiscard]] virtual const std::vector<Candidate>& candidates() const = 0;
   [[nodiscard]] virtual const std::vector<Datum>& data() const = 0;   ///< [N]
   [[nodiscard]] virtual std::vector<int> frame_numbers() const = 0;   ///< of the record, as the user knows them
+  /// First and last frame of the test that a frame is of.
+  [[nodiscard]] virtual std::pair<int, int> test_of(int /*frame*/) const { return {0, static_cast<int>(frame_numbers().size()) - 1}; }
   [[nodiscard]] virtual std::string frame_name(int frame) const { return "frame " + std::to_string(frame_numbers()[static_cast<std::size_t>(frame)]); }
   /// One residual [N] for each set of parameter values; the sets as concurrent groups of ranks. Collective. Empty where the
   /// model could not follow (a set out of reach of the solver).

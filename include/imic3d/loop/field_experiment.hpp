@@ -37,6 +37,7 @@ struct FieldData {
   /// made of the references and correlated, without noise. Collective. Not given: no bias is learned.
   std::function<Eigen::MatrixXd(const identification::Specimen& specimen, const Eigen::MatrixXd& U)> correlate;
   std::vector<int> frames;        ///< numbers, as the user knows them
+  std::vector<int> held_out{};    ///< places of the frames that are never fitted: what is whitened over time holds nothing of them in the others
   Eigen::VectorXd time, force;    ///< [frames]
   double start_time = 0.0;
   double force_noise = 1.0;       ///< standard deviation of the load record [force]; infinity: there is none
@@ -192,7 +193,7 @@ class FieldExperiment final : public Experiment {
   std::vector<Candidate> candidates_;
   std::vector<Datum> data_;
   Eigen::MatrixXd motion_;          // of the faces under the declared model [unknowns x frames]
-  Eigen::MatrixXd over_time_;       // inverse of the Cholesky factor of 1 + 11^T/references [frames x frames]
+  Eigen::MatrixXd over_time_;       // whitens 1 + 11^T/references [frames x frames]
   struct Groups;
   std::unique_ptr<Groups> groups_;
   /// The series of a synthetic test, side by side: on refined meshes, the finest first, whose ends are driven by `driving_as_seen` [unknowns x frames]; then on the declared mesh in the same and in

@@ -29,6 +29,7 @@ class JointExperiment final : public Experiment {
   [[nodiscard]] const std::vector<Candidate>& candidates() const override { return candidates_; }
   [[nodiscard]] const std::vector<Datum>& data() const override { return data_; }
   [[nodiscard]] std::vector<int> frame_numbers() const override;  ///< from 0, tests one after another
+  [[nodiscard]] std::pair<int, int> test_of(int frame) const override;
   [[nodiscard]] std::string frame_name(int frame) const override;
   [[nodiscard]] std::string channel_name(int channel) const override;
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) override;
@@ -67,6 +68,7 @@ class JointExperiment final : public Experiment {
   std::vector<Candidate> candidates_;
   std::vector<std::vector<std::string>> names_;  // of each test's candidates among all
   std::vector<Datum> data_;
+  [[nodiscard]] std::size_t test_with(int frame) const;
   std::vector<int> first_frame_;
   std::vector<Eigen::Index> first_row_;  // and the number of rows
   std::vector<double> learned_at_;

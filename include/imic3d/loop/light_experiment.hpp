@@ -25,8 +25,8 @@ class LightExperiment final : public Experiment {
   /// What the statistics would be of images of the declared model's motion that were made of the reference [cameras][frames]; empty if there are none.
   using Synthetic = std::function<std::vector<std::vector<LightFrame>>()>;
 
-  /// Throws InputError: a declared effect beyond its bounds.
-  LightExperiment(std::vector<LightCamera> cameras, std::vector<int> frames, const std::vector<DeclaredEffect>& declared = {}, Synthetic synthetic = {},
+  /// `held_out`: places of the frames that are never fitted. Throws InputError: a declared effect beyond its bounds.
+  LightExperiment(std::vector<LightCamera> cameras, std::vector<int> frames, std::vector<int> held_out, const std::vector<DeclaredEffect>& declared = {}, Synthetic synthetic = {},
                   const std::function<std::string(std::string)>& unit = {});
 
   [[nodiscard]] const std::vector<Parameter>& parameters() const override { return parameters_; }
@@ -58,7 +58,7 @@ class LightExperiment final : public Experiment {
   [[nodiscard]] double plain_onset() const;
 
   std::vector<LightCamera> cameras_;
-  std::vector<int> frames_;
+  std::vector<int> frames_, held_out_;
   Synthetic synthetic_;
   std::vector<std::shared_ptr<const Effect>> effects_;
   std::vector<std::size_t> first_;  // parameter of each effect

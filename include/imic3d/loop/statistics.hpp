@@ -2,6 +2,7 @@
 // The few distributions that the scores are judged by.
 
 #include <Eigen/Core>
+#include <vector>
 
 namespace imic3d::loop {
 
@@ -15,6 +16,10 @@ namespace imic3d::loop {
 [[nodiscard]] double student_as_normal(double t, double freedom);
 /// Its inverse.
 [[nodiscard]] double normal_as_student(double z, double freedom);
+/// Length of a mean (in standard deviations) with which chi^2 of `degrees` exceeds in Phi(`beyond`) of all cases what N(0,1)^2 at `limit` is as improbable as: limit + beyond for one degree.
+[[nodiscard]] double detectable(double limit, double beyond, int degrees);
+/// W [n square] with W `covariance` W^T = 1, whose rows hold nothing of the numbers in `last` [places, ascending] but for those of these themselves.
+[[nodiscard]] Eigen::MatrixXd whitening(const Eigen::MatrixXd& covariance, const std::vector<int>& last);
 /// What one more draw of the same distribution as `values` exceeds with probability `level` or less: a value of them, the largest where they are few.
 [[nodiscard]] double upper_quantile(Eigen::VectorXd values, double level);
 /// The value that the fraction `level` of the values does not exceed.

@@ -19,7 +19,7 @@ class GripSlip final : public Effect {
             .confused_with = "misalignment",
             .separated_by = "a camera on the other face; marks on specimen and jaws"};
   }
-  [[nodiscard]] bool applies(const Scene& scene) const override { return !scene.plane; }
+  [[nodiscard]] bool applies(const Scene& scene) const override { return !scene.plane && !scene.half; }
   /// Within a good half of a frame about the onset, growing linearly from zero where the cameras look.
   [[nodiscard]] double driven(Values values, const Scene& scene, int t, double z) const override {
     const double since = (scene.clock(t) - values[1]) * static_cast<double>(scene.time.size());  // [frames]

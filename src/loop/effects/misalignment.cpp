@@ -18,7 +18,7 @@ class Misalignment final : public Effect {
             .confused_with = scene.plane ? "" : "E, force gain",
             .separated_by = "a camera on the other face"};
   }
-  [[nodiscard]] bool applies(const Scene& scene) const override { return !scene.plane; }
+  [[nodiscard]] bool applies(const Scene& scene) const override { return !scene.plane && !scene.half; }
   /// Grows linearly from zero where the cameras look, in proportion to the elongation.
   [[nodiscard]] double driven(Values values, const Scene& scene, int t, double z) const override {
     return values[0] * scene.elongation[t] * (z + scene.driven_depth) / (0.5 * scene.thickness);

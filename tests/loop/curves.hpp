@@ -1,0 +1,158 @@
+#pragma once
+// A small experiment whose truth is known: five numbers a frame and a force, two parameters, seven candidates.
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <cmath>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <random>
+#include <utility>
+#include <vector>
+
+#include "imic3d/core/error.hpp"
+#include "imic3d/loop/closing.hpp"
+
+namespace imic3d::loop {
+
+constexpr int frames = 40, numbers = 5;
+
+/// Curves with a kink: u_k(t) = p0 phi_k(t) + p1^2 psi_k(t), F(t) = 30 p0 tanh(4 t) + 20 p1 t. All noise is white, but for what an
+/// input noise common to a frame adds to its numbers.
+class Curves final : public Experiment {
+ public:
+  enum Effect { drift, kink, twin, twin_again, gain, curved, offset };
+
+  explicit Curves(unsigned seed, std::vector<std::pair<int, double>> truth = {}, double unknown = 0.0, unsigned of_null = 5000U, double rest_of_gain = 0.0, double like_drift = 0.0)
+      : of_null_(of_null), rest_of_gain_(rest_of_gain), like_drift_(like_drift) {
+    const auto add = [&](const char* name, double value, double lower, double upper, std::optional<double> null) {
+      parameters_.push_back({.info = {.name = name, .unit = "-", .description = "", .lower = lower, .upper = upper, .null_value = null}, .value = value, .step = 1e-4, .prior = 0.0, .free = !null});
+    };
+    add("p0", 10.0, 1e-3, 1e3, {});
+    add("p1", 3.0, 1e-3, 1e3, {});
+    const char* names[] = {"drift", "kink", "twin", "twin again", "gain", "curved", "offset"};
+    const Link links[] = {Link::camera, Link::material, Link::geometry, Link::material, Link::record, Link::camera, Link::record};
+    for (int k = 0; k < 7; ++k) {
+      add(names[k], 0.0, -100.0, 100.0, 0.0);
+      candidates_.push_back({.name = names[k], .link = links[k], .parameters = {2 + k}, .sentence = names[k], .confused_with = "", .separated_by = "another test", .after = {}});
+    }
+    for (int t = 0; t < frames; ++t) {
+      for (int k = 0; k < numbers; ++k) data_.push_back({t, 0});
+      data_.push_back({t, force_channel});
+    }
+    std::vector<double> values;
+    for (const auto& p : parameters_) values.push_back(p.value);
+    values[0] = 10.6, values[1] = 2.9;
+    for (const auto& [k, size] : truth) values[static_cast<std::size_t>(2 + k)] = size;
+    measured_ = predict(values) + draw(seed);
+    for (int t = 0; t < frames; ++t) measured_[t * (numbers + 1) + t % numbers] += unknown * std::sin(0.7 * t);
+  }
+
+  Curves& bound(int effect, double largest) {
+    auto& info = parameters_[static_cast<std::size_t>(2 + effect)].info;
+    info.lower = -largest, info.upper = largest;
+    return *this;
+  }
+
+  Curves& limit(std::size_t parameter, double lower, double upper) {
+    parameters_[parameter].info.lower = lower, parameters_[parameter].info.upper = upper;
+    return *this;
+  }
+
+  /// A parameter is known beforehand.
+  Curves& know(std::size_t parameter, double value, double deviation) {
+    parameters_[parameter].value = value, parameters_[parameter].prior = deviation;
+    return *this;
+  }
+
+  const std::vector<Parameter>& parameters() const override { return parameters_; }
+  const std::vector<Candidate>& candidates() const override { return candidates_; }
+  const std::vector<Datum>& data() const override { return data_; }
+  std::vector<int> frame_numbers() const override {
+    std::vector<int> all;
+    for (int t = 0; t < frames; ++t) all.push_back(100 + t);
+    return all;
+  }
+  bool takes_simulations(int parameter) const override { return costly && parameter >= 2; }
+  void learn_bias(const std::vector<double>& values) override { put_back(std::make_shared<Size>(values[2 + kink])); }
+  std::shared_ptr<const Learned> learned() const override { return bias_of_kink > 0.0 ? learned_ : nullptr; }
+  void put_back(const std::shared_ptr<const Learned>& learned) override { learned_ = std::dynamic_pointer_cast<const Size>(learned); }
+  Doubt doubt() const override {
+    const Eigen::VectorXd quarter = Eigen::VectorXd::Constant(measured_.size(), 0.25 * bias_of_kink * (learned_ ? std::abs(learned_->kink) : 0.0));
+    return {(quarter.array() + doubted_each).matrix(), Eigen::VectorXd((quarter.array() + doubted_whole).matrix())};
+  }
+  double doubted_each = 0.0, doubted_whole = 0.0;  // more of it, whatever there is
+  bool costly = false;        // derivatives by the effects take series of their own
+  double bias_of_kink = 0.0;  // what the mesh errs by where there is one
+  double unlike_twins = 0.2;  // the rest of gain
+  bool follows = true;        // what its model is asked for
+  std::function<bool(const std::vector<double>&)> within = [](const auto&) { return true; };  // sets that its model can follow
+  int series = 0;
+
+  std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) override {
+    if (!follows) throw ConvergenceError("the model cannot follow");
+    series += static_cast<int>(sets.size());
+    std::vector<Eigen::VectorXd> all;
+    for (const auto& set : sets) all.emplace_back(within(set) ? Eigen::VectorXd(measured_ - predict(set)) : Eigen::VectorXd());
+    return all;
+  }
+  Eigen::MatrixXd noise(const std::vector<double>&, int draws) override {
+    Eigen::MatrixXd all(measured_.size(), draws);
+    for (int b = 0; b < draws; ++b) all.col(b) = draw(of_null_ + static_cast<unsigned>(b));
+    return all;
+  }
+
+ private:
+  struct Size final : Learned {
+    explicit Size(double size) : kink(size) {}
+    double kink;
+  };
+  std::shared_ptr<const Size> learned_;
+  Eigen::VectorXd predict(const std::vector<double>& v) const {
+    Eigen::VectorXd y(frames * (numbers + 1));
+    for (int t = 0; t < frames; ++t) {
+      const double s = (t + 1.0) / frames;
+      for (int k = 0; k < numbers; ++k) {
+        const double phi = std::cos(k * s), psi = s * s * std::sin(k + 2.0 * s);
+        double u = v[0] * phi + v[1] * v[1] * psi;
+        u += v[2] * s * (k - 2.0);                                        // drift
+        u += v[3] * std::max(0.0, s - 0.6) * (k == 1 ? 3.0 : -1.0);      // kink
+        const double mark = s * (1.0 - s) * std::cos(2.0 * k);
+        u += (v[4] + v[5]) * mark + 1e-9 * v[5];                          // two that leave the same mark
+        u += v[6] * phi;                                                  // gain: like p0, but for
+        u += rest_of_gain_ * v[6] * (mark + unlike_twins * s * std::sin(5.0 * k));  // a rest that is nearly that of the twins
+        u += (1.0 - std::exp(-0.5 * v[7] * s)) * (k % 2 == 0 ? 2.0 : -2.0) * s;  // not linear in its size
+        u += like_drift_ * v[7] * v[7] * s * (k - 2.0);                    // where it is large
+        y[t * (numbers + 1) + k] = u;
+      }
+      y[t * (numbers + 1) + numbers] = 30.0 * v[0] * std::tanh(4.0 * s) + 20.0 * v[1] * s + 30.0 * v[6] * std::tanh(4.0 * s) + v[8];
+    }
+    return y;
+  }
+  static Eigen::VectorXd draw(unsigned seed) {
+    std::mt19937_64 random(seed);
+    std::normal_distribution<double> normal;
+    Eigen::VectorXd noise(frames * (numbers + 1));
+    for (double& x : noise) x = normal(random);
+    for (int t = 0; t < frames; ++t) {
+      const double common = 1.5 * normal(random);
+      for (int k = 0; k <= numbers; ++k) noise[t * (numbers + 1) + k] += common * (k == numbers ? 2.0 : 0.3 * k);
+    }
+    return noise;
+  }
+
+  std::vector<Parameter> parameters_;
+  std::vector<Candidate> candidates_;
+  std::vector<Datum> data_;
+  Eigen::VectorXd measured_;
+  unsigned of_null_;
+  double rest_of_gain_;
+  double like_drift_;  // what is curved looks so from afar
+};
+
+inline const LoopOptions options{.draws = 200, .additions = 3, .rivals = 4, .starts = {1.0, 0.8}, .held_out = {}};
+
+inline Report loop_on(Curves experiment) { return close_loop(experiment, options); }
+
+}  // namespace imic3d::loop
