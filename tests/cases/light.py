@@ -22,7 +22,7 @@ cameras:
 loads: {{file: loads.csv, image: frame, time: time, force: force, noise: 10}}
 material: {{law: elastic, parameters: {{E: 200e3, nu: 0.3}}}}
 dic: {{low_pass: 1.0, border: 3}}
-identify: {{functional: displacement_driven, stages: [{{free: [E, nu]}}]}}
+identify: {{functional: displacement_driven, {held_out}stages: [{{free: [E, nu]}}]}}
 loop: {{draws: 40, modes: 20, additions: 2, rivals: 2, starts: [1.0]}}
 output: {name}/run
 """
@@ -73,14 +73,14 @@ def main():
     (folder / "loads.csv").write_text("frame,time,force\n" + "".join(f"{k},{max(0, k - STATIC + 1)},{force:.3f}\n" for k, force in enumerate(forces)))
     rows, columns = numpy.mgrid[:HEIGHT, :WIDTH]
 
-    def loop(name, seen, seed):
+    def loop(name, seen, seed, held_out=""):
         """Images of which `seen(grey, frame)` is what the camera sees, frame from 1 after the reference."""
         noise = numpy.random.default_rng(seed)
         (folder / name).mkdir()
         for k, grey in enumerate(clean):
             levels = numpy.clip(numpy.rint(seen(grey, max(0, k - STATIC + 1)) + NOISE * noise.normal(size=grey.shape)), 0, 255)
             Image.fromarray(levels.astype(numpy.uint8)).save(folder / name / f"{k:02}.png")
-        (folder / f"{name}.yaml").write_text(CASE.format(name=name, pixel=PIXEL, column=0.5 * (WIDTH - 1), row=0.5 * (HEIGHT - 1)))
+        (folder / f"{name}.yaml").write_text(CASE.format(name=name, pixel=PIXEL, column=0.5 * (WIDTH - 1), row=0.5 * (HEIGHT - 1), held_out=held_out))
         run(program, "loop", folder / f"{name}.yaml", 1)
         result = json.loads((folder / name / "run/result.json").read_text())
         page = (folder / name / "run/report.html").read_text()
@@ -127,8 +127,10 @@ def main():
     require(largest == f"loose_{place}" and 0.4 * area < places[largest] < 2.5 * area, f"where it is ({largest}): {places[largest]:.3f} of the place, {area:.3f} are the patch")
     require(abs(light["map"]["frame"] - onset) <= FRAMES, "the map says where and when something is left")
 
-    result = loop("exposed", lambda grey, t: 1.55 * grey, 14)
+    # Frames that are held out at the end, behind all that is fitted, take no part.
+    result = loop("exposed", lambda grey, t: 1.55 * grey, 14, held_out=f'held_out: "5,{STATIC + FRAMES - 2}-{STATIC + FRAMES - 1}", ')
     light = result["light"]
+    require(result["held_out"] == [5] and light["held_out"] == [5] and result["frames"][-1] == STATIC + FRAMES - 3, f"held out: {result['held_out']}, of the light {light['held_out']}; the last frame is {result['frames'][-1]}")
     reference = numpy.asarray(Image.open(folder / "exposed/00.png"))[25:-25, 25:-25]
     share = numpy.mean(reference == 255)
     require("saturation" in light["named"] + light["set"], f"over-exposure is named ({light['verdict']})")
