@@ -95,12 +95,6 @@ void declare_correlation(ResultsFile& file, const Case& test, const RunPlan& pla
   }
   file.declare_frames_done("residual", frames);
   file.declare("residual/noise", {1}, "grey level", "standard deviation of the noise in the smoothed images, of which the residuals are");
-  if (plan.residual_image) {
-    const auto [columns, rows] = *plan.residual_image;
-    file.declare("residual/image_model", {frames, static_cast<std::size_t>(rows), static_cast<std::size_t>(columns)},
-                 "grey level", "f - g(x + u) of the identified model, NaN off the specimen [frame, row, column]",
-                 Storage::real32);
-  }
 }
 
 void declare_identification(ResultsFile& file, const Case& test, const RunPlan& plan) {
@@ -177,12 +171,10 @@ void write_dic_frame(ResultsFile& file, std::size_t index, std::span<const doubl
 
 void write_noise(ResultsFile& file, double noise) { file.write("residual/noise", {&noise, 1}); }
 
-void write_model_residual(ResultsFile& file, std::size_t index, double rms, std::span<const double> element_rms,
-                          std::span<const double> image) {
+void write_model_residual(ResultsFile& file, std::size_t index, double rms, std::span<const double> element_rms) {
   file.mark_done("residual", index, false);
   file.write("residual/rms_model", index, {&rms, 1});
   file.write("residual/element_model", index, element_rms);
-  if (!image.empty()) file.write("residual/image_model", index, image);
   file.mark_done("residual", index);
 }
 
