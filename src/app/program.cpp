@@ -1,9 +1,11 @@
 #include "imic3d/app/program.hpp"
 
+#include <fmt/chrono.h>
 #include <fmt/format.h>
 #include <petscsys.h>
 
 #include <CLI/CLI.hpp>
+#include <ctime>
 #include <functional>
 #include <map>
 #include <vector>
@@ -34,6 +36,7 @@ std::vector<char*> without_petsc_options(int argc, char** argv, std::vector<char
 
 int said(const Communicator& world, ExitStatus status, const std::string& text) {
   if (world.is_root()) fmt::print(stderr, "{}\n", text);
+  note_in_log_file(text);
   return static_cast<int>(status);
 }
 
@@ -104,6 +107,8 @@ int run(int argc, char** argv) {
       PetscInitialize(&petsc_count, &petsc_values, nullptr, nullptr);
       PetscPushErrorHandler(PetscReturnErrorHandler, nullptr);
       start_log(world);
+      note_in_log_file(fmt::format("imic3d {} {}, revision {}, {} rank{}, {:%Y-%m-%d}", program.get_subcommands().front()->get_name(), options.case_file.string(), revision(), world.size(), world.size() == 1 ? "" : "s",
+                                   fmt::localtime(std::time(nullptr))));
       try {
         collectively(world, command);
       } catch (const InputError& error) {

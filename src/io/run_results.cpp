@@ -125,15 +125,19 @@ void declare_identification(ResultsFile& file, const Case& test, const RunPlan& 
 
 }  // namespace
 
-ResultsFile create_results(const std::filesystem::path& folder, const Case& test, const RunPlan& plan) {
-  auto file = ResultsFile::create(folder / "results.h5");
+void store_case(ResultsFile& file, const Case& test, const std::map<std::string, std::string>& versions) {
   file.store_text("case/file", test.file.string(), "the case file");
   file.store_text("case/text", test.text, "its contents");
   file.store_text("case/title", test.title, "title of the test");
+  for (const auto& [name, version] : versions) file.store_text("program/" + name, version, "version");
+}
+
+ResultsFile create_results(const std::filesystem::path& folder, const Case& test, const RunPlan& plan) {
+  auto file = ResultsFile::create(folder / "results.h5");
+  store_case(file, test, plan.versions);
   file.store_text("case/held", test.specimen.held, "group of nodes that is held");
   file.store_text("case/loaded", test.specimen.loaded, "group of nodes that is pulled");
   file.store_text("case/axis", test.specimen.axis, "direction of the load");
-  for (const auto& [name, version] : plan.versions) file.store_text("program/" + name, version, "version");
   store_frames(file, test);
   if (plan.volume) {
     store_mesh(file, "mesh", *plan.volume, test.units.length);

@@ -12,7 +12,7 @@ import tempfile
 import numpy
 
 import fields
-from runs import bar, end, require, run
+from runs import bar, end, figures, left_behind, require, run, same_page
 
 GAIN = 1.06
 LAW = "{law: j2, hardening: voce, parameters: {E: 190e3, nu: 0.28, S_y: 2000, S_inf: 2100, b: 10, H: 0}}"  # nothing yields
@@ -76,6 +76,10 @@ def main():
         require((folder / "all" / name / "report.html").exists(), f"the page of the {name}")
     own = json.loads((folder / "all/first strip/result.json").read_text())
     require(own["named"] == ["force gain"] and own["after"]["parameters"]["E"] == found["E"], "the first strip's own page says it in its own terms")
+
+    left_behind(folder / "all", folder / "all.yaml", "loop", ("loop/first_frames", "loop/tests"), xdmf=False)
+    left_behind(folder / "all/second strip", folder / "second.yaml", None, ("loop/after/force",))
+    figures(folder / "all", ["chi.png", "first strip/residual.png", "bars/curves.png"])
 
     case = folder / "twice.yaml"
     case.write_text(ALL.replace("second strip", "first strip").replace("second.yaml", "none.yaml") + "material: {law: elastic}\n")

@@ -42,6 +42,12 @@ struct RunPlan {
 /// the file, started. Throws InputError if it cannot be written.
 [[nodiscard]] ResultsFile create_results(const std::filesystem::path& folder, const Case& test, const RunPlan& plan);
 
+/// The case file and the versions, case/ and program/ of every results file; before start().
+void store_case(ResultsFile& file, const Case& test, const std::map<std::string, std::string>& versions);
+
+/// The same for a result.json: title, case_file, case_text, program.
+[[nodiscard]] nlohmann::json case_summary(const ResultsFile& file);
+
 /// One frame of the simulation.
 struct SimulationFrame {
   std::span<const double> displacement;    ///< [N x 3, length]
@@ -72,7 +78,7 @@ void write_identified(ResultsFile& file, std::span<const double> values, std::sp
 
 /// The .xdmf for a results file, to be put beside it; opens in ParaView (with its "XDMF Reader"; the Xdmf3 readers skip
 /// the fields). Its time is the frame's number, because static frames share a time. Every frame is there; those that are
-/// not done are NaN. Written atomically.
+/// not done are NaN. Of a loop's results the displacement that is left, before and after, and the remainder. Written atomically.
 void write_xdmf(const ResultsFile& file, const std::filesystem::path& path);
 
 /// Number with its unit as {"value": …, "unit": …}; null for NaN.
