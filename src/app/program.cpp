@@ -59,7 +59,7 @@ int run(int argc, char** argv) {
     std::function<void()> command;
     const auto add = [&](const std::string& name, const std::string& what, auto function, const std::string& file) {
       CLI::App* sub = program.add_subcommand(name, what);
-      sub->add_option(file == "any case" ? "case" : file, options.case_file, file.ends_with("case") ? "the case file (YAML)" : file == "calibration" ? "the calibration file (YAML)" : "a results file (HDF5)")
+      sub->add_option(file == "any case" ? "case" : file, options.case_file, file.ends_with("case") ? "the case file (YAML)" : file == "calibration" ? "the calibration file (YAML)" : "a results file (HDF5), or its folder")
           ->required(file != "any case");
       sub->add_option("--output", options.output, "folder of the results (default: as the case file says)");
       sub->callback([&command, &world, &options, function] { command = [&world, &options, function] { function(world, options); }; });
@@ -79,7 +79,7 @@ int run(int argc, char** argv) {
     reverse->add_option("--tolerance", options.tolerance, "relative standard deviation added to those of the sets (default 0.01)");
     add("effects", "the effects that the loop knows, with their units (a case file's own, if given), null values and what they are confused with", effects, "any case");
     add("calibrate", "the cameras of a rig from images of a target", calibrate, "calibration");
-    add("report", "one self-contained HTML page from a results file", report, "results");
+    add("report", "the self-contained HTML page again, from the results of a run", report, "results");
     program.require_subcommand(0, 1);
     bool show_version = false;
     program.add_flag("--version", show_version, "revision and versions of the libraries");

@@ -97,6 +97,7 @@ def main():
         print(run(program, "check", case))
         run(program, "loop", case, 2)
         left_behind(folder / "loop", case, "loop", ("curves/0005/after", "loop/frame_names"), xdmf=False)
+        same_page(program, folder / "loop")
         figures(folder / "loop", ["chi.png", "curves.png"])
 
         def mistake(change, expected, command="check"):

@@ -100,6 +100,7 @@ def main():
     waited = result["groups"]["simulations"]
     require([group["ranks"] for group in waited] == [1, 1] and all(group["busy"]["value"] > 0 for group in waited) and "simulations: 2 groups" in (left / "log.txt").read_text(),
             f"what two groups of ranks waited for each other: {[group['idle']['value'] for group in waited]} s")
+    same_page(program, left)
     figures(left, ["chi.png", "force.png", "residual.png", "remainder.png"])
 
     shutil.copytree(folder / "nothing", folder / "no_force", ignore=shutil.ignore_patterns("loads.csv", "run"))

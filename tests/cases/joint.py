@@ -79,6 +79,8 @@ def main():
 
     left_behind(folder / "all", folder / "all.yaml", "loop", ("loop/first_frames", "loop/tests"), xdmf=False)
     left_behind(folder / "all/second strip", folder / "second.yaml", None, ("loop/after/force",))
+    same_page(program, folder / "all")
+    same_page(program, folder / "all/bars")
     figures(folder / "all", ["chi.png", "first strip/residual.png", "bars/curves.png"])
 
     case = folder / "twice.yaml"

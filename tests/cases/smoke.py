@@ -83,6 +83,7 @@ def main():
     left_behind(folder / "made", folder / "virtual.yaml", "virtual")
     log = (folder / "force_1/log.txt").read_text()
     require("stage 2: S_y" in log and "simulations: " in log, "the log has what the run said")
+    same_page(program, folder / "force_1")
     with h5py.File(folder / "force_1/results.h5") as file:
         for name in ("fields/displacement", "fields/plastic_strain", "dic/displacement", "residual/element_model",
                      "identification/covariance", "case/text", "frames/force_predicted"):
