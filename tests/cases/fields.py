@@ -102,6 +102,11 @@ def main():
             f"what two groups of ranks waited for each other: {[group['idle']['value'] for group in waited]} s")
     same_page(program, left)
     figures(left, ["chi.png", "force.png", "residual.png", "remainder.png"])
+    plan = run(program, "check", folder / "drift.yaml", 2)
+    candidates = {one["name"] for one in result["before"]["candidates"]} | set(result["invisible"])
+    require(f"{len(candidates)} candidates at most, 60 draws, left out: rate; series in 2 groups of 1, 1 ranks" in plan, plan.strip().splitlines()[-1])
+    (folder / "unknown.yaml").write_text((folder / "drift.yaml").read_text().replace("[rate]", "[rates]"))
+    require("loop.leave_out: rates" in run(program, "check", folder / "unknown.yaml", status=2, errors=True), "check knows what can be left out")
 
     shutil.copytree(folder / "nothing", folder / "no_force", ignore=shutil.ignore_patterns("loads.csv", "run"))
     result = loop("no_force", "", 1, loads=False, free="nu")
