@@ -92,6 +92,9 @@ def main():
 
         left_behind(folder / "rate", folder / "rate.yaml", "identify", ("curves/0000/predicted", "identification/values"), xdmf=False)
 
+        said = run(program, "report", folder / "rate", status=2, errors=True)
+        require("nothing that a page is made of" in said, f"an identification on curves has its page once: {said.splitlines()[0]}")
+
         case = folder / "loop.yaml"
         case.write_text(CASE.format(effects="", more="", free="", columns=COLUMNS, output="loop") + "loop: {draws: 20, additions: 1, rivals: 1, starts: [1.0]}\n")
         print(run(program, "check", case))
