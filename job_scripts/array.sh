@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
-# Many tests, one a task:  sbatch --array=1-"$(wc -l < cases.txt)" array.sh cases.txt [options of imic3d identify]
-# cases.txt has one case file a line; each writes to the folder that it names.
+# Many tests, one a task:  sbatch --array=1-"$(wc -l < cases.txt)" array.sh cases.txt [options of the command]
+# cases.txt has one case file a line; each writes to the folder that it names. IMIC3D_COMMAND names another command than identify.
 #SBATCH --job-name=imic3d
 #SBATCH --array=1-1
 #SBATCH --nodes=1
@@ -17,4 +17,4 @@ case="$(sed -n "${SLURM_ARRAY_TASK_ID}p" "$list")"
 
 export OMP_NUM_THREADS="${SLURM_CPUS_PER_TASK:-1}" OMP_PLACES=cores OMP_PROC_BIND=close OPENBLAS_NUM_THREADS=1
 
-mpirun -n "$SLURM_NTASKS" --map-by "slot:PE=$OMP_NUM_THREADS" --bind-to core "${IMIC3D:-imic3d}" identify "$case" "$@"
+mpirun -n "$SLURM_NTASKS" --map-by "slot:PE=$OMP_NUM_THREADS" --bind-to core "${IMIC3D:-imic3d}" "${IMIC3D_COMMAND:-identify}" "$case" "$@"

@@ -5,7 +5,8 @@ Usage: tools/plot_loop.py results.h5 [--folder FOLDER] [--frame NUMBER]
 
 Makes chi.png (error of each frame before and after with the null, the load below), force.png (measured - predicted; where there is a load record), residual.png (displacement
 measured - predicted before and after on one scale) and remainder.png (what is left over its rms under the null, and its first mode); cameras on both faces: residual_front.png
-and so on. Held-out frames are shaded; the frame that is drawn is the worst one of the declared model, if none is chosen."""
+and so on. Of stress-strain curves chi.png and curves.png (a row for each group: measured and predicted, and what is left); of several tests chi.png, and the figures of each test in
+its own folder. Held-out frames are shaded, held-out curves grey; the frame that is drawn is the worst one of the declared model, if none is chosen."""
 import argparse
 import pathlib
 
@@ -39,14 +40,73 @@ def field(figure, axis, h5, values, title, **scale):
     figure.colorbar(picture, ax=axis)
 
 
+def texts(dataset):
+    return [text.decode() if isinstance(text, bytes) else str(text) for text in dataset[()]]
+
+
+def draw_chi(folder, loop, frames, held):
+    load = next((name for name in ("force", "time") if name in loop), None)
+    figure, axes = plt.subplots(2 if load else 1, 1, figsize=(8, 6 if load else 4.5), sharex=True, squeeze=False, gridspec_kw={"height_ratios": (3, 1)} if load else None)
+    top = axes[0, 0]
+    for axis in axes[:, 0]:
+        shade(axis, frames, held)
+    for name, colour in (("before", BEFORE), ("after", AFTER)):
+        top.plot(frames, loop[f"{name}/chi"][:], "o-", ms=3, color=colour, label=name)
+    top.plot(frames, loop["after/null_chi"][:], color=NULL, label="noise alone, 95 %")
+    top.set_yscale("log")
+    top.set_ylabel("χ")
+    top.legend()
+    for name, first in zip(texts(loop["tests"]), loop["first_frames"][:]) if "tests" in loop else ():
+        top.axvline(first - 0.5, color="#222222", lw=0.8)
+        top.annotate(name, (first - 0.3, 0.02), xycoords=("data", "axes fraction"), fontsize=8)
+    if load:
+        axes[1, 0].plot(frames, loop[load][:], color="#222222")
+        axes[1, 0].set_ylabel(f"{load} [{unit(loop[load])}]")
+    axes[-1, 0].set_xlabel("frame")
+    figure.savefig(folder / "chi.png", dpi=110)
+
+
+def draw_force(folder, loop, frames, held):
+    figure, axis = plt.subplots(figsize=(8, 4))
+    shade(axis, frames, held)
+    for name, colour in (("before", BEFORE), ("after", AFTER)):
+        axis.plot(frames, loop[f"{name}/force"][:], "o-", ms=3, color=colour, label=name)
+    axis.set_xlabel("frame")
+    axis.set_ylabel(f"force, measured − predicted [{unit(loop['force'])}]")
+    axis.legend()
+    figure.savefig(folder / "force.png", dpi=110)
+
+
+def draw_curves(folder, curves):
+    groups, held = texts(curves["groups"]), curves["held_out"][:].astype(bool)
+    rows = list(dict.fromkeys(groups))
+    figure, axes = plt.subplots(len(rows), 2, figsize=(13, 3.4 * len(rows)), squeeze=False, constrained_layout=True)
+    for k, group in enumerate(groups):
+        one, (left, right) = curves[f"{k:04d}"], axes[rows.index(group)]
+        strain, measured = one["strain"][:], one["measured"][:]
+        first = groups.index(group) == k
+        left.plot(strain, measured, color=NULL if held[k] else "#222222", lw=0.8, label="measured" if first else None)
+        for name, colour in (("before", BEFORE), ("after", AFTER)):
+            left.plot(strain, one[name][:], color=colour, lw=0.8, label=name if first else None)
+            right.plot(strain, measured - one[name][:], color=colour, lw=0.6, alpha=0.5 if held[k] else 1.0)
+    for group, (left, right) in zip(rows, axes):
+        left.set(title=group, xlabel="logarithmic strain", ylabel=f"stress [{unit(curves['0000/measured'])}]")
+        right.set(title="measured − predicted", xlabel="logarithmic strain")
+        right.axhline(0, color="k", lw=0.5)
+        left.legend(fontsize=7)
+    figure.savefig(folder / "curves.png", dpi=90)
+
+
 def draw_face(folder, h5, loop, name_of_face, frames, worst):
     """Displacement and remainder of a face, whose group `h5` is; `loop` is what all have in common."""
     own = h5["loop"]
     both = [own[f"{name}/displacement"][worst] for name in ("before", "after")]
+    seen = 3 if numpy.any(own["before/displacement"][:, :, 2]) else 2
+    both = [values[:, :seen] for values in both]
     largest = max(numpy.abs(both[0]).max(), 1e-300)
-    figure, axes = plt.subplots(2, both[0].shape[1], figsize=(4.5 * both[0].shape[1], 9), constrained_layout=True)
+    figure, axes = plt.subplots(2, seen, figsize=(4.5 * seen, 9), constrained_layout=True)
     for row, (name, values) in enumerate(zip(("before", "after"), both)):
-        for k, component in enumerate("xyz"[:values.shape[1]]):
+        for k, component in enumerate("xyz"[:seen]):
             field(figure, axes[row, k], h5, values[:, k], f"{name}: u_{component}, frame {frames[worst]} [{unit(own['before/displacement'])}]", cmap="RdBu", vmin=-largest, vmax=largest)
     figure.savefig(folder / f"residual{name_of_face}.png", dpi=110)
 
@@ -69,41 +129,29 @@ def main():
     parser.add_argument("--folder", type=pathlib.Path)
     parser.add_argument("--frame", type=int)
     options = parser.parse_args()
-    folder = options.folder or options.results.parent
-    with h5py.File(options.results) as h5:
+    draw(options.results, options.folder or options.results.parent, options.frame)
+
+
+def draw(results, folder, frame=None):
+    folder.mkdir(parents=True, exist_ok=True)
+    with h5py.File(results) as h5:
         if "loop" not in h5:
-            raise SystemExit(f"{options.results}: no loop in it (tools/plot_results.py draws an identification)")
+            raise SystemExit(f"{results}: no loop in it (tools/plot_results.py draws an identification)")
         loop = h5["loop"]
         frames, held = loop["frames"][:], loop["held_out"][:].astype(bool)
-        worst = int(numpy.argmax(loop["before/chi"][:])) if options.frame is None else int(numpy.flatnonzero(frames == options.frame)[0])
-
-        figure, (top, bottom) = plt.subplots(2, 1, figsize=(8, 6), sharex=True, height_ratios=(3, 1))
-        for axis in (top, bottom):
-            shade(axis, frames, held)
-        for name, colour in (("before", BEFORE), ("after", AFTER)):
-            top.plot(frames, loop[f"{name}/chi"][:], "o-", ms=3, color=colour, label=name)
-        top.plot(frames, loop["after/null_chi"][:], color=NULL, label="noise alone, 95 %")
-        top.set_yscale("log")
-        top.set_ylabel("χ")
-        top.legend()
-        load = "force" if "force" in loop else "time"
-        bottom.plot(frames, loop[load][:], color="#222222")
-        bottom.set_ylabel(f"{load} [{unit(loop[load])}]")
-        bottom.set_xlabel("frame")
-        figure.savefig(folder / "chi.png", dpi=110)
-
+        draw_chi(folder, loop, frames, held)
         if "force" in loop:
-            figure, axis = plt.subplots(figsize=(8, 4))
-            shade(axis, frames, held)
-            for name, colour in (("before", BEFORE), ("after", AFTER)):
-                axis.plot(frames, loop[f"{name}/force"][:], "o-", ms=3, color=colour, label=name)
-            axis.set_xlabel("frame")
-            axis.set_ylabel(f"force, measured − predicted [{unit(loop['force'])}]")
-            axis.legend()
-            figure.savefig(folder / "force.png", dpi=110)
-
-        for name, face in {"": h5}.items() if "surface" in h5 else [(f"_{name}", h5[name]) for name in ("front", "back")]:
-            draw_face(folder, face, loop, name, frames, worst)
+            draw_force(folder, loop, frames, held)
+        if "curves" in h5:
+            draw_curves(folder, h5["curves"])
+        worst = int(numpy.argmax(loop["before/chi"][:])) if frame is None else int(numpy.flatnonzero(frames == frame)[0])
+        for name, face in (("", h5), ("_front", h5.get("front")), ("_back", h5.get("back"))):
+            if face is not None and "surface" in face:
+                draw_face(folder, face, loop, name, frames, worst)
+        tests = texts(loop["tests"]) if "tests" in loop else []
+    for test in tests:
+        draw(results.parent / test / "results.h5", folder / test)
+    plt.close("all")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Runs a case on measured data: tools/run_measured.sh pcabs_tension | plate_independent | gt4_stereo | stereo_chessboard |
 # steel304L_rates | steel_cyclic (curves: every case file of the folder, one after the other, and a picture of all);
-# with `loop` as the second word (pcabs_tension, oht_cfrp, gt4_stereo, steel304L_rates, plate_independent): what the declared model lacks (loop.yaml, or the file that the third word names)
+# with `loop` as the second word (pcabs_tension, oht_cfrp, gt4_stereo, steel304L_rates, steel_cyclic, plate_independent): what the declared model lacks (loop.yaml, or the file that the third word names)
 # The data folder is IMIC3D_DATA (default ../shared/data); it is linked, never copied. A case without a section identify is
 # correlated only.
 set -euo pipefail

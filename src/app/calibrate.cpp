@@ -28,6 +28,7 @@ void run_calibration(const CommandOptions& options) {
   std::error_code error;
   std::filesystem::create_directories(folder, error);
   if (error) throw InputError(folder.string(), "cannot be made: " + error.message(), "a folder that can be written to");
+  begin_log_file(folder / "log.txt");
   spdlog::info("{}: {} camera{}, {} images each", request.title, request.cameras.size(), request.cameras.size() > 1 ? "s" : "",
                request.cameras[0].images.size());
   std::vector<imaging::CameraSightings> sightings;

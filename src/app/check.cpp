@@ -13,6 +13,7 @@
 #include "imic3d/core/log.hpp"
 #include "curves.hpp"
 #include "fields.hpp"
+#include "loop_case.hpp"
 #include "placement.hpp"
 #include "rig.hpp"
 #include "several_cameras.hpp"
@@ -47,17 +48,23 @@ void print_groups(int ranks, const io::Case& test, Eigen::Index unknowns, double
              most_idle(identification::plan_simulations(ranks, unknowns, side_by_side, before, test.identify.groups)));
 }
 
-}  // namespace
+/// What imic3d loop would look for, and how its ranks share out series of frames.
+void print_loop(int ranks, const io::Case& test) {
+  fmt::print("  loop         {} candidates at most, {} draws", possible_candidates(test).size(), test.loop.draws);
+  if (!test.loop.leave_out.empty()) fmt::print(", left out: {}", fmt::join(test.loop.leave_out, ", "));
+  if (test.experiments.empty()) fmt::print("; series in {}", to_text(plan_groups(ranks, {.tasks = ranks}, test.identify.groups > 0 ? test.identify.groups : std::min(64, ranks))));
+  fmt::print("\n");
+}
 
-void check(const Communicator& world, const CommandOptions& options) {
-  spdlog::set_level(spdlog::level::warn);  // the plan on stdout says it all
-  const io::Case test = read_case(options, {}, true, true);
+/// `loop`: it is imic3d loop that will take it.
+void check_case(const Communicator& world, const io::Case& test, bool loop) {
   if (!test.experiments.empty() && test.cameras.empty()) {
     const auto curves = make_curves(test);
     if (!world.is_root()) return;
     fmt::print("{}\n", test.title);
     print_experiments(test);
     for (std::size_t k = 0; k < test.identify.stages.size(); ++k) fmt::print("  stage {}      {}\n", k + 1, fmt::join(test.identify.stages[k].free, ", "));
+    if (loop) print_loop(world.size(), test);
     return;
   }
   double image_pixels = 0.0, mesh_pixels = 0.0;  // that the correlation reads, and that it compares
@@ -112,6 +119,22 @@ void check(const Communicator& world, const CommandOptions& options) {
     for (const auto& [quantity, one] : quantities)
       fmt::print("  effect       {}: {}{}{}\n", effect, quantity, one.value ? fmt::format(" {:g}", *one.value) : "", one.free ? " free" : "");
   print_groups(world.size(), test, mesh::dimension(volume.type) * volume.nodes.rows(), image_pixels, mesh_pixels);
+  if (loop) print_loop(world.size(), test);
+}
+
+}  // namespace
+
+void check(const Communicator& world, const CommandOptions& options) {
+  spdlog::set_level(spdlog::level::warn);  // the plan on stdout says it all
+  const io::Case test = read_case(options, {}, true, true, true);
+  if (test.tests.empty()) {
+    const bool loop = test.loop.given || test.fields;
+    if (loop) check_loop_case(test);
+    check_case(world, test, loop);
+    return;
+  }
+  const auto cases = cases_of_tests(test, options, [&](const io::Case& one) { check_case(world, one, true); });
+  if (world.is_root()) fmt::print("{}: {} tests\n", test.title, cases.size());
 }
 
 }  // namespace imic3d::app

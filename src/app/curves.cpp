@@ -7,6 +7,7 @@
 #include <chrono>
 #include <cmath>
 #include <set>
+#include <span>
 
 #include "imic3d/app/output.hpp"
 #include "imic3d/core/log.hpp"
@@ -80,6 +81,36 @@ std::vector<const id::Curve*> of_group(const std::vector<id::Curve>& curves, con
   for (const auto& curve : curves)
     if (curve.group == group) list.push_back(&curve);
   return list;
+}
+
+/// results.h5: parameters, and what was measured and predicted of each curve.
+void write_results(const std::filesystem::path& folder, const io::Case& test, const io::CurveRun& run) {
+  auto h5 = io::ResultsFile::create(folder / "results.h5");
+  io::store_case(h5, test, versions());
+  std::vector<std::string> names, units, curves, groups;
+  std::vector<double> initial, values, deviations;
+  for (const auto& p : run.parameters) names.push_back(p.name), units.push_back(p.unit), initial.push_back(p.start), values.push_back(p.value), deviations.push_back(p.deviation);
+  h5.store_texts("identification/parameters", names, "names of the parameters");
+  h5.store_texts("identification/units", units, "units of the parameters");
+  const std::string unit = "see identification/units";
+  h5.store("identification/initial", {names.size()}, initial, unit, "values in the case file");
+  h5.store("identification/values", {names.size()}, values, unit, "identified values");
+  h5.store("identification/standard_deviation", {names.size()}, deviations, unit, "standard deviation; NaN where a parameter was not free");
+  for (const auto& one : run.curves) {
+    const auto store = [&, at = fmt::format("curves/{:04d}/", curves.size())](const char* name, const Eigen::VectorXd& numbers, const std::string& of, const char* what) {
+      const auto size = static_cast<std::size_t>(numbers.size());
+      h5.store(at + name, {size}, std::span<const double>(numbers.data(), size), of, what);
+    };
+    store("time", one.time, run.time_unit, "time");
+    store("strain", one.strain, "-", "logarithmic strain");
+    store("measured", one.measured, run.stress_unit, one.engineering ? "measured engineering stress" : "measured true stress");
+    store("predicted", one.predicted, run.stress_unit, "predicted stress");
+    h5.store(fmt::format("curves/{:04d}/use", curves.size()), {one.use.size()}, std::vector<int>(one.use.begin(), one.use.end()), "-", "0: not judged, 1: fitted, 2: held out");
+    curves.push_back(one.name), groups.push_back(one.group);
+  }
+  h5.store_texts("curves/names", curves, "name of each curve");
+  h5.store_texts("curves/groups", groups, "the experiment that it belongs to");
+  h5.start();
 }
 
 double relative(double a, double b) { return b != 0.0 ? a / std::abs(b) : std::nan(""); }
@@ -179,6 +210,7 @@ void identify_curves(const Communicator& world, const CommandOptions& options, c
   run.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   collectively(world, [&] {
     if (!world.is_root()) return;
+    write_results(folder, test, run);
     io::write_curve_results(folder, run);
     fmt::print("\n{}\n", test.title);
     for (const auto& p : run.parameters)

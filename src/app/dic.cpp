@@ -24,13 +24,13 @@ void dic(const Communicator& world, const CommandOptions& options) {
   Observation seen = observe(test, specimen);
   RunOutput output(world, output_folder(test, options, world), test, specimen, Material{}, seen);
   spdlog::info("{}: {} frames, {} elements", test.title, seen.places.size(), specimen.surface.mesh.cells.rows());
-  std::map<std::string, std::vector<GroupTime>> times;
+  GroupTimes times;
   correlate(seen, test, world, [&](int place, const correlation::DicFrame& frame) {
     output.dic_frame(place, frame);
     spdlog::info("  frame {}: residual {:.3f} grey levels, {} iterations{}", test.frames[static_cast<std::size_t>(place)],
                  frame.rms, frame.iterations, frame.converged ? "" : ", not converged");
   }, {.reached = [&](std::size_t, const correlation::DicSeries& series) { times["correlation"] = series.group_times; }});
-  if (!times["correlation"].empty()) spdlog::info("correlation: {}", to_text(times["correlation"]));
+  say(times);
   output.noise(seen.noise);
   output.finish(Material{}, {}, {}, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(), times);
 }

@@ -13,6 +13,7 @@
 #include <map>
 #include <nlohmann/json.hpp>
 
+#include "imic3d/app/output.hpp"
 #include "imic3d/app/program.hpp"
 #include "imic3d/app/simulation.hpp"
 #include "imic3d/core/log.hpp"
@@ -85,10 +86,17 @@ Eigen::MatrixXd covariance_of(const ParameterSet& set, const std::vector<std::st
   return covariance;
 }
 
+/// The case as the simulation has it: without images and record, its frames those of `simulate`.
+io::Case as_simulated(io::Case test) {
+  test.cameras.clear(), test.loads.records.clear(), test.frames.clear();
+  for (std::size_t frame = 0; frame < test.simulate->value.size(); ++frame) test.frames.push_back(static_cast<int>(frame));
+  return test;
+}
+
 /// A test of the declared specimen as if it were measured, without noise, and its identification as the case file declares it.
 class VirtualIdentification {
  public:
-  VirtualIdentification(const Communicator& world, const io::Case& test, const Material& material, const std::vector<double>& truth)
+  VirtualIdentification(const Communicator& world, const io::Case& test, const Material& material, const std::vector<double>& truth, const std::filesystem::path& folder)
       : world_(world), test_(test), material_(material), truth_(truth), specimen_(make_specimen(test)) {
     if (specimen_.projection.rows() != 2 * specimen_.surface.mesh.nodes.rows() || specimen_.faces.size() > 1)
       throw InputError("cameras", "cameras on both faces, or several that see the motion along z", "one camera for imic3d explain");
@@ -97,7 +105,9 @@ class VirtualIdentification {
     const auto frames = static_cast<Eigen::Index>(test.simulate->value.size()) - 1;
     data_.displacement.resize(specimen_.projection.rows(), frames);
     data_.force.resize(frames);
+    output_.emplace(world, folder, as_simulated(test), specimen_);
     run_simulation(world, test, specimen_, with, [&](int frame, const mechanics::FrameState& state, double force) {
+      output_->frame(frame, state, force);
       data_.displacement.col(frame - 1) = specimen_.project(state.displacement);
       data_.force[frame - 1] = force;
     });
@@ -130,6 +140,8 @@ class VirtualIdentification {
   [[nodiscard]] const loop::FieldExperiment& experiment() const { return *experiment_; }
   [[nodiscard]] const std::vector<double>& declared() const { return declared_; }
   [[nodiscard]] const Eigen::VectorXd& forces() const { return data_.force; }
+  /// The test as it was simulated, and what was found.
+  void write(const nlohmann::json& found) { output_->finish(found); }
 
   /// Shift of the identified parameters by an effect that the model does not have; `values` are those of all parameters. Collective.
   [[nodiscard]] std::optional<Eigen::VectorXd> shift(const std::vector<double>& values) {
@@ -231,6 +243,7 @@ class VirtualIdentification {
   const Material& material_;
   std::vector<double> truth_, declared_;
   id::Specimen specimen_;
+  std::optional<SimulationOutput> output_;
   loop::FieldData data_;
   id::ImageData images_;
   double noise_ = 1.0;
@@ -275,12 +288,14 @@ void explain(const Communicator& world, const CommandOptions& options) {
     throw InputError("identify.functional", "equilibrium_gap", "force_driven, displacement_driven, combined for imic3d explain");
   const Material material = make_material(test);
   const ParameterSet from = read_set(options.from, material), to = read_set(options.to, material);
-  const auto folder = output_folder(test, options, world);
+  CommandOptions own = options;  // an identification of the same case file keeps its folder
+  if (own.output.empty()) own.output = test.output / "explain";
+  const auto folder = output_folder(test, own, world);
   std::vector<double> truth = material.values;
   for (std::size_t j = 0; j < truth.size(); ++j)
     if (const auto found = from.values.find(material.information[j].name); found != from.values.end()) truth[j] = found->second;
 
-  VirtualIdentification test_of(world, test, material, truth);
+  VirtualIdentification test_of(world, test, material, truth, folder);
   const auto& free = test_of.free();
   const auto p = static_cast<Eigen::Index>(free.size());
   std::vector<std::string> names;
@@ -339,7 +354,7 @@ void explain(const Communicator& world, const CommandOptions& options) {
     for (Eigen::Index i = 0; i < p; ++i) of[names[static_cast<std::size_t>(i)]] = x[i];
     return of;
   };
-  json["title"] = test.title, json["sentence"] = sentence;
+  json["sentence"] = sentence;
   json["from"] = {{"file", options.from.string()}, {"title", from.title}, {"values", by_name(a)}};
   json["to"] = {{"file", options.to.string()}, {"title", to.title}, {"values", by_name(a + difference)}};
   json["difference_percent"] = by_name(percent(difference));
@@ -393,8 +408,8 @@ void explain(const Communicator& world, const CommandOptions& options) {
   }
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   json["time"] = io::quantity(seconds, "s");
-  io::write_json(folder / "explain.json", json);
-  fmt::print("\n\n  {}\n  {:.0f} s; {}\n", sentence, seconds, (folder / "explain.json").string());
+  test_of.write(json);
+  fmt::print("\n\n  {}\n  {:.0f} s; {}\n", sentence, seconds, (folder / "result.json").string());
 }
 
 }  // namespace imic3d::app

@@ -71,7 +71,7 @@ void identify(const Communicator& world, const CommandOptions& options) {
   // The displacement that the images show, without any law.
   spdlog::info("{}: {} frames, {} surface nodes, {} unknowns", test.title, seen.places.size(),
                specimen.surface.mesh.nodes.rows(), mesh::dimension(specimen.volume.type) * specimen.volume.nodes.rows());
-  std::map<std::string, std::vector<GroupTime>> times;
+  GroupTimes times;
   correlate(seen, test, world, [&](int place, const correlation::DicFrame& frame) { output.dic_frame(place, frame); },
             {.known = found.dic, .reached = [&, frames = seen.places.size()](std::size_t face, const correlation::DicSeries& series) {
                times[seen.faces.size() == 1 ? "correlation" : face == 0 ? "correlation_front" : "correlation_back"] = series.group_times;
@@ -184,8 +184,7 @@ void identify(const Communicator& world, const CommandOptions& options) {
   auto work = model.work();
   if (by_all_ranks) work += by_all_ranks->work();
   spdlog::info("{} frames simulated with {} factorisations, {} passes over the elements, and {} for derivatives", work.frames, work.factorisations, work.passes, work.derivative_passes);
-  for (const auto& [what, groups] : times)
-    if (!groups.empty()) spdlog::info("{}: {}", what, to_text(groups));
+  app::say(times);
   output.finish(material, covariance, stages, seconds, times);
 }
 

@@ -25,8 +25,10 @@
 #include "imic3d/loop/recorded.hpp"
 #include "fields.hpp"
 #include "light.hpp"
+#include "loop_case.hpp"
 #include "loop_checkpoint.hpp"
 #include "loop_report.hpp"
+#include "loop_results.hpp"
 #include "loop_test.hpp"
 #include "rig.hpp"
 #include "synthetic_images.hpp"
@@ -144,7 +146,7 @@ class FieldTest final : public LoopTest {
       lay_out(imported_fields(test_, specimen_));
       return;
     }
-    correlate(*seen_, test_, world);
+    correlate_frames();
     lay_out(field_data(world, *seen_, test_, specimen_, shown_));
     settle_light(say);
     spdlog::info("noise: {:.3f} grey levels{}", seen_->noise, std::isfinite(experiment_->measured().force_noise) ? fmt::format(", {:.4g} {} of the force", experiment_->measured().force_noise, test_.units.force) : "");
@@ -152,11 +154,18 @@ class FieldTest final : public LoopTest {
   loop::Experiment& experiment() override { return *experiment_; }
   std::vector<int> held_out() const override { return experiment_->measured().held_out; }
   int simulations() const override { return experiment_->simulations(); }
+  GroupTimes group_times() const override {
+    GroupTimes times = experiment_->group_times();
+    times.insert(correlation_times_.begin(), correlation_times_.end());
+    return times;
+  }
   void write(const std::filesystem::path& folder, const loop::Report& report, double seconds) override {
     const LoopFields fields = loop_fields(*experiment_, report);  // collective
+    const GroupTimes groups = group_times();
+    app::say(groups);
     for (auto& doubt : unlikely_values(test_, material_, report.final.fit.values)) test_.doubts.push_back(std::move(doubt));
     collectively(world_, [&] {
-      if (world_.is_root()) write_loop_report(folder, test_, *experiment_, report, fields, light_, seconds);
+      if (world_.is_root()) write_loop_report(folder, test_, *experiment_, report, fields, light_, groups, seconds);
     });
   }
 
@@ -173,6 +182,10 @@ class FieldTest final : public LoopTest {
     return held.empty() ? loop::held_out_blocks(static_cast<int>(frames.size())) : held;
   }
 
+  void correlate_frames() {
+    const auto name = [&](std::size_t face) { return seen_->faces.size() == 1 ? "correlation" : face == 0 ? "correlation_front" : "correlation_back"; };
+    correlate(*seen_, test_, world_, {}, {.reached = [&](std::size_t face, const correlation::DicSeries& series) { correlation_times_[name(face)] = series.group_times; }});
+  }
   void lay_out(loop::FieldData data) {
     data.held_out = places_held_out(data.frames);
     experiment_ = std::make_unique<loop::FieldExperiment>(world_, std::move(data), declared_model(test_, material_), loop::FieldOptions{.modes = test_.loop.modes});
@@ -221,7 +234,7 @@ class FieldTest final : public LoopTest {
     experiment_.reset();
     seen_.reset();
     seen_ = observe(test_, specimen_);
-    correlate(*seen_, test_, world_);
+    correlate_frames();
     lay_out(field_data(world_, *seen_, test_, specimen_, shown_));
     const auto after = look();
     say(fmt::format("light: grey levels left {:.3f} -> {:.3f}; {}", found.rms, after.rms, after.sentence));
@@ -232,6 +245,7 @@ class FieldTest final : public LoopTest {
   const Communicator& world_;
   io::Case test_;  // with what the light asks of the correlation
   nlohmann::json light_;
+  GroupTimes correlation_times_;
   Material material_;
   identification::Specimen specimen_;
   std::optional<Observation> seen_;
@@ -242,55 +256,6 @@ class FieldTest final : public LoopTest {
 using Say = std::function<void(const std::string&)>;
 
 std::unique_ptr<LoopTest> make_test(const Communicator& world, const io::Case& test, const Say& say) { return test.experiments.empty() ? make_field_test(world, test, say) : make_curve_test(world, test); }
-
-/// Candidates that are left out are of those that there may be, in several tests with the test's name; which there are is known when the data are read.
-void check_left_out(const std::vector<std::string>& leave_out, std::span<const io::Case> cases, const std::vector<io::TestCase>& tests) {
-  std::vector<std::string> known = material::known_effects();
-  const auto add = [&](const std::string& name) {
-    if (tests.empty()) known.push_back(name);
-    for (const auto& test : tests) known.push_back(loop::key_of(name + " (" + test.name + ")"));
-  };
-  add("Poisson's_ratio");
-  for (const auto& [effect, quantities] : effect_quantities()) add(effect);
-  for (const auto& one : cases)
-    for (const auto& group : one.experiments) add(loop::key_of("gain of " + group.name));
-  std::vector<Mistake> mistakes;
-  for (const auto& name : leave_out)
-    if (std::find(known.begin(), known.end(), loop::key_of(name)) == known.end()) mistakes.push_back({"loop.leave_out", name, fmt::format("any of {}", fmt::join(known, ", "))});
-  if (!mistakes.empty()) throw InputError(std::move(mistakes));
-}
-
-/// What would else be said after the tests before have been correlated.
-void check_law_and_cameras(const io::Case& test) {
-  if (!test.experiments.empty()) static_cast<void>(make_extended_material(test));
-  for (const char* face : {"front", "back"}) {
-    int telecentric = 0, pinhole = 0;
-    for (const auto& camera : test.cameras)
-      if (camera.face == face) ++(camera.model == "pinhole" ? pinhole : telecentric);
-    if (telecentric == 0 && pinhole == 1) throw InputError("cameras", fmt::format("one perspective camera on the {}", face), "for imic3d loop a telecentric camera, or several perspective ones, on each face");
-  }
-}
-
-/// The cases of the tests, read and checked together.
-std::vector<io::Case> cases_of_tests(const io::Case& all, const CommandOptions& options) {
-  std::vector<io::Case> cases;
-  std::vector<Mistake> mistakes;
-  for (const auto& test : all.tests) {
-    CommandOptions own = options;
-    own.case_file = test.file;
-    try {
-      cases.push_back(read_case(own, {"cameras", "material", "identify"}, true, true));
-      const auto &units = cases.back().units, &first = cases.front().units;
-      if (units.length != first.length || units.force != first.force || units.time != first.time)
-        mistakes.push_back({test.file.string() + ": units", fmt::format("{}, {}, {}", units.length, units.force, units.time), fmt::format("{}, {}, {} as for {}", first.length, first.force, first.time, all.tests.front().name)});
-      check_law_and_cameras(cases.back());
-    } catch (const InputError& error) {
-      for (auto mistake : error.mistakes()) mistake.place = test.file.string() + ": " + mistake.place, mistakes.push_back(std::move(mistake));
-    }
-  }
-  if (!mistakes.empty()) throw InputError(std::move(mistakes));
-  return cases;
-}
 
 /// The loop on an experiment whose answers are kept in `checkpoint`, to go on from.
 loop::Report close_loop(loop::Experiment& experiment, const loop::LoopOptions& options, const Say& say, LoopCheckpoint& checkpoint) {
@@ -306,7 +271,6 @@ loop::Report close_loop(loop::Experiment& experiment, const loop::LoopOptions& o
 /// Several tests at once: the report of all, and in a folder of each test what it shows of that.
 void loop_on_tests(const Communicator& world, const CommandOptions& options, const io::Case& all, const std::function<double()>& seconds, const Say& say) {
   const std::vector<io::Case> cases = cases_of_tests(all, options);
-  check_left_out(all.loop.leave_out, cases, all.tests);
   const SignalWatch watch;
   const auto folder = output_folder(all, options, world);
   LoopCheckpoint checkpoint(world, folder, all, cases, options.resume);
@@ -332,9 +296,10 @@ void loop_on_tests(const Communicator& world, const CommandOptions& options, con
     nlohmann::json json = loop_summary(experiment, report);
     int simulations = 0;
     for (const auto& test : tests) simulations += test->simulations();
-    json["title"] = all.title, json["time"] = io::quantity(seconds(), "s"), json["simulations"] = simulations;
+    json["time"] = io::quantity(seconds(), "s"), json["simulations"] = simulations;
     for (int frame : experiment.frame_numbers()) json["frame_names"].push_back(experiment.frame_name(frame));
     for (const auto& test : all.tests) json["tests"].push_back(test.name);
+    json.update(io::case_summary(write_loop_tests(folder, all, experiment, report, experiment.first_frames())));
     io::write_json(folder / "result.json", json);
     io::write_loop_page(folder / "report.html", json, {});
     fmt::print("\n{}\n  {}: {}\n  {:.0f} s, {} simulations; {}\n", all.title, name(report.verdict), report.sentence, seconds(), simulations, (folder / "report.html").string());
@@ -354,8 +319,7 @@ void loop(const Communicator& world, const CommandOptions& options) {
     loop_on_tests(world, options, test, seconds, say);
     return;
   }
-  check_law_and_cameras(test);
-  check_left_out(test.loop.leave_out, {&test, 1}, {});
+  check_loop_case(test);
   const auto folder = output_folder(test, options, world);
   std::optional<SignalWatch> watch;
   std::optional<LoopCheckpoint> checkpoint;

@@ -14,6 +14,7 @@
 #include "imic3d/loop/closing.hpp"
 #include "imic3d/loop/curve_experiment.hpp"
 #include "loop_report.hpp"
+#include "loop_results.hpp"
 #include "loop_test.hpp"
 #include "test_effects.hpp"
 
@@ -21,26 +22,36 @@ namespace imic3d::app {
 
 namespace {
 
-/// Measured and predicted of every bar, and per group the rms of measured - predicted on fitted and held-out rows.
-void add_curves(nlohmann::json& json, const io::Case& test, const loop::CurveExperiment& experiment, const loop::Report& report, const std::vector<int>& held_frames) {
+std::vector<LoopCurve> curves_of(const loop::CurveExperiment& experiment, const loop::Report& report) {
   const auto before = experiment.predict(report.declared.fit.values), after = experiment.predict(report.final.fit.values);
+  std::vector<LoopCurve> curves;
+  for (std::size_t k = 0; k < experiment.curves().size(); ++k) {
+    const auto& curve = experiment.curves()[k];
+    curves.push_back({curve.name, curve.group, false, curve.history.strain, curve.stress, before[k], after[k]});
+  }
+  for (std::size_t t = 0; t < report.held_out.size(); ++t)
+    if (report.held_out[t] != 0) curves[static_cast<std::size_t>(experiment.curve_of(static_cast<int>(t)))].held_out = true;  // as a whole, if it is not cut into pieces
+  return curves;
+}
+
+/// Measured and predicted of every bar, and per group the rms of measured - predicted on fitted and held-out rows.
+void add_curves(nlohmann::json& json, const io::Case& test, const loop::CurveExperiment& experiment, const std::vector<LoopCurve>& curves) {
   const auto list = [](const Eigen::VectorXd& values) { return std::vector<double>(values.begin(), values.end()); };
-  std::vector<char> held(experiment.curves().size(), 0);  // bars that are held out as a whole
-  for (int frame : held_frames) held[static_cast<std::size_t>(experiment.curve_of(frame))] = 1;
   struct Sums { double before = 0.0, after = 0.0; Eigen::Index rows = 0; };
   std::vector<std::string> order;
   std::map<std::string, std::array<Sums, 2>> sums;
-  for (std::size_t k = 0; k < experiment.curves().size(); ++k) {
+  for (std::size_t k = 0; k < curves.size(); ++k) {
     const auto& curve = experiment.curves()[k];
-    json["curves"].push_back({{"name", curve.name}, {"group", curve.group}, {"held_out", held[k] != 0}, {"noise", experiment.bin_noise(static_cast<int>(k))}, {"strain", list(curve.history.strain)}, {"measured", list(curve.stress)},
-                              {"before", list(before[k])}, {"after", list(after[k])}});
+    const LoopCurve& one = curves[k];
+    json["curves"].push_back({{"name", one.name}, {"group", one.group}, {"held_out", one.held_out}, {"noise", experiment.bin_noise(static_cast<int>(k))}, {"strain", list(one.strain)}, {"measured", list(one.measured)},
+                              {"before", list(one.before)}, {"after", list(one.after)}});
     if (!sums.contains(curve.group)) order.push_back(curve.group);
     for (Eigen::Index row = 0; row < curve.stress.size(); ++row) {
       const auto use = curve.use[static_cast<std::size_t>(row)];
       if (use == identification::Curve::not_judged) continue;
-      auto& one = sums[curve.group][use == identification::Curve::held_out || (held[k] != 0 && !experiment.cut_into_pieces(static_cast<int>(k))) ? 1 : 0];
-      one.before += std::pow(curve.stress[row] - before[k][row], 2), one.after += std::pow(curve.stress[row] - after[k][row], 2);
-      ++one.rows;
+      auto& sum = sums[curve.group][use == identification::Curve::held_out || (one.held_out && !experiment.cut_into_pieces(static_cast<int>(k))) ? 1 : 0];
+      sum.before += std::pow(one.measured[row] - one.before[row], 2), sum.after += std::pow(one.measured[row] - one.after[row], 2);
+      ++sum.rows;
     }
   }
   for (const auto& group : order)
@@ -67,15 +78,13 @@ class CurveTest final : public LoopTest {
  private:
   void write_as_root(const std::filesystem::path& folder, const loop::Report& report, double seconds) const {
     nlohmann::json json = loop_summary(experiment_, report);
-    std::vector<int> held;
-    for (std::size_t t = 0; t < report.held_out.size(); ++t)
-      if (report.held_out[t] != 0) held.push_back(static_cast<int>(t));
-    json["title"] = test_.title;
+    const auto curves = curves_of(experiment_, report);
     json["time"] = io::quantity(seconds, "s");
     json["simulations"] = experiment_.simulations();
     json["frame_names"] = nlohmann::json::array();
     for (int frame : experiment_.frame_numbers()) json["frame_names"].push_back(experiment_.frame_name(frame));
-    add_curves(json, test_, experiment_, report, held);
+    add_curves(json, test_, experiment_, curves);
+    json.update(io::case_summary(write_loop_curves(folder, test_, experiment_, report, curves)));
     io::write_json(folder / "result.json", json);
     io::write_loop_page(folder / "report.html", json, {});
     fmt::print("\n{}\n  {}: {}\n", test_.title, name(report.verdict), report.sentence);

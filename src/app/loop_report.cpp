@@ -11,6 +11,7 @@
 #include "imic3d/io/loop_page.hpp"
 #include "imic3d/io/pictures.hpp"
 #include "imic3d/io/run_results.hpp"
+#include "loop_results.hpp"
 
 namespace imic3d::app {
 
@@ -141,55 +142,14 @@ nlohmann::json companions(const loop::Scene& scene, const Eigen::VectorXd& curve
   return json;
 }
 
-/// What the figures are drawn from.
-void write_loop_fields(const std::filesystem::path& file, const loop::FieldExperiment& experiment, const loop::Report& report, const LoopFields& fields, const io::Units& units) {
-  auto h5 = io::ResultsFile::create(file);
-  const auto& measured = experiment.measured();
-  const auto frames = measured.frames.size();
-  const auto row_major = [](const auto& matrix) {
-    using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
-    const Matrix copy = matrix;
-    return std::vector<double>(copy.data(), copy.data() + copy.size());
-  };
-  const auto list = [](const Eigen::MatrixXd& columns) { return std::vector<double>(columns.data(), columns.data() + columns.size()); };
-  Eigen::Index first = 0, first_node = 0;
-  for (const auto& face : measured.faces) {
-    const std::string at = measured.faces.size() == 1 ? "" : face.name + "/";
-    const auto n = face.surface.nodes.rows(), unknowns = face.unknowns();
-    const auto nodes = static_cast<std::size_t>(n), components = static_cast<std::size_t>(face.components);
-    h5.store(at + "surface/nodes", {nodes, 3}, row_major(face.surface.nodes), units.length, "nodes of the surface");
-    const Eigen::Matrix<int, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> cells = face.surface.cells.leftCols(4);
-    h5.store(at + "surface/cells", {static_cast<std::size_t>(cells.rows()), 4}, std::vector<int>(cells.data(), cells.data() + cells.size()), "-", "nodes of the quadrilaterals, from 0");
-    for (const auto& [name, U] : {std::pair("before", &fields.displacement_before), std::pair("after", &fields.displacement_after)})
-      h5.store(fmt::format("{}loop/{}/displacement", at, name), {frames, nodes, components}, list(U->middleRows(first, unknowns)), units.length, "measured - predicted displacement of the nodes");
-    if (report.remainder.map.size() > 0) {
-      h5.store(at + "loop/remainder/map", {frames, nodes}, list(report.remainder.map.middleRows(first_node, n)), "noise", "length of the residual displacement over its rms under the null");
-      h5.store(at + "loop/remainder/mode", {nodes, components}, list(report.remainder.mode.segment(first, unknowns)), units.length, "displacement of the first mode");
-    }
-    first += unknowns, first_node += n;
-  }
-  h5.store("loop/frames", {frames}, measured.frames, "-", "numbers of the frames");
-  h5.store("loop/held_out", {frames}, std::vector<int>(report.held_out.begin(), report.held_out.end()), "-", "1: never fitted");
-  h5.store("loop/time", {frames}, list(measured.time), units.time, "time");
-  if (std::isfinite(measured.force_noise)) h5.store("loop/force", {frames}, list(measured.force), units.force, "measured force");
-  for (const auto& [name, F, model] : {std::tuple("before", &fields.force_before, &report.declared), std::tuple("after", &fields.force_after, &report.final)}) {
-    const std::string group = fmt::format("loop/{}/", name);
-    if (std::isfinite(measured.force_noise)) h5.store(group + "force", {frames}, list(*F), units.force, "measured - predicted force");
-    h5.store(group + "chi", {frames}, list(model->misfit.frames), "noise", "residual of each frame");
-    h5.store(group + "null_chi", {frames}, list(model->misfit.null_frames), "noise", "its 95 % quantile under the null");
-  }
-  if (report.remainder.map.size() > 0) h5.store("loop/remainder/time", {frames}, list(report.remainder.time), "noise", "first mode over the frames");
-  h5.start();
-}
-
 }  // namespace
 
 void write_loop_report(const std::filesystem::path& folder, const io::Case& test, const loop::FieldExperiment& experiment, const loop::Report& report,
-                       const LoopFields& fields, const nlohmann::json& light, double seconds) {
+                       const LoopFields& fields, const nlohmann::json& light, const GroupTimes& groups, double seconds) {
   nlohmann::json json = loop_summary(experiment, report);
-  json["title"] = test.title;
   json["time"] = io::quantity(seconds, "s");
   json["simulations"] = experiment.simulations();
+  json["groups"] = to_json(groups);
   if (!test.doubts.empty()) json["doubts"] = test.doubts;
   if (!light.is_null()) json["light"] = light;
   if (!light.is_null() && light["verdict"] != "nothing found") json["sentence"] = fmt::format("{} The light: {}", report.sentence, light["sentence"].get<std::string>());
@@ -207,8 +167,7 @@ void write_loop_report(const std::filesystem::path& folder, const io::Case& test
                                 {"share_beyond_limit", (map.array() > report.remainder.limit).cast<double>().mean()}};
     if (experiment.measured().faces.size() > 1) json["remainder"]["map"]["face"] = face->name;
   }
-  io::write_json(folder / "result.json", json);
-  write_loop_fields(folder / "results.h5", experiment, report, fields, test.units);
+  json.update(io::case_summary(write_loop_fields(folder, test, experiment, report, fields)));
   // Residual fields of the worst frame, before and after, on one scale.
   Eigen::Index worst = 0;
   report.declared.misfit.frames.maxCoeff(&worst);
@@ -250,6 +209,8 @@ void write_loop_report(const std::filesystem::path& folder, const io::Case& test
     }
     first += face.unknowns(), first_node += nodes;
   }
+  for (const auto& picture : pictures) json["pictures"].push_back({{"file", picture.file.filename().string()}, {"caption", picture.caption}});
+  io::write_json(folder / "result.json", json);
   io::write_loop_page(folder / "report.html", json, pictures);
   fmt::print("\n{}\n  {}: {}\n", test.title, name(report.verdict), report.sentence);
   if (!light.is_null()) fmt::print("  light: {}: {}\n", light["verdict"].get<std::string>(), light["sentence"].get<std::string>());

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <nlohmann/json.hpp>
 
+#include "imic3d/app/output.hpp"
 #include "imic3d/io/case.hpp"
 #include "imic3d/loop/closing.hpp"
 #include "imic3d/loop/field_experiment.hpp"
@@ -23,8 +24,8 @@ struct LoopFields {
 [[nodiscard]] nlohmann::json loop_summary(const loop::Experiment& experiment, const loop::Report& report);
 
 /// Writes result.json, results.h5 (tools/plot_loop.py), pictures and report.html to the folder and prints the verdict. `light`: its own section; null where
-/// no images were correlated. Rank 0 only.
+/// no images were correlated; `groups`: what groups of ranks did with their time. Rank 0 only.
 void write_loop_report(const std::filesystem::path& folder, const io::Case& test, const loop::FieldExperiment& experiment, const loop::Report& report,
-                       const LoopFields& fields, const nlohmann::json& light, double seconds);
+                       const LoopFields& fields, const nlohmann::json& light, const GroupTimes& groups, double seconds);
 
 }  // namespace imic3d::app

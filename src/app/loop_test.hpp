@@ -4,6 +4,7 @@
 #include <functional>
 #include <memory>
 
+#include "imic3d/app/output.hpp"
 #include "imic3d/core/parallel.hpp"
 #include "imic3d/io/case.hpp"
 #include "imic3d/loop/closing.hpp"
@@ -18,7 +19,9 @@ class LoopTest {
   [[nodiscard]] virtual std::vector<int> held_out() const = 0;
   /// Simulations made so far.
   [[nodiscard]] virtual int simulations() const = 0;
-  /// Leaves result.json, report.html and what they show in the folder, and prints the verdict. Collective.
+  /// What groups of ranks did with their time. Collective.
+  [[nodiscard]] virtual GroupTimes group_times() const { return {}; }
+  /// Leaves results.h5, result.json, report.html and what they show in the folder, and prints the verdict. Collective.
   virtual void write(const std::filesystem::path& folder, const loop::Report& report, double seconds) = 0;
 };
 

@@ -76,6 +76,19 @@ std::map<std::string, std::string> versions() {
   return result;
 }
 
+nlohmann::json to_json(const GroupTimes& times) {
+  nlohmann::json json = nlohmann::json::object();
+  for (const auto& [what, groups] : times)
+    for (const GroupTime& time : groups)
+      json[what].push_back({{"ranks", time.ranks}, {"busy", io::quantity(time.busy, "s")}, {"idle", io::quantity(time.idle, "s")}});
+  return json;
+}
+
+void say(const GroupTimes& times) {
+  for (const auto& [what, groups] : times)
+    if (!groups.empty()) spdlog::info("{}: {}", what, to_text(groups));
+}
+
 RunOutput::RunOutput(const Communicator& world, std::filesystem::path folder, const io::Case& test,
                      const identification::Specimen& specimen, const Material& material, const Observation& seen)
     : folder_(std::move(folder)), test_(test), specimen_(specimen), seen_(seen) {
@@ -174,7 +187,7 @@ void RunOutput::draw_residual(int t, const identification::Record& record, const
 }
 
 void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covariance,
-                       const std::vector<StageSummary>& stages, double seconds, const std::map<std::string, std::vector<GroupTime>>& groups) {
+                       const std::vector<StageSummary>& stages, double seconds, const GroupTimes& groups) {
   if (!file_) return;
   auto json = io::summary(*file_);
   auto doubts = test_.doubts;
@@ -198,9 +211,7 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
   for (std::size_t c = 0; c < test_.cameras.size() && test_.cameras.size() > 1; ++c)
     json["noise"]["cameras"][test_.cameras[c].name] = io::quantity(seen_.camera_noise[c], "grey level");
   json["time"] = io::quantity(seconds, "s");
-  for (const auto& [what, times] : groups)
-    for (const GroupTime& time : times)
-      json["groups"][what].push_back({{"ranks", time.ranks}, {"busy", io::quantity(time.busy, "s")}, {"idle", io::quantity(time.idle, "s")}});
+  if (auto times = to_json(groups); !times.empty()) json["groups"] = std::move(times);
   io::write_json(folder_ / "result.json", json);
   io::draw_pictures(*file_, folder_);
   io::write_report(folder_ / "report.html", *file_, io::pictures_in(folder_));
@@ -245,8 +256,13 @@ void SimulationOutput::frame(int frame, const mechanics::FrameState& state, doub
   if (file_) write_fields(*file_, static_cast<std::size_t>(frame), specimen_, state, force);
 }
 
-void SimulationOutput::finish() {
-  if (file_) io::write_json(folder_ / "result.json", io::summary(*file_));
+void SimulationOutput::finish() { finish(nlohmann::json::object()); }
+
+void SimulationOutput::finish(const nlohmann::json& more) {
+  if (!file_) return;
+  auto json = io::summary(*file_);
+  json.update(more);
+  io::write_json(folder_ / "result.json", json);
 }
 
 }  // namespace imic3d::app

@@ -1,9 +1,11 @@
 #include "imic3d/app/program.hpp"
 
+#include <fmt/chrono.h>
 #include <fmt/format.h>
 #include <petscsys.h>
 
 #include <CLI/CLI.hpp>
+#include <ctime>
 #include <functional>
 #include <map>
 #include <vector>
@@ -34,6 +36,7 @@ std::vector<char*> without_petsc_options(int argc, char** argv, std::vector<char
 
 int said(const Communicator& world, ExitStatus status, const std::string& text) {
   if (world.is_root()) fmt::print(stderr, "{}\n", text);
+  note_in_log_file(text);
   return static_cast<int>(status);
 }
 
@@ -56,7 +59,7 @@ int run(int argc, char** argv) {
     std::function<void()> command;
     const auto add = [&](const std::string& name, const std::string& what, auto function, const std::string& file) {
       CLI::App* sub = program.add_subcommand(name, what);
-      sub->add_option(file == "any case" ? "case" : file, options.case_file, file.ends_with("case") ? "the case file (YAML)" : file == "calibration" ? "the calibration file (YAML)" : "a results file (HDF5)")
+      sub->add_option(file == "any case" ? "case" : file, options.case_file, file.ends_with("case") ? "the case file (YAML)" : file == "calibration" ? "the calibration file (YAML)" : "a results file (HDF5), or its folder")
           ->required(file != "any case");
       sub->add_option("--output", options.output, "folder of the results (default: as the case file says)");
       sub->callback([&command, &world, &options, function] { command = [&world, &options, function] { function(world, options); }; });
@@ -76,7 +79,7 @@ int run(int argc, char** argv) {
     reverse->add_option("--tolerance", options.tolerance, "relative standard deviation added to those of the sets (default 0.01)");
     add("effects", "the effects that the loop knows, with their units (a case file's own, if given), null values and what they are confused with", effects, "any case");
     add("calibrate", "the cameras of a rig from images of a target", calibrate, "calibration");
-    add("report", "one self-contained HTML page from a results file", report, "results");
+    add("report", "the self-contained HTML page again, from the results of a run", report, "results");
     program.require_subcommand(0, 1);
     bool show_version = false;
     program.add_flag("--version", show_version, "revision and versions of the libraries");
@@ -104,6 +107,8 @@ int run(int argc, char** argv) {
       PetscInitialize(&petsc_count, &petsc_values, nullptr, nullptr);
       PetscPushErrorHandler(PetscReturnErrorHandler, nullptr);
       start_log(world);
+      note_in_log_file(fmt::format("imic3d {} {}, revision {}, {} rank{}, {:%Y-%m-%d}", program.get_subcommands().front()->get_name(), options.case_file.string(), revision(), world.size(), world.size() == 1 ? "" : "s",
+                                   fmt::localtime(std::time(nullptr))));
       try {
         collectively(world, command);
       } catch (const InputError& error) {

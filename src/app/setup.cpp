@@ -199,6 +199,7 @@ std::filesystem::path output_folder(const io::Case& test, const CommandOptions& 
     std::error_code failed;
     std::filesystem::create_directories(folder, failed);
     if (failed) throw InputError("output", folder.string() + ": " + failed.message(), "a folder that can be written");
+    begin_log_file(folder / "log.txt", options.resume);
   });
   return folder;
 }

@@ -201,7 +201,9 @@ void virtual_test(const Communicator& world, const CommandOptions& options) {
   const Material material = make_material(test);
   PlantedEffects planted(test);
   const identification::Specimen specimen = make_specimen(test, true, planted.change());
-  const auto folder = options.output.empty() ? declared.directory : options.output;
+  CommandOptions own = options;
+  if (own.output.empty()) own.output = declared.directory;
+  const auto folder = output_folder(test, own, world);
   std::vector<VirtualCamera> cameras = make_cameras(test, specimen, folder);
   collectively(world, [&] {
     for (const auto& camera : cameras)

@@ -99,10 +99,4 @@ GroupLayout::GroupLayout(Communicator world, int tasks, int groups) : world_(wor
 
 GroupLayout::~GroupLayout() { MPI_Comm_free(&group_.handle); }
 
-std::vector<int> GroupLayout::tasks_of_group(int tasks) const {
-  std::vector<int> mine;
-  for (int task = index_; task < tasks; task += groups_) mine.push_back(task);
-  return mine;
-}
-
 }  // namespace imic3d

@@ -31,6 +31,7 @@ nlohmann::json to_json(const CurveRun& run) {
   nlohmann::json out;
   out["title"] = run.title;
   out["case_file"] = run.case_file;
+  out["case_text"] = run.case_text;
   out["law"] = run.law;
   for (const auto& [name, version] : run.versions) out["program"][name] = version;
   for (const auto& p : run.parameters) {

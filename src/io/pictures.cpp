@@ -5,11 +5,9 @@
 #include <algorithm>
 #include <cmath>
 #include <map>
-#include <numeric>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <optional>
-#include <set>
 
 #include "imic3d/core/error.hpp"
 #include "imic3d/io/run_results.hpp"
@@ -257,19 +255,6 @@ mesh::Mesh surface_of(const ResultsFile& file) {
   return mesh;
 }
 
-/// The last fitted frame, the one with the largest residual, and the last.
-std::vector<std::size_t> telling_frames(const ResultsFile& file) {
-  const auto done = file.frames_done("residual");
-  if (done.empty()) return {};
-  const auto use = file.read_integers("frames/use");
-  const auto rms = file.read("residual/rms_model");
-  std::set<std::size_t> frames{done.back()};
-  frames.insert(*std::max_element(done.begin(), done.end(), [&](auto a, auto b) { return rms[a] < rms[b]; }));
-  const auto fitted = std::find_if(done.rbegin(), done.rend(), [&](auto frame) { return use[frame] == 1; });
-  if (fitted != done.rend()) frames.insert(*fitted);
-  return {frames.begin(), frames.end()};
-}
-
 }  // namespace
 
 std::vector<std::filesystem::path> draw_pictures(const ResultsFile& file, const std::filesystem::path& folder) {
@@ -291,20 +276,6 @@ std::vector<std::filesystem::path> draw_pictures(const ResultsFile& file, const 
                {.legend = fmt::format("DIC displacement along {}, frame {} [{}]", axis == 0 ? "x" : "y",
                                       numbers[done.back()], file.unit("dic/displacement")),
                 .diverging = false});
-  }
-  if (!file.has("residual/image_model")) return pictures;
-  const auto shape = file.shape("residual/image_model");
-  const double noise = file.read("residual/noise")[0];
-  const bool in_sigma = std::isfinite(noise) && noise > 0;
-  for (const auto frame : telling_frames(file)) {
-    auto values = file.read("residual/image_model", frame);
-    if (in_sigma)
-      for (double& value : values) value /= noise;
-    pictures.push_back(folder / fmt::format("residual_frame_{:04d}.png", numbers[frame]));
-    ColourScale scale{.legend = fmt::format("residual of the model, frame {} [{}]", numbers[frame],
-                                            in_sigma ? "sigma" : "grey level")};
-    if (in_sigma) scale.lower = -5.0, scale.upper = 5.0;
-    draw_map(pictures.back(), values, static_cast<int>(shape[2]), static_cast<int>(shape[1]), scale);
   }
   return pictures;
 }

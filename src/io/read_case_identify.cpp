@@ -115,6 +115,7 @@ void CaseReader::read_loop() {
   if (!root_.has("loop")) return;
   const auto section = root_.group("loop");
   auto& loop = case_.loop;
+  loop.given = true;
   section.get("draws", loop.draws);
   section.get("modes", loop.modes);
   section.get("additions", loop.additions);

@@ -95,12 +95,6 @@ void declare_correlation(ResultsFile& file, const Case& test, const RunPlan& pla
   }
   file.declare_frames_done("residual", frames);
   file.declare("residual/noise", {1}, "grey level", "standard deviation of the noise in the smoothed images, of which the residuals are");
-  if (plan.residual_image) {
-    const auto [columns, rows] = *plan.residual_image;
-    file.declare("residual/image_model", {frames, static_cast<std::size_t>(rows), static_cast<std::size_t>(columns)},
-                 "grey level", "f - g(x + u) of the identified model, NaN off the specimen [frame, row, column]",
-                 Storage::real32);
-  }
 }
 
 void declare_identification(ResultsFile& file, const Case& test, const RunPlan& plan) {
@@ -131,15 +125,19 @@ void declare_identification(ResultsFile& file, const Case& test, const RunPlan& 
 
 }  // namespace
 
-ResultsFile create_results(const std::filesystem::path& folder, const Case& test, const RunPlan& plan) {
-  auto file = ResultsFile::create(folder / "results.h5");
+void store_case(ResultsFile& file, const Case& test, const std::map<std::string, std::string>& versions) {
   file.store_text("case/file", test.file.string(), "the case file");
   file.store_text("case/text", test.text, "its contents");
   file.store_text("case/title", test.title, "title of the test");
+  for (const auto& [name, version] : versions) file.store_text("program/" + name, version, "version");
+}
+
+ResultsFile create_results(const std::filesystem::path& folder, const Case& test, const RunPlan& plan) {
+  auto file = ResultsFile::create(folder / "results.h5");
+  store_case(file, test, plan.versions);
   file.store_text("case/held", test.specimen.held, "group of nodes that is held");
   file.store_text("case/loaded", test.specimen.loaded, "group of nodes that is pulled");
   file.store_text("case/axis", test.specimen.axis, "direction of the load");
-  for (const auto& [name, version] : plan.versions) file.store_text("program/" + name, version, "version");
   store_frames(file, test);
   if (plan.volume) {
     store_mesh(file, "mesh", *plan.volume, test.units.length);
@@ -177,12 +175,10 @@ void write_dic_frame(ResultsFile& file, std::size_t index, std::span<const doubl
 
 void write_noise(ResultsFile& file, double noise) { file.write("residual/noise", {&noise, 1}); }
 
-void write_model_residual(ResultsFile& file, std::size_t index, double rms, std::span<const double> element_rms,
-                          std::span<const double> image) {
+void write_model_residual(ResultsFile& file, std::size_t index, double rms, std::span<const double> element_rms) {
   file.mark_done("residual", index, false);
   file.write("residual/rms_model", index, {&rms, 1});
   file.write("residual/element_model", index, element_rms);
-  if (!image.empty()) file.write("residual/image_model", index, image);
   file.mark_done("residual", index);
 }
 

@@ -64,12 +64,15 @@ json iterations(const ResultsFile& file) {
 
 json quantity(double value, const std::string& unit) { return {{"value", number_or_null(value)}, {"unit", unit}}; }
 
-json summary(const ResultsFile& file) {
-  json result;
-  result["title"] = file.read_text("case/title");
-  result["case_file"] = file.read_text("case/file");
+json case_summary(const ResultsFile& file) {
+  json result = {{"title", file.read_text("case/title")}, {"case_file", file.read_text("case/file")}, {"case_text", file.read_text("case/text")}};
   for (const auto& name : file.names())
     if (name.starts_with("program/")) result["program"][name.substr(8)] = file.read_text(name);
+  return result;
+}
+
+json summary(const ResultsFile& file) {
+  json result = case_summary(file);
   result["frames"]["number"] = file.shape("frames/number")[0];
   const auto measured = file.read("frames/force_measured"), predicted = file.read("frames/force_predicted");
   if (file.has("fields/frames_done")) {

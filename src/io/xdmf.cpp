@@ -11,7 +11,7 @@ namespace {
 /// Writes the XML of one results file. Heavy data stay in the HDF5 file; a frame is a slab of its dataset.
 class XdmfWriter {
  public:
-  explicit XdmfWriter(const ResultsFile& file) : file_(file), numbers_(file.read_integers("frames/number")) {}
+  explicit XdmfWriter(const ResultsFile& file) : file_(file), numbers_(file.read_integers(file.has("loop/frames") ? "loop/frames" : "frames/number")) {}
 
   std::string text() {
     out_ =
@@ -29,6 +29,7 @@ class XdmfWriter {
               {"residual_dic", "residual/element_dic", "Scalar", "Cell"},
               {"residual_model", "residual/element_model", "Scalar", "Cell"}});
     }
+    for (const std::string face : {"", "front/", "back/"}) left_by_loop(face);
     return out_ + " </Domain>\n</Xdmf>\n";
   }
 
@@ -36,6 +37,14 @@ class XdmfWriter {
   struct Attribute {
     std::string name, dataset, type, centre;
   };
+
+  /// What imic3d loop leaves of the displacement of a face.
+  void left_by_loop(const std::string& face) {
+    if (!file_.has(face + "loop/before/displacement")) return;
+    std::vector<Attribute> attributes = {{"left_before", face + "loop/before/displacement", "Vector", "Node"}, {"left_after", face + "loop/after/displacement", "Vector", "Node"}};
+    if (file_.has(face + "loop/remainder/map")) attributes.push_back({"remainder", face + "loop/remainder/map", "Scalar", "Node"});
+    series(face.empty() ? "surface" : face.substr(0, face.size() - 1), face + "surface", attributes);
+  }
 
   void series(const std::string& name, const std::string& mesh, const std::vector<Attribute>& attributes) {
     out_ += fmt::format("  <Grid Name=\"{}\" GridType=\"Collection\" CollectionType=\"Temporal\">\n", name);

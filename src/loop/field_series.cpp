@@ -180,7 +180,7 @@ std::vector<FieldExperiment::Series> FieldExperiment::simulate(const std::vector
   }
   // Of a synthetic test the first takes as long as all others.
   const auto group_of = [&](std::size_t place) { return static_cast<int>((synthetic ? std::min<std::size_t>(place, 1) : place) % static_cast<std::size_t>(layout.groups())); };
-  collectively(world_, [&] {
+  (synthetic ? groups_->clock_of_halves : groups_->clock).side_by_side([&] {
     for (std::size_t place = 0; place < order.size(); ++place) {
       if (group_of(place) != layout.index()) continue;
       const Simulation& one = wanted[order[place]];
@@ -224,6 +224,10 @@ std::vector<FieldExperiment::Series> FieldExperiment::simulate(const std::vector
   }
   simulations_ += static_cast<int>(wanted.size());
   return results;
+}
+
+std::map<std::string, std::vector<GroupTime>> FieldExperiment::group_times() const {
+  return {{"simulations", groups_->clock.times()}, {"synthetic_tests", groups_->clock_of_halves.times()}};
 }
 
 FieldExperiment::Simulation FieldExperiment::simulation_of(const std::vector<double>& values, const Eigen::MatrixXd& driving) const {

@@ -72,6 +72,7 @@ struct FieldExperiment::Variant {
 struct FieldExperiment::Groups {
   Groups(const Communicator& world, int groups) : layout(world, 64, groups), halves(world, 2, std::min(groups, 2)) {}
   GroupLayout layout, halves;  // halves: of all ranks, for synthetic tests
+  GroupClock clock{layout}, clock_of_halves{halves};
   [[nodiscard]] const GroupLayout& of(const Key& key) const { return key.synthetic ? halves : layout; }
   // This rank's groups', the last used first. Those of synthetic tests by themselves: a rank's half is another group than that of its other series, and all ranks of a group forget the same ones.
   std::list<std::pair<Key, Variant>> variants, synthetic_variants;

@@ -79,13 +79,6 @@ constexpr Entry hardenings[] = {
 };
 
 template <std::size_t n>
-std::vector<std::string> names(const Entry (&entries)[n]) {
-  std::vector<std::string> list;
-  for (const Entry& entry : entries) list.emplace_back(entry.name);
-  return list;
-}
-
-template <std::size_t n>
 LawPointer make_from(const Entry (&entries)[n], const std::string& name, const std::string& place,
                      const LawChoice& choice) {
   std::string allowed;
@@ -120,8 +113,6 @@ std::vector<ParameterInfo> isotropic_elasticity_parameters() {
 }
 
 LawPointer make_law(const LawChoice& choice) { return make_from(laws, choice.law, "material.law", choice); }
-std::vector<std::string> known_laws() { return names(laws); }
-std::vector<std::string> known_hardenings() { return names(hardenings); }
 std::vector<std::string> known_effects() {
   std::vector<std::string> list;
   for (const auto& effect : effects::list) list.emplace_back(effect.name);

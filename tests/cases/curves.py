@@ -11,7 +11,7 @@ import random
 import sys
 import tempfile
 
-from runs import SOURCE, data, end, require, run
+from runs import SOURCE, data, end, figures, left_behind, require, run, same_page
 
 E, S_Y, S_INF, B, C, RATE_0 = 200e3, 250.0, 450.0, 12.0, 0.02, 1e-3
 KSI = 6.894757293168
@@ -89,6 +89,19 @@ def main():
         require({row["use"] for row in rows} == {"not judged", "fitted", "held out"}, "every row says what it was used for")
         page = (folder / "rate" / "report.html").read_text()
         require("C_rate" in page and page.count("<svg") >= 6, "the report has its tables and pictures")
+
+        left_behind(folder / "rate", folder / "rate.yaml", "identify", ("curves/0000/predicted", "identification/values"), xdmf=False)
+
+        said = run(program, "report", folder / "rate", status=2, errors=True)
+        require("nothing that a page is made of" in said, f"an identification on curves has its page once: {said.splitlines()[0]}")
+
+        case = folder / "loop.yaml"
+        case.write_text(CASE.format(effects="", more="", free="", columns=COLUMNS, output="loop") + "loop: {draws: 20, additions: 1, rivals: 1, starts: [1.0]}\n")
+        print(run(program, "check", case))
+        run(program, "loop", case, 2)
+        left_behind(folder / "loop", case, "loop", ("curves/0005/after", "loop/frame_names"), xdmf=False)
+        same_page(program, folder / "loop")
+        figures(folder / "loop", ["chi.png", "curves.png"])
 
         def mistake(change, expected, command="check"):
             case = folder / "bad.yaml"

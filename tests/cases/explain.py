@@ -13,7 +13,7 @@ import tempfile
 import numpy
 from scipy.optimize import least_squares
 
-from runs import SOURCE, end, require, run
+from runs import SOURCE, end, left_behind, require, run
 
 # nu near 0.5, so that the driven ends contract as they should whatever share of the strain is plastic: the stress stays uniform.
 TRUTH = {"E": 198e3, "nu": 0.49, "S_y": 284.0, "H": 1480.0}
@@ -82,7 +82,7 @@ def main():
         values = identified(recorded)
         print(name + ": " + ", ".join(f"{key} {100 * (value / TRUTH[key] - 1):+.2f} %" for key, value in values.items()))
         print(run(program, "explain", folder / "case.yaml", 1, ["--from", str(truth), "--to", str(write(name, values)), "--tolerance", "0.002"]))
-        result = json.loads((folder / "out/explain.json").read_text())
+        result = json.loads((folder / "out/explain/result.json").read_text())
         effects = {one["name"]: one for one in result["effects"]}
         found = effects[name]
         require(found["fits"] and found["chi_squared"] < 1.0 and found["rank"] == 1, f"{name} explains it, first (chi^2 {found['chi_squared']:.2g})")
@@ -98,6 +98,8 @@ def main():
         if name == "force zero":
             straight = of["tangent_percent_per_unit"]["E"] * of["size"]
             require(abs(straight / found["explained_percent"]["E"] - 1) > 0.02, f"its tangent alone would say {straight:.2f} % of E")
+
+    left_behind(folder / "out/explain", folder / "case.yaml", "explain", ("fields/displacement", "frames/force_predicted"))
 
     # E down, S_y up, H twice as large: no effect does that.
     other = write("other", {"E": 178e3, "S_y": 320.0, "H": 2960.0})

@@ -12,7 +12,7 @@ import tempfile
 
 import numpy
 
-from runs import bar, end, require, run
+from runs import bar, end, figures, left_behind, require, run, same_page
 
 CASE = """
 title: Strip
@@ -93,7 +93,20 @@ def main():
     before, after = result["before"]["chi"], result["after"]["chi"]
     require(before["held_out"] > 1.3 * before["null_held_out"] and after["held_out"] < 1.05 * after["null_held_out"],
             f"held-out chi {before['held_out']:.2f} -> {after['held_out']:.2f}, null {after['null_held_out']:.2f}")
-    require((folder / "drift/run/results.h5").exists() and result["before"]["chi"]["checkerboard"] > result["after"]["chi"]["checkerboard"], "the checkerboard agrees")
+    require(result["before"]["chi"]["checkerboard"] > result["after"]["chi"]["checkerboard"], "the checkerboard agrees")
+
+    left = folder / "drift/run"
+    left_behind(left, folder / "drift.yaml", "loop", ("loop/before/displacement", "loop/after/force", "loop/remainder/map"))
+    waited = result["groups"]["simulations"]
+    require([group["ranks"] for group in waited] == [1, 1] and all(group["busy"]["value"] > 0 for group in waited) and "simulations: 2 groups" in (left / "log.txt").read_text(),
+            f"what two groups of ranks waited for each other: {[group['idle']['value'] for group in waited]} s")
+    same_page(program, left)
+    figures(left, ["chi.png", "force.png", "residual.png", "remainder.png"])
+    plan = run(program, "check", folder / "drift.yaml", 2)
+    candidates = {one["name"] for one in result["before"]["candidates"]} | set(result["invisible"])
+    require(f"{len(candidates)} candidates at most, 60 draws, left out: rate; series in 2 groups of 1, 1 ranks" in plan, plan.strip().splitlines()[-1])
+    (folder / "unknown.yaml").write_text((folder / "drift.yaml").read_text().replace("[rate]", "[rates]"))
+    require("loop.leave_out: rates" in run(program, "check", folder / "unknown.yaml", status=2, errors=True), "check knows what can be left out")
 
     shutil.copytree(folder / "nothing", folder / "no_force", ignore=shutil.ignore_patterns("loads.csv", "run"))
     result = loop("no_force", "", 1, loads=False, free="nu")

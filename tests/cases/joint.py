@@ -12,7 +12,7 @@ import tempfile
 import numpy
 
 import fields
-from runs import bar, end, require, run
+from runs import bar, end, figures, left_behind, require, run, same_page
 
 GAIN = 1.06
 LAW = "{law: j2, hardening: voce, parameters: {E: 190e3, nu: 0.28, S_y: 2000, S_inf: 2100, b: 10, H: 0}}"  # nothing yields
@@ -76,6 +76,25 @@ def main():
         require((folder / "all" / name / "report.html").exists(), f"the page of the {name}")
     own = json.loads((folder / "all/first strip/result.json").read_text())
     require(own["named"] == ["force gain"] and own["after"]["parameters"]["E"] == found["E"], "the first strip's own page says it in its own terms")
+
+    left_behind(folder / "all", folder / "all.yaml", "loop", ("loop/first_frames", "loop/tests"), xdmf=False)
+    left_behind(folder / "all/second strip", folder / "second.yaml", None, ("loop/after/force",))
+    same_page(program, folder / "all")
+    same_page(program, folder / "all/bars")
+    figures(folder / "all", ["chi.png", "first strip/residual.png", "bars/curves.png"])
+
+    plan = run(program, "check", folder / "all.yaml", 2)
+    require(plan.count("candidates at most") == 3 and "Two strips and bars: 3 tests" in plan, "check says what would be run of each test")
+    for name, old, new in (("first", "thickness: 2.2857142857", "thickness: -1"), ("second", "E: 190e3", "E: 191e3"), ("bars", "bars/*.csv", "none/*.csv")):
+        (folder / f"wrong_{name}.yaml").write_text((folder / f"{name}.yaml").read_text().replace(old, new))
+    case = folder / "wrong.yaml"
+    case.write_text(ALL.replace("first.yaml", "wrong_first.yaml").replace("bars.yaml", "wrong_bars.yaml"))
+    said = run(program, "check", case, 1, status=2, errors=True)
+    require("specimen.thickness: -1" in said and 'no file "none/*.csv"' in said, f"mistakes of two tests at once: {said.strip()}")
+    case.write_text(ALL.replace("second.yaml", "wrong_second.yaml"))
+    require("material.parameters.E: 191000 free; allowed: 190000 free as in" in run(program, "check", case, 1, status=2, errors=True), "a law is declared alike in all tests")
+    case.write_text(ALL.replace("additions: 2", "additions: 2, leave_out: [nonsense]"))
+    require("loop.leave_out: nonsense" in run(program, "check", case, 1, status=2, errors=True), "and what no test can leave out")
 
     case = folder / "twice.yaml"
     case.write_text(ALL.replace("second strip", "first strip").replace("second.yaml", "none.yaml") + "material: {law: elastic}\n")

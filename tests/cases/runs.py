@@ -1,8 +1,11 @@
 """What the whole-run tests share: a folder, the meshes, and the program under mpirun."""
+import json
 import os
 import pathlib
 import subprocess
 import sys
+
+import h5py
 
 SOURCE = pathlib.Path(__file__).resolve().parents[2]
 
@@ -52,6 +55,37 @@ def run(program, command, case, ranks=1, options=(), status=0, errors=False):
     if done.returncode != status:
         sys.exit(f"{' '.join(line)}\nended with {done.returncode} instead of {status}\n{done.stdout}\n{done.stderr}")
     return done.stderr if errors else done.stdout
+
+
+def left_behind(folder, case, command, h5=("case/title",), xdmf=True):
+    """Requires what every run leaves: results.h5 with the case file, the revision and the datasets `h5`, an .xdmf that fits it, the same in result.json, and a log."""
+    with h5py.File(folder / "results.h5") as file:
+        text = file["case/text"][()].decode()
+        missing = [name for name in (*h5, "program/git_revision") if name not in file]
+    result = json.loads((folder / "result.json").read_text())
+    require(not missing and text == case.read_text(), f"{folder.name}/results.h5 has the case file, the revision and what is drawn {missing}")
+    require(result["case_text"] == text and result["program"]["git_revision"] and result["case_file"].endswith(case.name), f"{folder.name}/result.json has them, too")
+    if xdmf:
+        fits = subprocess.run([sys.executable, str(SOURCE / "tests/io/check_xdmf.py"), str(folder / "results.xdmf")], stdout=subprocess.PIPE).returncode
+        require(fits == 0, f"{folder.name}/results.xdmf fits it")
+    if command:
+        log = (folder / "log.txt").read_text().splitlines()
+        require(f" imic3d {command} " in log[0], f"{folder.name}/log.txt: {log[0]}")
+
+
+def same_page(program, folder):
+    """Requires that `imic3d report` makes the page of a run again."""
+    page = (folder / "report.html").read_text()
+    (folder / "report.html").unlink()
+    run(program, "report", folder)
+    require((folder / "report.html").read_text() == page, f"the page of {folder.name} is made again")
+
+
+def figures(folder, names):
+    """Requires that tools/plot_loop.py makes these figures of a loop."""
+    subprocess.run([sys.executable, str(SOURCE / "tools/plot_loop.py"), str(folder / "results.h5"), "--folder", str(folder / "figures")], check=True)
+    missing = [name for name in names if not (folder / "figures" / name).exists()]
+    require(not missing, f"tools/plot_loop.py draws {', '.join(names)} of {folder.name} {missing}")
 
 
 def require(condition, message):

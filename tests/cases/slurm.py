@@ -181,7 +181,24 @@ def trials(slurm, program, folder):
             print("    " + line)
 
 
+def commands(folder):
+    """What the scripts would run, without SLURM: a launcher that says its arguments."""
+    (folder / "mpirun").write_text('#!/bin/sh\necho "$@"\n')
+    (folder / "mpirun").chmod(0o755)
+    (folder / "cases.txt").write_text("case.yaml\n")
+    environment = {**os.environ, "PATH": f"{folder}:{os.environ['PATH']}", "SLURM_NTASKS": "2", "SLURM_NTASKS_PER_NODE": "2", "SLURM_ARRAY_TASK_ID": "1"}
+    for script in ("single_node", "many_nodes", "array", "requeue"):
+        case = folder / "cases.txt" if script == "array" else "case.yaml"
+        for chosen, command in (({}, "identify"), ({"IMIC3D_COMMAND": "loop"}, "loop")):
+            said = subprocess.run(["bash", str(SOURCE / f"job_scripts/{script}.sh"), str(case)], env={**environment, **chosen}, stdout=subprocess.PIPE, text=True).stdout
+            require(f" {command} case.yaml" in said, f"{script}.sh runs {command}")
+
+
 def main():
+    with tempfile.TemporaryDirectory() as folder:
+        commands(pathlib.Path(folder))
+    if require.failed:
+        end()
     missing = [name for name in NEEDED if shutil.which(name) is None]
     if missing or os.getuid() != 0:
         print("SKIPPED the SLURM test: " + (f"not installed: {', '.join(missing)} (Debian's slurmctld, slurmd, slurm-client, munge)" if missing else "it needs root"))

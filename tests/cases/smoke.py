@@ -7,12 +7,11 @@ import json
 import pathlib
 import sys
 import tempfile
-import xml.etree.ElementTree
 
 import h5py
 import numpy
 
-from runs import SMALL_PLATE as CASE, SMALL_TEST as GENERATE, end, gmsh, require, run
+from runs import SMALL_PLATE as CASE, SMALL_TEST as GENERATE, end, gmsh, left_behind, require, run, same_page
 
 IDENTIFY = """
 loads: {{file: made/loads.csv, noise: 5}}
@@ -36,7 +35,9 @@ def main():
     (folder / "virtual.yaml").write_text(
         CASE.format(mesh="fine", layers=2, place=origin, images="", E=198e3, S_y=284) + GENERATE)
 
-    run(program, "simulate", folder / "virtual.yaml", 2, ["--output", str(folder / "simulated")])
+    (folder / "simulated").mkdir()
+    (folder / "simulated/log.txt").symlink_to("/dev/full")
+    run(program, "simulate", folder / "virtual.yaml", 2, ["--output", str(folder / "simulated")])  # a full disk takes the log alone
     run(program, "virtual", folder / "virtual.yaml", 2)
     images = sorted((folder / "made/images").glob("*.png"))
     require(len(images) == 8, f"8 images were made ({len(images)})")
@@ -78,7 +79,11 @@ def main():
     run(program, "report", folder / "force_1/results.h5", 2, ["--output", str(folder / "report")])
     page = (folder / "report/report.html").read_text()
     require("S_y" in page and "data:image/png;base64" in page, "the report has the parameters and its pictures")
-    xml.etree.ElementTree.parse(folder / "force_1/results.xdmf")
+    left_behind(folder / "force_1", cases["force_driven"], "identify")
+    left_behind(folder / "made", folder / "virtual.yaml", "virtual")
+    log = (folder / "force_1/log.txt").read_text()
+    require("stage 2: S_y" in log and "simulations: " in log, "the log has what the run said")
+    same_page(program, folder / "force_1")
     with h5py.File(folder / "force_1/results.h5") as file:
         for name in ("fields/displacement", "fields/plastic_strain", "dic/displacement", "residual/element_model",
                      "identification/covariance", "case/text", "frames/force_predicted"):

@@ -12,6 +12,13 @@
 
 namespace imic3d::app {
 
+/// What groups of ranks did with their time, by what they did.
+using GroupTimes = std::map<std::string, std::vector<GroupTime>>;
+/// Ranks, busy and idle seconds of each group.
+[[nodiscard]] nlohmann::json to_json(const GroupTimes& times);
+/// One line of the log for each that there is.
+void say(const GroupTimes& times);
+
 /// How a stage went, for the summary.
 struct StageSummary {
   std::vector<std::string> free;
@@ -39,7 +46,7 @@ class RunOutput {
   /// result.json, pictures and report.html; prints the table of the parameters. `seconds`: time of the run; `groups`: what groups of ranks
   /// did with theirs, by what they did.
   void finish(const Material& material, const Eigen::MatrixXd& covariance, const std::vector<StageSummary>& stages,
-              double seconds, const std::map<std::string, std::vector<GroupTime>>& groups);
+              double seconds, const GroupTimes& groups);
 
  private:
   void draw_residual(int t, const identification::Record& record, const identification::Path& shown) const;
@@ -58,6 +65,7 @@ class SimulationOutput {
                    const identification::Specimen& specimen);
   void frame(int frame, const mechanics::FrameState& state, double force);
   void finish();  ///< result.json
+  void finish(const nlohmann::json& more);  ///< the same with `more` in it
 
  private:
   std::filesystem::path folder_;

@@ -60,7 +60,7 @@ struct SimulationTasks {
 };
 [[nodiscard]] SimulationTasks simulation_tasks(const io::Case& test);
 
-/// Creates the folder of the results and returns it. Throws InputError if that cannot be done.
+/// Creates the folder of the results, begins the log file in it and returns it. Throws InputError if that cannot be done.
 [[nodiscard]] std::filesystem::path output_folder(const io::Case& test, const CommandOptions& options,
                                                   const Communicator& world);
 

@@ -2,6 +2,7 @@
 // Messages and progress: from the root rank only; progress lines only on a terminal.
 
 #include <chrono>
+#include <filesystem>
 #include <memory>
 #include <string>
 
@@ -11,8 +12,13 @@
 
 namespace imic3d {
 
-/// Sets up the default spdlog logger: rank 0 writes to stderr (and to `file` if given), the others are silent.
-void start_log(const Communicator& communicator, const std::string& file = {});
+/// Sets up the default spdlog logger: rank 0 writes to stderr, and to the log file once there is one; the others are silent.
+void start_log(const Communicator& communicator);
+/// Begins the log file of rank 0, with all lines so far, or goes on with the one that is there. One that cannot be written (a full disk) is warned of, and does
+/// no more.
+void begin_log_file(const std::filesystem::path& file, bool append = false);
+/// A line for the log file alone.
+void note_in_log_file(const std::string& line);
 
 /// One line that is rewritten in place while long work goes on; silent when stderr is not a terminal.
 class Progress {

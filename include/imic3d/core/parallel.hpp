@@ -45,7 +45,6 @@ class GroupLayout {
   [[nodiscard]] Communicator group() const { return group_; }  ///< this rank's group
   [[nodiscard]] int groups() const { return groups_; }
   [[nodiscard]] int index() const { return index_; }           ///< number of this rank's group
-  [[nodiscard]] std::vector<int> tasks_of_group(int tasks) const;  ///< tasks index, index + groups, …
 
  private:
   Communicator world_, group_;

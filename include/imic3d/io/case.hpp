@@ -187,6 +187,7 @@ struct IdentifyCase {
 
 /// How the loop is closed (imic3d loop); it asks for nothing.
 struct LoopCase {
+  bool given = false;   ///< whether the case file has the section
   int draws = 100;      ///< of the null ensemble
   int modes = 100;      ///< numbers that the displacement residual of a frame is written in
   int additions = 3;    ///< effects added at most

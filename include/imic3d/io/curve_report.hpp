@@ -1,5 +1,5 @@
 #pragma once
-// What an identification on stress-strain curves leaves behind: result.json, curves.csv and report.html.
+// What an identification on stress-strain curves leaves behind beside results.h5: result.json, curves.csv and report.html.
 
 #include <Eigen/Core>
 #include <filesystem>

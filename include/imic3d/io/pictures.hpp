@@ -33,8 +33,7 @@ void draw_map(const std::filesystem::path& picture, std::span<const double> valu
 void draw_field(const std::filesystem::path& picture, const mesh::Mesh& quads, std::span<const double> positions,
                 std::span<const double> values, const ColourScale& scale);
 
-/// Draws what a results file has: DIC displacement along the axis, and the model's residual at the last fitted frame,
-/// at the frame where it is largest and at the last one (in sigma where the noise is known). Returns the files, in
+/// Draws what a results file has: DIC displacement along the axis in the last frame that has one. Returns the files, in
 /// `folder`.
 std::vector<std::filesystem::path> draw_pictures(const ResultsFile& file, const std::filesystem::path& folder);
 

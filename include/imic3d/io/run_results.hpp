@@ -10,8 +10,8 @@
 //   fields/    displacement [F,N,3], cauchy_stress [F,M,6] (11,22,33,12,23,13), von_mises [F,M], plastic_strain [F,M],
 //              reaction [F,3], frames_done [F]
 //   dic/       displacement [F,n,3], frames_done [F]
-//   residual/  rms_dic [F], rms_model [F], element_dic [F,k], element_model [F,k], image_model [F,rows,columns],
-//              noise [1], frames_done [F]
+//   residual/  rms_dic [F], rms_model [F], element_dic [F,k], element_model [F,k], noise [1],
+//              frames_done [F]
 //   identification/  parameters [P], units [P], initial [P], values [P], standard_deviation [P], covariance [P,P],
 //              iterations/{count [1], stage, iteration, values [:,P], eta, residual}
 
@@ -19,7 +19,6 @@
 #include <filesystem>
 #include <map>
 #include <nlohmann/json_fwd.hpp>
-#include <optional>
 #include <span>
 #include <string>
 #include <vector>
@@ -37,12 +36,17 @@ struct RunPlan {
   const mesh::Mesh* surface = nullptr;          ///< the DIC mesh (quad4): surface/, dic/ and residual/
   std::vector<ParameterInfo> parameters;        ///< not empty: identification/
   int most_iterations = 500;                    ///< rows kept for iterations, all stages together
-  std::optional<std::array<int, 2>> residual_image;  ///< columns, rows [px]: the model's residual of every pixel too
 };
 
 /// Makes results.h5 and results.xdmf in `folder` (made if need be) with everything that is known beforehand. Returns
 /// the file, started. Throws InputError if it cannot be written.
 [[nodiscard]] ResultsFile create_results(const std::filesystem::path& folder, const Case& test, const RunPlan& plan);
+
+/// The case file and the versions, case/ and program/ of every results file; before start().
+void store_case(ResultsFile& file, const Case& test, const std::map<std::string, std::string>& versions);
+
+/// The same for a result.json: title, case_file, case_text, program.
+[[nodiscard]] nlohmann::json case_summary(const ResultsFile& file);
 
 /// One frame of the simulation.
 struct SimulationFrame {
@@ -59,12 +63,11 @@ void write_simulation_frame(ResultsFile& file, std::size_t index, const Simulati
 void write_dic_frame(ResultsFile& file, std::size_t index, std::span<const double> displacement, double rms,
                      std::span<const double> element_rms);
 
-/// Standard deviation of the images' noise [grey level]; the unit that the pictures of the residual are drawn in.
+/// Standard deviation of the images' noise [grey level].
 void write_noise(ResultsFile& file, double noise);
 
-/// The residual of the identified model. image: [rows x columns, grey level], only if the plan has one.
-void write_model_residual(ResultsFile& file, std::size_t index, double rms, std::span<const double> element_rms,
-                          std::span<const double> image = {});
+/// The residual of the identified model.
+void write_model_residual(ResultsFile& file, std::size_t index, double rms, std::span<const double> element_rms);
 
 /// The state of the parameters after one iteration; more than the plan's `most_iterations` are not kept.
 void write_iteration(ResultsFile& file, int stage, int iteration, std::span<const double> values, double eta,
@@ -75,7 +78,7 @@ void write_identified(ResultsFile& file, std::span<const double> values, std::sp
 
 /// The .xdmf for a results file, to be put beside it; opens in ParaView (with its "XDMF Reader"; the Xdmf3 readers skip
 /// the fields). Its time is the frame's number, because static frames share a time. Every frame is there; those that are
-/// not done are NaN. Written atomically.
+/// not done are NaN. Of a loop's results the displacement that is left, before and after, and the remainder. Written atomically.
 void write_xdmf(const ResultsFile& file, const std::filesystem::path& path);
 
 /// Number with its unit as {"value": …, "unit": …}; null for NaN.

@@ -101,7 +101,6 @@ struct Report {
   std::string sentence;         ///< for a test engineer
   std::vector<int> invisible;   ///< candidates that this test cannot see
   Remainder remainder;
-  int simulations = 0;
 };
 
 /// Runs the loop (docs/loop.md). `say` gets one line for each step. Collective.

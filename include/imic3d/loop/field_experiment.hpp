@@ -3,9 +3,10 @@
 
 #include <Eigen/SparseCore>
 #include <functional>
+#include <map>
 #include <memory>
 
-#include "imic3d/core/parallel.hpp"
+#include "imic3d/core/groups.hpp"
 #include "imic3d/identification/forward_model.hpp"
 #include "imic3d/loop/effect.hpp"
 #include "imic3d/loop/experiment.hpp"
@@ -121,6 +122,8 @@ class FieldExperiment final : public Experiment {
   [[nodiscard]] std::pair<Eigen::MatrixXd, Eigen::VectorXd> unwhitened(const std::vector<double>& values);
   /// Simulations made so far, in series of all frames.
   [[nodiscard]] int simulations() const { return simulations_; }
+  /// What the groups of ranks did with their time: in the series of the test, and in those of synthetic tests. Collective.
+  [[nodiscard]] std::map<std::string, std::vector<GroupTime>> group_times() const;
 
  private:
   struct Bias final : Learned {

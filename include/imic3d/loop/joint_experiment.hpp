@@ -48,6 +48,8 @@ class JointExperiment final : public Experiment {
 
   /// Frames of all tests that are never fitted.
   [[nodiscard]] std::vector<int> held_out() const;
+  /// The first frame of each test.
+  [[nodiscard]] std::vector<int> first_frames() const { return {first_frame_.begin(), first_frame_.end() - 1}; }
   /// The values of a test's own parameters.
   [[nodiscard]] std::vector<double> values_of(std::size_t test, const std::vector<double>& values) const;
   /// What the report says of a test, in the test's own candidates, parameters and frames; verdict, sentence and the misfits of all frames

@@ -88,8 +88,6 @@ struct LawChoice {
 
 /// Makes a law, or throws InputError naming the known laws and hardenings.
 [[nodiscard]] std::shared_ptr<const FiniteStrainLaw> make_law(const LawChoice& choice);
-[[nodiscard]] std::vector<std::string> known_laws();
-[[nodiscard]] std::vector<std::string> known_hardenings();
 /// The effects of LawChoice::effects, in the order in which their parameters stand after those of the law.
 [[nodiscard]] std::vector<std::string> known_effects();
 
