@@ -5,6 +5,7 @@
 #include <set>
 
 #include "imic3d/core/interrupt.hpp"
+#include "imic3d/core/memory.hpp"
 
 namespace imic3d::identification {
 
@@ -44,7 +45,10 @@ struct ForwardModel::Implementation {
       : layout(world, tasks, plan_simulations(world.size(), mesh::dimension(specimen.volume.type) * specimen.volume.nodes.rows(), tasks, before, groups).groups()),
         partition(mesh::partition(specimen.volume, layout.group(), "mechanics_")),
         law(std::move(law_)),
-        options(std::move(options_)) {}
+        options(std::move(options_)) {
+    // All groups choose alike; each may have two solvers, driven by images and under forces.
+    options.memory_of_solver = -0.5 * world.max(-layout.group().sum(memory_of_a_rank(world)));
+  }
 
   mechanics::Equilibrium& equilibrium(const Specimen& specimen, Control control) {
     auto& slot = solver[static_cast<std::size_t>(control)];

@@ -39,8 +39,26 @@ void ForceBalance::attach_near_null_space() {
 void ForceBalance::start(std::span<const double> parameters, const OpticalTerm* optical, int directions) {
   parameters_ = parameters;
   optical_ = optical;
+  if (optical_ != nullptr) assemble_optical_stiffness();
   assembler_.start(directions);
   IMIC3D_PETSC(VecSet(u_, 0.0));
+}
+
+/// On the pattern of the tangent, each rank its own rows; 0 where a degree is constrained, which keeps its identity.
+void ForceBalance::assemble_optical_stiffness() {
+  const auto& constrained = assembler_.constrained_owned();
+  const auto held = flags(static_cast<std::size_t>(numbering_.natural_size()), constrained_);
+  IMIC3D_PETSC(MatDuplicate(assembler_.tangent(), MAT_DO_NOT_COPY_VALUES, optical_stiffness_.put()));
+  for (int i = 0; i < static_cast<int>(constrained.size()); ++i) {
+    if (constrained[static_cast<std::size_t>(i)] != 0) continue;
+    // Symmetric: the column of the natural degree is its row.
+    for (Eigen::SparseMatrix<double>::InnerIterator entry(optical_->stiffness, numbering_.natural_of_owned(i)); entry; ++entry) {
+      if (held[static_cast<std::size_t>(entry.row())] != 0) continue;
+      IMIC3D_PETSC(MatSetValue(optical_stiffness_, numbering_.first_owned() + i, numbering_.global_of_natural(entry.row()), entry.value(), INSERT_VALUES));
+    }
+  }
+  IMIC3D_PETSC(MatAssemblyBegin(optical_stiffness_, MAT_FINAL_ASSEMBLY));
+  IMIC3D_PETSC(MatAssemblyEnd(optical_stiffness_, MAT_FINAL_ASSEMBLY));
 }
 
 void ForceBalance::apply(const Load& load) {
@@ -149,20 +167,7 @@ bool ForceBalance::assemble_tangent() {
   return assembler_.assemble(u_, time_increment_, parameters_, force_, missing_, lifting_);
 }
 
-void ForceBalance::add_optical_stiffness() {
-  const auto& constrained = assembler_.constrained_owned();
-  const auto held = flags(static_cast<std::size_t>(numbering_.natural_size()), constrained_);
-  for (int i = 0; i < static_cast<int>(constrained.size()); ++i) {
-    if (constrained[static_cast<std::size_t>(i)] != 0) continue;
-    // Symmetric: the column of the natural degree is its row.
-    for (Eigen::SparseMatrix<double>::InnerIterator entry(optical_->stiffness, numbering_.natural_of_owned(i)); entry; ++entry) {
-      if (held[static_cast<std::size_t>(entry.row())] != 0) continue;
-      IMIC3D_PETSC(MatSetValue(assembler_.tangent(), numbering_.first_owned() + i, numbering_.global_of_natural(entry.row()), entry.value(), ADD_VALUES));
-    }
-  }
-  IMIC3D_PETSC(MatAssemblyBegin(assembler_.tangent(), MAT_FINAL_ASSEMBLY));
-  IMIC3D_PETSC(MatAssemblyEnd(assembler_.tangent(), MAT_FINAL_ASSEMBLY));
-}
+void ForceBalance::add_optical_stiffness() { IMIC3D_PETSC(MatAXPY(assembler_.tangent(), 1.0, optical_stiffness_, SAME_NONZERO_PATTERN)); }
 
 bool ForceBalance::evaluate_virgin(const Eigen::VectorXd& U, std::span<const double> parameters, bool with_tangent) {
   assembler_.start();

@@ -70,7 +70,7 @@ class ForceBalance {
   [[nodiscard]] double unbalanced_derivative(Vec du, Vec d_force, Vec d_external);
   /// The tangent at u once more, where nothing prescribed is missing. False if an element fails.
   [[nodiscard]] bool assemble_tangent();
-  /// Adds the optical stiffness to the tangent, each rank its own rows; what is held keeps its identity.
+  /// Adds the optical stiffness to the tangent.
   void add_optical_stiffness();
 
   /// Internal forces of the virgin specimen at the displacement U [3 * nodes]; with the tangent or without. False if an element fails.
@@ -78,6 +78,7 @@ class ForceBalance {
 
  private:
   void attach_near_null_space();
+  void assemble_optical_stiffness();
   void find_missing();
   [[nodiscard]] double norm_at_free_degrees();
 
@@ -86,6 +87,7 @@ class ForceBalance {
   Work& work_;
   Assembler assembler_;
   Numbering numbering_;
+  PetscOwner<Mat, MatDestroy> optical_stiffness_;  // as the tangent; of the run
   OwnedVec u_, optical_force_, force_, external_, residual_, missing_, lifting_, prescribed_;
   // Of the run and of the increment at hand.
   std::span<const double> parameters_;

@@ -1,20 +1,32 @@
 #include "kept_factors.hpp"
 
+#include <spdlog/spdlog.h>
+
 #include <algorithm>
 #include <string>
 
-namespace imic3d::mechanics {
+#include "imic3d/core/memory.hpp"
+#include "imic3d/mechanics/solver_choice.hpp"
 
-namespace {
-/// Up to this number of unknowns a direct factorisation is the default, above it CG with GAMG.
-constexpr PetscInt direct_limit = 150'000;
-}  // namespace
+namespace imic3d::mechanics {
 
 KeptFactors::KeptFactors(Mat tangent, const mesh::Mesh& mesh, const material::FiniteStrainLaw& law, Communicator communicator, const EquilibriumOptions& options, Work& work)
     : tangent_(tangent), symmetric_(law.symmetric_tangent()), one_point_(mesh.integration == mesh::Integration::one_point), communicator_(communicator), options_(options), work_(work) {
   IMIC3D_PETSC(MatGetSize(tangent_, &unknowns_, nullptr));
+  const double available = options_.memory_of_solver > 0.0 ? options_.memory_of_solver : communicator_.sum(memory_of_a_rank(communicator_));
+  direct_by_default_ = solves_directly(static_cast<double>(unknowns_), symmetric_, available);
   factors_.push_back(make_solver());
   make_refiner();
+  tell_choice(available);
+}
+
+/// Where it matters: from a gigabyte on.
+void KeptFactors::tell_choice(double available) const {
+  KSPType method = nullptr;
+  IMIC3D_PETSC(KSPGetType(factors_.front().solver, &method));
+  const double needed = memory_of_direct_solver(static_cast<double>(unknowns_), symmetric_);
+  spdlog::log(needed > 1e9 ? spdlog::level::info : spdlog::level::debug, "{} unknowns: MUMPS takes about {:.1f} GB, there are {:.1f} GB; solved {} (-{}ksp_type, -{}pc_type change it)", unknowns_,
+              1e-9 * needed, 1e-9 * available, direct_ ? "directly" : fmt::format("by {}", method), options_.prefix, options_.prefix);
 }
 
 KeptFactors::Factor KeptFactors::make_solver() {
@@ -23,7 +35,7 @@ KeptFactors::Factor KeptFactors::make_solver() {
   IMIC3D_PETSC(KSPSetOptionsPrefix(solver, options_.prefix.c_str()));
   PC preconditioner = nullptr;
   IMIC3D_PETSC(KSPGetPC(solver, &preconditioner));
-  if (unknowns_ <= direct_limit) {
+  if (direct_by_default_) {
     IMIC3D_PETSC(KSPSetType(solver, KSPPREONLY));
     IMIC3D_PETSC(PCSetType(preconditioner, symmetric_ ? PCCHOLESKY : PCLU));
     IMIC3D_PETSC(PCFactorSetMatSolverType(preconditioner, MATSOLVERMUMPS));

@@ -17,7 +17,7 @@
 
 namespace imic3d::mechanics {
 
-/// MUMPS LDL^T on small problems, CG with GAMG and the rigid-body near-null space above; everything open to options. A law
+/// MUMPS LDL^T as long as there is memory for it (solver_choice.hpp), else CG with GAMG and the rigid-body near-null space; everything open to options. A law
 /// without associated flow has an unsymmetric tangent: LU and GMRES then. LU does not tell the tangent's inertia. A frame that is
 /// simulated repeatedly has a factor of its own, as far as memory allows. Collective.
 class KeptFactors {
@@ -62,6 +62,7 @@ class KeptFactors {
 
   [[nodiscard]] Factor make_solver();
   void make_refiner();
+  void tell_choice(double available) const;
   void tell_mumps(PC preconditioner) const;
   [[nodiscard]] Mat mumps_factor() const;
   [[nodiscard]] PetscInt negative_pivots() const;
@@ -73,7 +74,7 @@ class KeptFactors {
   Communicator communicator_;
   const EquilibriumOptions& options_;
   Work& work_;
-  bool direct_ = true;
+  bool direct_by_default_ = true, direct_ = true;
   std::vector<Factor> factors_;  // the first for frames that nothing is known of, the others each for a frame that is simulated repeatedly
   std::size_t at_hand_ = 0, most_ = 1;
   Solver refiner_;
