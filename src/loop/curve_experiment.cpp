@@ -202,6 +202,7 @@ Eigen::MatrixXd CurveExperiment::follow(std::size_t curve, const Law& law, const
 }
 
 Eigen::VectorXd CurveExperiment::recorded(std::size_t curve, const std::vector<double>& values, Eigen::VectorXd stress) const {
+  for (std::size_t e = 0; e < effects_.size(); ++e) stress *= effects_[e]->thickness(values_of(e, values));
   for (std::size_t e = 0; e < effects_.size(); ++e) effects_[e]->record(values_of(e, values), scenes_[curve], stress);
   for (const auto& [group, j] : group_gains_)
     if (curves_[curve].group == group) stress *= values[j];

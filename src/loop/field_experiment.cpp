@@ -179,7 +179,7 @@ std::span<const double> FieldExperiment::values_of(std::size_t effect, const std
 
 bool FieldExperiment::takes_simulations(int parameter) const {
   const auto effect = std::upper_bound(first_.begin(), first_.end(), static_cast<std::size_t>(parameter)) - first_.begin() - 1;
-  return effect >= 0 && effects_[static_cast<std::size_t>(effect)]->changes_simulation();
+  return effect >= 0 && effects_[static_cast<std::size_t>(effect)]->changes_simulation(scene_of(static_cast<std::size_t>(effect)));
 }
 
 Eigen::VectorXd FieldExperiment::whitened(const Eigen::MatrixXd& displacement, const Eigen::VectorXd& force) const {
