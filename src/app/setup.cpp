@@ -32,7 +32,9 @@ std::string unit_in(std::string unit, const io::Units& units) {
   const auto replace = [&](const std::string& word, const std::string& by) {
     if (const auto at = unit.find(word); at != std::string::npos) unit.replace(at, word.size(), by);
   };
-  replace("stress", io::stress_unit(units));
+  const std::string stress = io::stress_unit(units);
+  replace("1/stress", stress.find('/') == std::string::npos ? "1/" + stress : units.length + "^2/" + units.force);
+  replace("stress", stress);
   replace("time", units.time);
   replace("force", units.force);
   replace("length", units.length);
