@@ -251,14 +251,14 @@ def together(kind, generator, folder, program):
     for seed, (name, planted) in enumerate(TOGETHER.items(), 21):
         make(kind, generator, folder / name, planted, seed)
     tests = "".join(f"  - {{name: {name}, case: {name}/case.yaml}}\n" for name in TOGETHER)
-    (folder / "all.yaml").write_text(f"title: plates of one material\ntests:\n{tests}loop: {{draws: 60, additions: 2, rivals: 2, starts: [1.0]}}\noutput: all\n")
+    (folder / "all.yaml").write_text(f"title: plates of one material\ntests:\n{tests}loop: {{draws: 60, additions: 2, rivals: 3, starts: [1.0]}}\noutput: all\n")
     shutil.rmtree(folder / "all", ignore_errors=True)
     subprocess.run([Path(program).resolve(), "loop", folder / "all.yaml"], check=True)
     result = json.loads((folder / "all/result.json").read_text())
     chi, found = result["after"]["chi"], result["after"]["parameters"]
     gain = found.get("force_gain (first)", {"value": 1.0, "standard_deviation": 0.0})
     off = {name: f"{100 * (found[name]['value'] / true - 1):+.2f} +- {100 * found[name]['standard_deviation'] / true:.2f} %" for name, true in TRUTH.items()}
-    print(f"named {result['named']}, gain {gain['value']:.4f} +- {gain['standard_deviation']:.4f}, parameters off by {off}, held-out chi {result['before']['chi']['held_out']:.2f} -> {chi['held_out']:.2f} (null {chi['null_held_out']:.2f})")
+    print(f"named {result['named']}, set {result['set']}, gain {gain['value']:.4f} +- {gain['standard_deviation']:.4f}, parameters off by {off}, held-out chi {result['before']['chi']['held_out']:.2f} -> {chi['held_out']:.2f} (null {chi['null_held_out']:.2f})")
     if result["named"] != ["force gain (first)"] or abs(gain["value"] - 1.06) > 4 * gain["standard_deviation"] or chi["held_out"] > 1.05 * chi["null_held_out"]:
         sys.exit("the first load cell was not found")
     for name in TOGETHER:

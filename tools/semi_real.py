@@ -172,7 +172,7 @@ cameras: [{{name: front, pixel_size: {PIXEL}, place: {{origin: [{(WINDOW[0] - 1)
 loads: {{file: loads.csv, image: frame, time: time, force: force, noise: {LOAD_NOISE}}}
 material: {{law: j2, hardening: {hardening}, parameters: {{E: 195e3, nu: {LAW.nu}, {parameters}}}}}
 identify: {{functional: displacement_driven, stages: [{{free: [{free}]}}]}}
-loop: {{draws: 60, additions: 1, rivals: 2, starts: [1.0]{", prior: {E: 2000}" if p["force_gain"] != 1.0 else ""}}}
+loop: {{draws: 60, additions: 1, starts: [1.0], {"rivals: 3, prior: {E: 2000}" if p["force_gain"] != 1.0 else "rivals: 2"}}}
 output: run
 """)
 

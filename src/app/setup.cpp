@@ -32,7 +32,9 @@ std::string unit_in(std::string unit, const io::Units& units) {
   const auto replace = [&](const std::string& word, const std::string& by) {
     if (const auto at = unit.find(word); at != std::string::npos) unit.replace(at, word.size(), by);
   };
-  replace("stress", io::stress_unit(units));
+  const std::string stress = io::stress_unit(units);
+  replace("1/stress", stress.find('/') == std::string::npos ? "1/" + stress : units.length + "^2/" + units.force);
+  replace("stress", stress);
   replace("time", units.time);
   replace("force", units.force);
   replace("length", units.length);
@@ -163,7 +165,7 @@ identification::Specimen make_specimen(const io::Case& test, bool all_components
     }
   for (int i = 0; i < declared.refine + change.refinements; ++i) mesh = mesh::refine(mesh);
   if (declared.plane_stress()) {
-    mesh.thickness = declared.thickness;
+    mesh.thickness = change.thickness * declared.thickness;
     if (!change.place)  // said once
       for (const auto& key : declared.unused) spdlog::info("specimen.{} says nothing in plane stress", key);
   } else if (mesh.type == mesh::CellType::quad4) {
@@ -173,6 +175,7 @@ identification::Specimen make_specimen(const io::Case& test, bool all_components
   } else if (mesh.node_groups.contains(declared.front)) {
     mesh::choose_front(mesh, declared.front);
   }
+  if (!declared.plane_stress()) mesh.nodes.col(2) *= change.thickness;
   if (declared.quadratic()) mesh = mesh::quadratic(mesh);
   if (declared.one_point()) mesh.integration = declared.element == "hex8r" ? mesh::Integration::one_point : mesh::Integration::one_point_stabilised;
   if (change.section) mesh.section = of_cells(mesh, change.section);

@@ -90,7 +90,7 @@ void PlantedEffects::plant(const std::shared_ptr<const loop::Effect>& effect, co
                      "effects of the test; a virtual test's own mesh and increments are its specimen and simulate sections");
   if (!effect->applies(scene_))
     throw InputError("effects." + key, "declared for a specimen that lacks what it acts on", "an effect that this test can have");
-  if (description.link == loop::Link::loading && effect->changes_simulation() && (test.specimen.mid_plane_symmetry || test.simulate->control == "force"))
+  if (description.link == loop::Link::loading && effect->changes_simulation(scene_) && (test.specimen.mid_plane_symmetry || test.simulate->control == "force"))
     throw InputError("effects." + key,
                      test.specimen.mid_plane_symmetry ? "with specimen.mid_plane_symmetry, which holds the middle of the thickness straight"
                                                       : "with simulate.control: force",
@@ -121,6 +121,7 @@ loop::MeshChange PlantedEffects::change() const {
   loop::MeshChange change;
   for (const auto& planted : planted_) {
     const loop::Link link = planted.effect->describe(scene_).link;
+    change.thickness *= planted.effect->thickness(planted.values);
     if (link == loop::Link::geometry)
       change.place = [this](Eigen::Vector2d& point) {
         for (const auto& one : planted_) one.effect->place(one.values, scene_, point);
@@ -134,7 +135,7 @@ loop::MeshChange PlantedEffects::change() const {
                            "smaller effects, or a shorter specimen");
         return factor;
       };
-    if (link == loop::Link::initial && planted.effect->changes_simulation())
+    if (link == loop::Link::initial && planted.effect->changes_simulation(scene_))
       change.initial_strain = [this](const Eigen::Vector3d& point) {
         double strain = 0.0;
         for (const auto& one : planted_) strain += one.effect->initial_strain(one.values, scene_, point);
@@ -163,7 +164,7 @@ void PlantedEffects::simulated(const Eigen::VectorXd& force) {
 std::string PlantedEffects::seen(const std::string& face) const {
   for (const auto& one : planted_) {
     const loop::Link link = one.effect->describe(scene_).link;
-    const bool before = link == loop::Link::initial && !one.effect->changes_simulation();
+    const bool before = link == loop::Link::initial && !one.effect->changes_simulation(scene_);
     if (before || (link == loop::Link::camera && (one.face.empty() || one.face == face))) return one.key;
   }
   return "";

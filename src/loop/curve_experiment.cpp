@@ -18,6 +18,14 @@ namespace imic3d::loop {
 
 namespace id = identification;
 
+std::pair<Candidate, Parameter> gain_of(const std::string& group, int parameter) {
+  const std::string name = "gain of " + group;
+  return {{.name = name, .link = Link::record, .parameters = {parameter},
+           .sentence = "the bars of " + group + " carry more or less than the others, by a factor: another batch, section or load cell",
+           .confused_with = "whatever sets these tests apart, such as their rate", .separated_by = "bars of one batch on one machine under both conditions", .after = {}},
+          {.info = {.name = name, .unit = "-", .description = "stress of these bars over that of the others", .lower = 0.5, .upper = 2.0, .null_value = 1.0}, .value = 1.0, .step = 1e-3, .prior = 0.0, .free = false}};
+}
+
 CurveExperiment::CurveExperiment(Communicator world, std::vector<id::Curve> curves, CurveModel model, const CurveLoopOptions& options)
     : world_(world), curves_(std::move(curves)), model_(std::move(model)) {
   for (std::size_t j = 0; j < model_.values.size(); ++j) {
@@ -65,11 +73,9 @@ CurveExperiment::CurveExperiment(Communicator world, std::vector<id::Curve> curv
   if (groups.size() > 1)
     for (const auto& group : groups) {
       group_gains_.emplace_back(group, parameters_.size());
-      candidates_.push_back({.name = "gain of " + group, .link = Link::record, .parameters = {static_cast<int>(parameters_.size())},
-                             .sentence = "the bars of " + group + " carry more or less than the others, by a factor: another batch, section or load cell",
-                             .confused_with = "whatever sets these tests apart, such as their rate", .separated_by = "bars of one batch on one machine under both conditions", .after = {}});
-      parameters_.push_back({.info = {.name = "gain of " + group, .unit = "-", .description = "stress of these bars over that of the others", .lower = 0.5, .upper = 2.0, .null_value = 1.0},
-                             .value = 1.0, .step = 1e-3, .prior = 0.0, .free = false});
+      auto [candidate, gain] = gain_of(group, static_cast<int>(parameters_.size()));
+      candidates_.push_back(std::move(candidate));
+      parameters_.push_back(std::move(gain));
     }
   const auto law = law_candidates(model_.information, model_.declared);
   candidates_.insert(candidates_.end(), law.begin(), law.end());
@@ -203,6 +209,7 @@ Eigen::MatrixXd CurveExperiment::follow(std::size_t curve, const Law& law, const
 }
 
 Eigen::VectorXd CurveExperiment::recorded(std::size_t curve, const std::vector<double>& values, Eigen::VectorXd stress) const {
+  for (std::size_t e = 0; e < effects_.size(); ++e) stress *= effects_[e]->thickness(values_of(e, values));
   for (std::size_t e = 0; e < effects_.size(); ++e) effects_[e]->record(values_of(e, values), scenes_[curve], stress);
   for (const auto& [group, j] : group_gains_)
     if (curves_[curve].group == group) stress *= values[j];

@@ -60,19 +60,16 @@ Eigen::MatrixXd rigid_motions(const FieldFace& face) {
 
 FieldExperiment::FieldExperiment(Communicator world, FieldData data, DeclaredModel model, const FieldOptions& options)
     : world_(world), measured_(std::move(data)), model_(std::move(model)), groups_(new Groups(world, model_.groups)) {
-  std::optional<Candidate> poissons_ratio;
+  std::optional<Candidate> of_poissons_ratio;
   for (std::size_t j = 0; j < model_.values.size(); ++j) {
     const double value = model_.values[j];
     parameters_.push_back({.info = model_.information[j], .value = value, .step = 1e-3 * (value != 0.0 ? std::abs(value) : 1.0),
                            .prior = model_.priors[j], .free = model_.free[j] != 0});
-    if (model_.information[j].name == "nu" && !model_.free[j])
-      poissons_ratio = {.name = "Poisson's ratio", .link = Link::material, .parameters = {static_cast<int>(j)},
-                        .sentence = "Poisson's ratio is not the declared one", .confused_with = "magnification drift, parallax",
-                        .separated_by = "a second camera; a handbook value", .after = {}};
+    if (model_.information[j].name == "nu" && !model_.free[j]) of_poissons_ratio = poissons_ratio(static_cast<int>(j));
   }
   for (const auto& info : model_.lacking) parameters_.push_back(at_null(info));
   candidates_ = law_candidates(model_.lacking, std::vector<char>(model_.lacking.size(), 0), static_cast<int>(model_.values.size()));
-  if (poissons_ratio) candidates_.push_back(*poissons_ratio);
+  if (of_poissons_ratio) candidates_.push_back(*of_poissons_ratio);
   bias_ = std::make_shared<Bias>(std::vector<double>(), Eigen::MatrixXd::Zero(measured_.displacement.rows(), measured_.displacement.cols()), Eigen::VectorXd::Zero(measured_.force.size()));
   make_scene();
   make_candidates();
@@ -185,7 +182,7 @@ std::span<const double> FieldExperiment::values_of(std::size_t effect, const std
 
 bool FieldExperiment::takes_simulations(int parameter) const {
   const auto effect = std::upper_bound(first_.begin(), first_.end(), static_cast<std::size_t>(parameter)) - first_.begin() - 1;
-  return effect >= 0 && effects_[static_cast<std::size_t>(effect)]->changes_simulation();
+  return effect >= 0 && effects_[static_cast<std::size_t>(effect)]->changes_simulation(scene_of(static_cast<std::size_t>(effect)));
 }
 
 Eigen::VectorXd FieldExperiment::whitened(const Eigen::MatrixXd& displacement, const Eigen::VectorXd& force) const {

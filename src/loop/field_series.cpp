@@ -49,6 +49,7 @@ MeshChange FieldExperiment::mesh_of(const Key& wanted) const {
     for (std::size_t k = 0; k < effects_.size(); ++k) factor *= effects_[k]->section(values_of(k, values), scene_of(k), point);
     return factor;
   };
+  for (std::size_t k = 0; k < effects_.size(); ++k) change.thickness *= effects_[k]->thickness(values_of(k, values));
   if (key[2] > 0.5)
     change.initial_strain = [this, values](const Eigen::Vector3d& point) {
       double strain = 0.0;
@@ -251,10 +252,11 @@ FieldExperiment::Simulation FieldExperiment::simulation_of(const std::vector<dou
   bool changed = false, before_test = false, loaded = false;
   for (std::size_t k = 0; k < effects_.size(); ++k) {
     const auto its = values_of(k, values);
+    const bool simulated = effects_[k]->changes_simulation(scene_of(k));
     for (std::size_t i = 0; i < its.size(); ++i) {
       const std::size_t j = first_[k] + i;
-      own[j] = effects_[k]->changes_simulation() ? its[i] : *parameters_[j].info.null_value;
-      if (effects_[k]->changes_simulation() && its[i] != *parameters_[j].info.null_value) {
+      own[j] = simulated ? its[i] : *parameters_[j].info.null_value;
+      if (simulated && its[i] != *parameters_[j].info.null_value) {
         const Link link = effects_[k]->describe(scene_of(k)).link;
         if (link == Link::loading)
           loaded = true;
@@ -293,6 +295,8 @@ FieldExperiment::Prediction FieldExperiment::observed(const std::vector<double>&
     const Eigen::VectorXd U = true_one.displacement.col(t);
     true_one.displacement.col(t) += seen_beyond(values, t, U);
   }
+  for (std::size_t k = 0; k < effects_.size(); ++k)
+    if (!effects_[k]->changes_simulation(scene_of(k))) true_one.force *= effects_[k]->thickness(values_of(k, values));
   for (std::size_t k = 0; k < effects_.size(); ++k) effects_[k]->record(values_of(k, values), scene_of(k), true_one.force);
   return true_one;
 }

@@ -50,6 +50,11 @@ std::vector<Candidate> law_candidates(const std::vector<ParameterInfo>& informat
   return candidates;
 }
 
+Candidate poissons_ratio(int parameter) {
+  return {.name = "Poisson's ratio", .link = Link::material, .parameters = {parameter}, .sentence = "Poisson's ratio is not the declared one",
+          .confused_with = "magnification drift, parallax", .separated_by = "a second camera; a handbook value", .after = {}};
+}
+
 Parameter at_null(const ParameterInfo& info) {
   const double value = info.null_value.value_or(0.0);
   // A short plateau is a shift along the curve, which the law's own parameters absorb: a usual one is not.

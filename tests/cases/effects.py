@@ -26,6 +26,13 @@ simulate:
 output: out
 """
 
+UNITS = """
+title: A bar
+units: {{length: {length}, force: {force}, time: s}}
+material: {{hardening: linear, parameters: {{E: 200e3, nu: 0.3, S_y: 200, H: 100}}}}
+experiments: [{{name: bars, file: bar.csv, strain: strain, stress: stress}}]
+output: out
+"""
 EFFECTS = ["kinematic", "hill", "viscosity", "rate", "heating", "voce_term", "voce_term_2", "power_term", "plateau", "damage", "pressure"]
 
 
@@ -35,10 +42,20 @@ def main():
     for name in EFFECTS:
         at = [i for i, line in enumerate(listed) if line.startswith(f"{name} (material")]
         require(len(at) == 1 and " null " in listed[at[0] + 1] and "confused with" in "".join(listed[at[0]:at[0] + 9]), f"imic3d effects lists {name} with its null values")
+    for quantity, unit in (("compliance", "length^2/force"), ("heating", "length^2/force"), ("C_1", "force/length^2"), ("eta", "force/length^2 time^m"), ("taper_x", "1/length")):
+        require(any(line.split()[:1] == [quantity] and f"[{unit}]" in line for line in listed), f"{quantity} has the unit {unit}")
+    for name, null in (("thickness (geometry", "null 0 "), ("Poisson's ratio (material", "null as declared"), ("gain of GROUP (record", "null 1 ")):
+        at = [i for i, line in enumerate(listed) if line.startswith(name)]
+        require(len(at) == 1 and null in listed[at[0] + 1] and "confused with" in listed[at[0] + 2], f"imic3d effects lists {name}, …): {null}")
     functions = sum("one formula for the hardening curve" in line for line in listed), sum("one formula for the dependence on the rate" in line for line in listed)
     require(functions == (4, 2), f"four formulas for the hardening curve, two for the dependence on the rate {functions}")
     with tempfile.TemporaryDirectory() as temporary:
         folder = pathlib.Path(temporary)
+        (folder / "bar.csv").write_text("strain,stress\n0,0\n0.001,100\n0.002,150\n")
+        for length, force, unit in (("mm", "N", "1/MPa"), ("um", "kN", "um^2/kN")):
+            (folder / "units.yaml").write_text(UNITS.format(length=length, force=force))
+            listed = run(program, "effects", folder / "units.yaml", 1).splitlines()
+            require(any(line.split()[:1] == ["heating"] and f"[{unit}]" in line for line in listed), f"in {force} and {length} the inverse of a stress is {unit}")
         gmsh("plate_with_hole", folder / "plate.msh", length=24, size_hole=2.5, size_far=5)
 
         def forces(kinematics, effects="", parameters="", times=(0, 1, 2, 3, 4, 5), ranks=1):

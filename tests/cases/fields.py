@@ -1,6 +1,7 @@
 #!/usr/bin/python3
 """Displacement fields of another program in `imic3d loop`: an elastic strip whose motion is a formula, sampled at points with noise, loaded and unloaded.
-With nothing missing nothing is found; a magnification that drifts with the clock is named, in tables in pixels whose axes are turned.
+With nothing missing nothing is found; a magnification that drifts with the clock is named, in tables in pixels whose axes are turned; a thickness that was
+measured wrongly is found where E is known, and not told from the gain of the load cell.
 
 Usage: fields.py EXECUTABLE
 """
@@ -16,7 +17,7 @@ from runs import bar, end, figures, left_behind, require, run, same_page
 
 CASE = """
 title: Strip
-specimen: {{mesh: strip.msh, kinematics: plane_stress, thickness: 2.2857142857, held: bottom, loaded: top}}
+specimen: {{mesh: strip.msh, kinematics: plane_stress, thickness: {thickness}, held: bottom, loaded: top}}
 fields: {{files: '{name}/points_*.csv', at_rest: 1-3, {axes}}}
 {loads}
 material: {{law: elastic, parameters: {{E: 190e3, nu: 0.28}}}}
@@ -25,6 +26,7 @@ loop: {{draws: 60, modes: 40, additions: 2, rivals: 3, starts: [1.0], leave_out:
 output: {name}/run
 """
 E, NU, NOISE, LOAD_NOISE = 200e3, 0.3, 5e-4, 10.0
+THICKNESS = 16 / 7  # that of the strip's section of 16 mm^2 on the mesh's width
 REST, LEVELS = 3, numpy.concatenate([numpy.linspace(0.25, 1.0, 4), numpy.linspace(0.75, 0.0, 4), numpy.linspace(0.5, 1.0, 3)])
 
 
@@ -55,7 +57,7 @@ def tables(folder, scale, turn, y_down, origin, drift=0.0, seed=1):
 def case(name, axes="", loads=True, free="E, nu", load_noise=LOAD_NOISE):
     """The case file of the tables in the folder `name`. The mesh is 7 mm wide within a strip of 8: as thick as to carry the strip's force."""
     record = f"loads: {{file: {name}/loads.csv, image: frame, time: time, force: force, noise: {load_noise}}}" if loads else ""
-    return CASE.format(name=name, axes="columns: {x: X, y: Y, u: U, v: V}" + axes, loads=record, free=free)
+    return CASE.format(name=name, thickness=THICKNESS, axes="columns: {x: X, y: Y, u: U, v: V}" + axes, loads=record, free=free)
 
 
 def main():
@@ -107,6 +109,19 @@ def main():
     require(f"{len(candidates)} candidates at most, 60 draws, left out: rate; series in 2 groups of 1, 1 ranks" in plan, plan.strip().splitlines()[-1])
     (folder / "unknown.yaml").write_text((folder / "drift.yaml").read_text().replace("[rate]", "[rates]"))
     require("loop.leave_out: rates" in run(program, "check", folder / "unknown.yaml", status=2, errors=True), "check knows what can be left out")
+
+    # The strip is thicker than was measured.
+    error = 0.1
+    shutil.copytree(folder / "nothing", folder / "thicker", ignore=shutil.ignore_patterns("run"))
+    declared = case("thicker").replace(f"thickness: {THICKNESS}", f"thickness: {THICKNESS / (1 + error)}").replace("E: 190e3", f"E: {E}")
+    (folder / "thicker.yaml").write_text(declared.replace("leave_out: [rate]", "prior: {E: 1000}, leave_out: [stiff or soft region]"))  # all of it stiffer: the same thing
+    run(program, "loop", folder / "thicker.yaml", 1)
+    result = json.loads((folder / "thicker/run/result.json").read_text())
+    require(result["verdict"] == "ambiguous" and result["set"] == ["force gain", "thickness"], f"a wrong thickness, E known: {result['sentence']}")
+    trials = {one["candidate"]: one["parameters"] for one in result["rounds"][0]["trials"]}
+    for candidate, name, truth in (("force gain", "force_gain", 1 + error), ("thickness", "thickness_error", error)):
+        size = trials[candidate][name]
+        require(abs(size["value"] - truth) < 3 * size["standard_deviation"] < 0.4 * error, f"{name} {size['value']:.4f} +- {size['standard_deviation']:.2g}, planted {truth}")
 
     shutil.copytree(folder / "nothing", folder / "no_force", ignore=shutil.ignore_patterns("loads.csv", "run"))
     result = loop("no_force", "", 1, loads=False, free="nu")

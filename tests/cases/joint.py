@@ -62,8 +62,9 @@ def main():
 
     run(program, "loop", folder / "all.yaml", 2)
     result = json.loads((folder / "all/result.json").read_text())
-    # A first strip that is stiffer all over is the same thing.
-    require(result["named"] == ["force gain (first strip)"] and set(result["set"]) <= {"force gain (first strip)", "stiff or soft region (first strip)"}, f"together: {result['sentence']}")
+    # A first strip that is thicker is the same thing, and one that is stiffer all over.
+    twins = {"force gain (first strip)", "thickness (first strip)"}
+    require(result["named"] == ["force gain (first strip)"] and twins <= set(result["set"]) <= twins | {"stiff or soft region (first strip)"}, f"together: {result['sentence']}")
     for when in ("before", "after"):
         print(when, {name: f"{one['value']:.6g} +- {one['standard_deviation']:.2g}" for name, one in result[when]["parameters"].items()})
     found = result["after"]["parameters"]

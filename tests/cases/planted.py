@@ -189,6 +189,15 @@ def main():
     worst = numpy.max(numpy.abs(strain * 200e3 * area / force - 1)[inner])
     require(worst < 2e-3, f"with a taper the strain is F/(E A(x)) within {worst:.1e}; it grows by {strain[inner].max() / strain[inner].min():.3f} along the bar")
 
+    # Thicker by a twentieth: in plane stress all of the force, in space the mesh too.
+    for name, kinematics, within in (("plane", "kinematics: plane_stress", 1e-9), ("space", "layers: 2", 2e-3)):
+        depth, force = {}, {}
+        for planted, effects in (("as", "{}"), ("thicker", "{thickness: {thickness_error: 0.05}}")):
+            with of_bar(f"{planted}_{name}", effects, kinematics) as file:
+                depth[planted], force[planted] = numpy.ptp(file["mesh/nodes"][:, 2]), file["frames/force_predicted"][2]
+        require(abs(force["thicker"] / force["as"] - 1.05) < within, f"{name}: a bar that is thicker by 5 % carries {force['thicker'] / force['as']:.6f} of the force")
+        require(abs(depth["thicker"] - 1.05 * depth["as"]) < 1e-9, f"and is {depth['thicker']:.3f} mm thick")
+
     size = 2e-4
     with of_bar("residual", f"{{residual_stress: {{residual_strain: {size}}}}}") as file:
         nodes, cells = file["mesh/nodes"][:], file["mesh/cells"][:]

@@ -24,8 +24,8 @@ struct Strip {
     model.law = plate.law, model.information = plate.law->parameters(), model.values = plate.truth;
     model.priors.assign(plate.truth.size(), 0.0), model.free.assign(plate.truth.size(), 0);
     model.free[0] = 1;
-    model.specimen = [](const MeshChange&) {
-      return identification::make_specimen(mesh::extrude(identification::testing::strip(), 0.5, 1), "bottom", "top", 1, true);
+    model.specimen = [](const MeshChange& change) {
+      return identification::make_specimen(mesh::extrude(identification::testing::strip(), 0.5 * change.thickness, 1), "bottom", "top", 1, true);
     };
   }
 

@@ -154,6 +154,9 @@ TEST(CurveExperiment, DeclaredEffectsAreNoCandidates) {
   EXPECT_EQ(std::count_if(with.parameters().begin(), with.parameters().end(), [](const Parameter& p) { return p.info.name == "compliance" && p.free; }), 1);
   const auto shown = with.predict(values_of(with)), bare = without.predict(values_of(without));
   EXPECT_NEAR((shown[0] - bare[0]).tail(100).mean(), 7.0, 1e-9);
+  m.effects = {{.effect = "force_zero", .quantity = "force_offset", .value = 7.0, .lower = {}, .upper = {}}, {.effect = "thickness", .quantity = "thickness_error", .value = 0.05, .lower = {}, .upper = {}}};
+  CurveExperiment thicker(Communicator(), curves, m);
+  EXPECT_LT((thicker.predict(values_of(thicker))[0] - (1.05 * bare[0].array() + 7.0).matrix()).tail(100).norm(), 1e-9 * bare[0].norm());
   m.effects = {{.effect = "parallax", .quantity = "inverse_distance", .value = 1e-3, .lower = {}, .upper = {}}};
   EXPECT_THROW(CurveExperiment(Communicator(), curves, m), InputError);
 }

@@ -26,6 +26,41 @@ TEST(Declared, AKnownEffectIsInThePrediction) {
   EXPECT_NEAR(with.unwhitened(declared(with)).second.cwiseAbs().maxCoeff(), 0.0, 0.05);
 }
 
+/// In space it is simulated: the strip is no bar, but nearly one.
+TEST(Declared, AThickerStripCarriesMore) {
+  Strip strip(0.0);
+  FieldExperiment without = strip.experiment();
+  EXPECT_TRUE(is_candidate(without, "thickness"));
+  EXPECT_TRUE(without.takes_simulations(place_of(without, "thickness_error")));
+  strip.model.effects = {{.effect = "thickness", .quantity = "thickness_error", .value = 0.1, .lower = {}, .upper = {}}};
+  FieldExperiment with = strip.experiment();
+  EXPECT_FALSE(is_candidate(with, "thickness"));
+  const auto [apart, more] = with.unwhitened(declared(with));
+  EXPECT_NEAR((-more.array() / strip.data.force.array() - 0.1).abs().maxCoeff(), 0.0, 2e-3);
+  EXPECT_GT(apart.cwiseAbs().maxCoeff(), 1e-9);
+  EXPECT_LT(apart.cwiseAbs().maxCoeff(), 1e-2 * strip.data.displacement.cwiseAbs().maxCoeff());
+}
+
+/// In plane stress the motion is the same and the force so much larger, before the load cell adds to it: no simulation.
+TEST(Declared, InPlaneStressTheThicknessScalesTheForce) {
+  Strip strip(0.0);
+  strip.model.law = material::make_law({.law = "j2", .hardening = "power_linear", .tie_initial_modulus = true, .plane_stress = true, .table_strain = {}});
+  strip.model.specimen = [](const MeshChange& change) {
+    mesh::Mesh quads = identification::testing::strip();
+    quads.thickness = change.thickness;
+    return identification::make_specimen(std::move(quads), "bottom", "top", 1, false);
+  };
+  FieldExperiment without = strip.experiment();
+  EXPECT_FALSE(without.takes_simulations(place_of(without, "thickness_error")));
+  strip.model.effects = {{.effect = "force_zero", .quantity = "force_offset", .value = 120.0, .lower = {}, .upper = {}}, {.effect = "thickness", .quantity = "thickness_error", .value = 0.1, .lower = {}, .upper = {}}};
+  FieldExperiment with = strip.experiment();
+  const auto [apart, missing] = without.unwhitened(declared(without));
+  const auto [apart_with, missing_with] = with.unwhitened(declared(with));
+  const Eigen::VectorXd force = strip.data.force - missing;
+  EXPECT_EQ(apart, apart_with);
+  EXPECT_LT((strip.data.force - missing_with - (1.1 * force.array() + 120.0).matrix()).norm(), 1e-9 * force.norm());
+}
+
 TEST(Declared, AFreeEffectIsIdentified) {
   Strip strip(120.0);
   strip.model.effects = {{.effect = "force_zero", .quantity = "force_offset", .value = {}, .lower = -200.0, .upper = {}, .free = true}};

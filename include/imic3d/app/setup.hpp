@@ -26,7 +26,7 @@ struct Material {
 /// Reads and checks a case file; `sections` must be there; `images`: so must the image files.
 [[nodiscard]] io::Case read_case(const CommandOptions& options, std::vector<std::string> sections, bool images, bool fields = false, bool several = false);
 
-/// The unit of a parameter (`stress`, `1/time`, …) in the units of the case.
+/// The unit of a parameter (`stress`, `1/stress`, `1/time`, …) in the units of the case.
 [[nodiscard]] std::string unit_in(std::string unit, const io::Units& units);
 
 [[nodiscard]] Material make_material(const io::Case& test);

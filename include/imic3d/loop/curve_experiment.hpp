@@ -28,6 +28,9 @@ struct CurveLoopOptions {
   int numbers_per_frame = 24; ///< of a curve that is not
 };
 
+/// The gain of a group of bars, as the candidate whose `parameter` it is, and this.
+[[nodiscard]] std::pair<Candidate, Parameter> gain_of(const std::string& group, int parameter);
+
 /// A frame is a bar, or a piece of a curve that has no repetition. Repeated bars are compared in bins of the way that their strain goes: the mean of
 /// measured - predicted in each. Bars of one material differ: each is off by a random cubic of that way, whose covariance all
 /// groups of repetitions share, and by what is left of it in each bin, both estimated from the bars' deviations from the mean

@@ -105,6 +105,8 @@ class Effect {
   virtual void place(Values, const Scene&, Eigen::Vector2d& /*point*/) const {}
   /// Geometry and material: multiplies the section force of a cell whose middle is at `point` [length].
   [[nodiscard]] virtual double section(Values, const Scene&, const Eigen::Vector3d& /*point*/) const { return 1.0; }
+  /// Geometry: the thickness over the declared one. Where that is not simulated the motion is the same, and the force on the specimen so much larger.
+  [[nodiscard]] virtual double thickness(Values) const { return 1.0; }
   /// Initial state: the elastic strain (axial, in the direction of the load) of a cell before the test.
   [[nodiscard]] virtual double initial_strain(Values, const Scene&, const Eigen::Vector3d& /*point*/) const { return 0.0; }
   /// Loading: displacement along the axis of a point of the loaded end, z above the front (below: negative), beyond what the cameras show at `driven_depth` [length].
@@ -127,7 +129,7 @@ class Effect {
   /// Numerics: what the simulation is made of with the effect at one; a prediction between is interpolated.
   virtual void numerics(Numerics&) const {}
   /// Links of the chain that ask for a simulation of their own.
-  [[nodiscard]] virtual bool changes_simulation() const { return false; }
+  [[nodiscard]] virtual bool changes_simulation(const Scene&) const { return false; }
 };
 
 /// An effect's name as a key of the case file: `force zero` is `force_zero`.

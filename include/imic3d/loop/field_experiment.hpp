@@ -59,6 +59,7 @@ struct MeshChange {
   std::function<void(Eigen::Vector2d&)> place;                     ///< moves a node of the declared 2D mesh (or its column)
   std::function<double(const Eigen::Vector3d&)> section;           ///< factor of a cell by its middle
   std::function<double(const Eigen::Vector3d&)> initial_strain;    ///< of a cell by its middle
+  double thickness = 1.0;                                          ///< factor of the declared one
   int refinements = 0;                                             ///< beyond the declared ones
 };
 

@@ -9,6 +9,9 @@ namespace imic3d::loop {
 /// that are `declared` make no candidate. `scale` of the information is a usual size in its unit.
 [[nodiscard]] std::vector<Candidate> law_candidates(const std::vector<ParameterInfo>& information, const std::vector<char>& declared, int first = 0);
 
+/// Poisson's ratio, the law's `parameter`, where it is held at what was declared.
+[[nodiscard]] Candidate poissons_ratio(int parameter);
+
 /// The parameter of an effect of the law at its null value.
 [[nodiscard]] Parameter at_null(const ParameterInfo& info);
 

@@ -18,7 +18,7 @@ class CoarseMesh final : public Effect {
             .separated_by = "one run with specimen.refine one higher"};
   }
   void numerics(Numerics& made) const override { made.refinements = 1; }
-  [[nodiscard]] bool changes_simulation() const override { return true; }
+  [[nodiscard]] bool changes_simulation(const Scene&) const override { return true; }
 };
 
 }  // namespace

@@ -7,8 +7,8 @@ namespace imic3d::loop {
 
 std::vector<std::shared_ptr<const Effect>> effects() {
   return {coarse_mesh(),  large_increments(), interpolation_bias(), force_gain(), force_offset(),    force_delay(), magnification_drift(), parallax(), lens_distortion(), placement(),
-          camera_bump(),  hole_radius(),      hole_offset(),        taper(),      preload(),         residual_stress(), misalignment(),    grip_slip(),
-          friction(),     stiff_region(),     strain_gain(),        compliance()};
+          camera_bump(),  hole_radius(),      hole_offset(),        thickness(),  taper(),           preload(),     residual_stress(),     misalignment(),
+          grip_slip(),    friction(),         stiff_region(),       strain_gain(), compliance()};
 }
 
 std::vector<std::shared_ptr<const Effect>> light_effects() { return {light_gain(), light_offset(), light_gradient(), saturation(), noise_level(), speckle_debonding()}; }

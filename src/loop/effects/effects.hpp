@@ -32,6 +32,7 @@ std::shared_ptr<const Effect> noise_level();
 std::shared_ptr<const Effect> speckle_debonding();
 std::shared_ptr<const Effect> hole_radius();
 std::shared_ptr<const Effect> hole_offset();
+std::shared_ptr<const Effect> thickness();
 std::shared_ptr<const Effect> taper();
 std::shared_ptr<const Effect> preload();
 std::shared_ptr<const Effect> residual_stress();

@@ -1,4 +1,4 @@
-// The load cell (or the thickness) is off by a factor.
+// The load cell is off by a factor.
 #include <cmath>
 
 #include "effects.hpp"
@@ -14,8 +14,8 @@ class ForceGain final : public Effect {
             .link = Link::record,
             .quantities = {{.name = "force_gain", .unit = "-", .description = "recorded over true force", .null = 1.0, .step = 1e-3, .size = 1.02, .lower = 0.5, .upper = 2.0}},
             .sentence = "the load cell's gain is off",
-            .confused_with = "E, S_y and H together, exactly; thickness",
-            .separated_by = "a prior on E; a second load cell"};
+            .confused_with = "thickness; E, S_y and H together, exactly",
+            .separated_by = "a second load cell; a prior on E"};
   }
   void record(Values values, const Scene&, Eigen::VectorXd& force) const override { force *= values[0]; }
   [[nodiscard]] bool acts_on_curves() const override { return true; }

@@ -25,7 +25,7 @@ class GripSlip final : public Effect {
     const double since = (scene.clock(t) - values[1]) * static_cast<double>(scene.time.size());  // [frames]
     return values[0] / (1.0 + std::exp(-15.0 * since)) * (z + scene.driven_depth) / (0.5 * scene.thickness);
   }
-  [[nodiscard]] bool changes_simulation() const override { return true; }
+  [[nodiscard]] bool changes_simulation(const Scene&) const override { return true; }
 };
 
 }  // namespace

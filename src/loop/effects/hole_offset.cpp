@@ -24,7 +24,7 @@ class HoleOffset final : public Effect {
   void place(Values values, const Scene& scene, Eigen::Vector2d& point) const override {
     point += near_hole(scene, (point - scene.hole).norm()) * Eigen::Vector2d(values[0], values[1]);
   }
-  [[nodiscard]] bool changes_simulation() const override { return true; }
+  [[nodiscard]] bool changes_simulation(const Scene&) const override { return true; }
 };
 
 }  // namespace

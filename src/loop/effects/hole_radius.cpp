@@ -22,7 +22,7 @@ class HoleRadius final : public Effect {
     const Eigen::Vector2d from = point - scene.hole;
     point += values[0] * near_hole(scene, from.norm()) * from.normalized();
   }
-  [[nodiscard]] bool changes_simulation() const override { return true; }
+  [[nodiscard]] bool changes_simulation(const Scene&) const override { return true; }
 };
 
 }  // namespace

@@ -18,7 +18,7 @@ class LargeIncrements final : public Effect {
             .separated_by = "one run with identify.steps_per_frame three times as many"};
   }
   void numerics(Numerics& made) const override { made.increments_factor = 3; }
-  [[nodiscard]] bool changes_simulation() const override { return true; }
+  [[nodiscard]] bool changes_simulation(const Scene&) const override { return true; }
 };
 
 }  // namespace

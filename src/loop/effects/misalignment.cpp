@@ -23,7 +23,7 @@ class Misalignment final : public Effect {
   [[nodiscard]] double driven(Values values, const Scene& scene, int t, double z) const override {
     return values[0] * scene.elongation[t] * (z + scene.driven_depth) / (0.5 * scene.thickness);
   }
-  [[nodiscard]] bool changes_simulation() const override { return true; }
+  [[nodiscard]] bool changes_simulation(const Scene&) const override { return true; }
 };
 
 }  // namespace

@@ -23,7 +23,7 @@ class ResidualStress final : public Effect {
     const double s = (point[across] - scene.middle()[across]) / (0.5 * scene.span(across));
     return values[0] * (1.0 - 3.0 * s * s);
   }
-  [[nodiscard]] bool changes_simulation() const override { return true; }
+  [[nodiscard]] bool changes_simulation(const Scene&) const override { return true; }
 };
 
 }  // namespace

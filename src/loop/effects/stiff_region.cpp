@@ -29,7 +29,7 @@ class StiffRegion final : public Effect {
     }
     return factor;
   }
-  [[nodiscard]] bool changes_simulation() const override { return true; }
+  [[nodiscard]] bool changes_simulation(const Scene&) const override { return true; }
 
  private:
   static constexpr int columns = 2, rows = 3, places = columns * rows;

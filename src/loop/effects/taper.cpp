@@ -1,4 +1,4 @@
-// The thickness is not the same everywhere; its mean is known.
+// The thickness is not the same everywhere; its mean is the declared one.
 #include <cmath>
 
 #include "effects.hpp"
@@ -24,7 +24,7 @@ class Taper final : public Effect {
     const Eigen::Vector2d from = point.head<2>() - scene.middle();
     return 1.0 + values[0] * from[0] + values[1] * from[1];
   }
-  [[nodiscard]] bool changes_simulation() const override { return true; }
+  [[nodiscard]] bool changes_simulation(const Scene&) const override { return true; }
 };
 
 }  // namespace
