@@ -274,6 +274,8 @@ std::vector<loop::Candidate> candidates_of(const loop::FieldExperiment& experime
                             .separated_by = "",
                             .after = {}});
   }
+  // How an effect acts is as declared: what is looked for is its size.
+  for (auto& one : candidates) std::erase_if(one.parameters, [&](int j) { return experiment.parameters()[static_cast<std::size_t>(j)].info.shape; });
   return candidates;
 }
 

@@ -27,10 +27,11 @@ output: {name}/run
 """
 E, NU, NOISE, LOAD_NOISE = 200e3, 0.3, 5e-4, 10.0
 THICKNESS = 16 / 7  # that of the strip's section of 16 mm^2 on the mesh's width
+BUMP_AFTER = 8
 REST, LEVELS = 3, numpy.concatenate([numpy.linspace(0.25, 1.0, 4), numpy.linspace(0.75, 0.0, 4), numpy.linspace(0.5, 1.0, 3)])
 
 
-def tables(folder, scale, turn, y_down, origin, drift=0.0, seed=1):
+def tables(folder, scale, turn, y_down, origin, drift=0.0, seed=1, bump=0.0):
     """Points, every 1 mm of a strip 8 mm wide and 24 mm long."""
     random = numpy.random.default_rng(seed)
     folder.mkdir(parents=True)
@@ -47,7 +48,7 @@ def tables(folder, scale, turn, y_down, origin, drift=0.0, seed=1):
         clock = max(0, number - REST + 1)
         e = strain[number - REST] if number >= REST else 0.0
         u = at * [-NU * e, e]
-        u = u + drift * clock / len(LEVELS) * (at + u) + reference + random.normal(size=at.shape) * NOISE
+        u = u + (drift * clock / len(LEVELS) + bump * (clock > BUMP_AFTER)) * (at + u) + reference + random.normal(size=at.shape) * NOISE
         table = numpy.column_stack([at @ seen.T + origin, u @ seen.T])
         numpy.savetxt(folder / f"points_{number:02}.csv", table, delimiter=",", header="another program's words\nX,Y,U,V", comments="", fmt="%.8g")
         rows.append(f"{number + 1},{clock},{E * e * 16 + random.normal() * LOAD_NOISE:.3f}")
@@ -87,7 +88,7 @@ def main():
     require(abs(result["before"]["parameters"]["E"]["value"] / E * 1000 - 1) < 0.05 and len(result.get("doubts", [])) == 1 and "units" in result["doubts"][0], f"a force in kN is doubted: {result.get('doubts')}")
 
     drift = 1.5e-3
-    tables(folder / "drift", 0.05, 12.0, True, (300.0, 410.0), drift, 2)
+    tables(folder / "drift", 0.05, 12.0, True, (300.0, 410.0), drift, seed=2)
     result = loop("drift", ", scale: 0.05, rotation: 12, y_down: true, origin: [300, 410]", 2)
     require(result["verdict"] in ("attributed", "ambiguous") and "magnification drift" in result["set"], f"{result['verdict']}: {result['set']}")
     size = next(t for t in result["rounds"][0]["trials"] if t["candidate"] == "magnification drift")["parameters"]["magnification_drift"]
@@ -122,6 +123,14 @@ def main():
     for candidate, name, truth in (("force gain", "force_gain", 1 + error), ("thickness", "thickness_error", error)):
         size = trials[candidate][name]
         require(abs(size["value"] - truth) < 3 * size["standard_deviation"] < 0.4 * error, f"{name} {size['value']:.4f} +- {size['standard_deviation']:.2g}, planted {truth}")
+
+    bump = 1e-3
+    tables(folder / "bump", 1.0, 0.0, False, (0.0, 0.0), bump=bump, seed=7)
+    result = loop("bump", "", 2)
+    require(result["set"] == ["camera bump"], f"a camera that is pushed at three quarters of the test: {result['sentence']}")
+    step, onset = (result["after"]["parameters"][name] for name in ("step_of_magnification", "bump_onset"))
+    require(abs(step["value"] - bump) < 4 * step["standard_deviation"] < 0.1 * bump, f"step {step['value']:.4g} +- {step['standard_deviation']:.1g}, planted {bump:g}")
+    require(BUMP_AFTER / len(LEVELS) < onset["value"] < (BUMP_AFTER + 1) / len(LEVELS), f"at {onset['value']:.3f} of the test, between the frames where it was planted")
 
     shutil.copytree(folder / "nothing", folder / "no_force", ignore=shutil.ignore_patterns("loads.csv", "run"))
     result = loop("no_force", "", 1, loads=False, free="nu")

@@ -115,6 +115,12 @@ def main():
             deviation = numpy.sqrt(covariance[0, 0])
             require(abs(fit[0] - drift * clock) < max(5 * deviation, 0.01 * drift) and deviation < 0.02 * drift,
                     f"frame {frame}: the images grow along {axis} by {fit[0]:.6f} +- {deviation:.6f}, planted {drift * clock:.6f}")
+    bump = 2e-3
+    plate("bump", f"{{camera_bump: {{step_of_magnification: {bump}, bump_onset: 0.6}}}}")
+    pushed, _ = correlated("bump")
+    for frame, planted in ((3, 0.0), (5, bump)):  # at half of the test and at its end
+        fit = numpy.polyfit((nodes + base[frame])[:, 1], (pushed[frame] - base[frame])[:, 1], 1)
+        require(abs(fit[0] - planted) < 0.02 * bump, f"frame {frame}: a camera that is pushed at 0.6 of the test has its images grown by {fit[0]:.6f}, planted {planted:.6f}")
     moved, _ = correlated("loaded")  # displacements count from the loaded state: in the plastic frames too they lack the same
     with h5py.File(folder / "plain/results.h5") as file:
         at, u, resultant = file["mesh/nodes"][:, :2], file["fields/displacement"][1, :, :2], file["frames/force_predicted"][1]
