@@ -27,6 +27,7 @@
 #include "light.hpp"
 #include "loop_checkpoint.hpp"
 #include "loop_report.hpp"
+#include "loop_summary.hpp"
 #include "loop_test.hpp"
 #include "rig.hpp"
 #include "synthetic_images.hpp"
