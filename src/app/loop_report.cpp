@@ -127,10 +127,10 @@ class SigmaMaps {
     const bool added = report_.final.fit.values != report_.declared.fit.values;
     const Eigen::Vector2d middle = face.surface.nodes.row(worst).head<2>();
     const std::string of_frame = fmt::format("frame {}", experiment_.measured().frames[static_cast<std::size_t>(frame_)]), of_left = fmt::format("length of what the final model leaves; one null test of a hundred exceeds {:.1f} somewhere", remainder.limit);
-    draw(face, "residual_before", before, fmt::format("displacement along {}, measured − predicted, before; {}, the worst one", "xyz"[component], of_frame));
+    draw(face, "residual_before", before, fmt::format("displacement along {}, measured − predicted{}; {}, the worst one", "xyz"[component], added ? ", before" : "", of_frame));
     if (added) draw(face, "residual_after", after, "the same, after");
     draw(face, "remainder", left, of_left);
-    draw(face, "zoom_before", before, fmt::format("before, about the worst place ({:.3g}, {:.3g})", middle[0], middle[1]), &middle);
+    draw(face, "zoom_before", before, fmt::format("{}about the worst place ({:.3g}, {:.3g})", added ? "before, " : "", middle[0], middle[1]), &middle);
     if (added) draw(face, "zoom_after", after, "after, about the same place", &middle);
     draw(face, "zoom_remainder", left, "what is left there", &middle);
   }

@@ -27,6 +27,7 @@ class Summary {
     json summary = {{"verdict", std::string(name(report_.verdict))}, {"set", names(report_.set)}, {"named", names(report_.named)}, {"sentence", report_.sentence}, {"invisible", names(report_.invisible)}, {"next", next()}};
     if (report_.set.size() > 1 && report_.verdict == loop::Verdict::ambiguous)
       for (int k : report_.set) summary["ambiguity"].push_back(words_of(k));
+    if (report_.part) summary["part_of_several_tests"] = true;
     summary["frames"] = experiment_.frame_numbers();
     summary["held_out"] = json::array();
     for (std::size_t t = 0; t < report_.held_out.size(); ++t)
@@ -91,7 +92,7 @@ class Summary {
       }
       const auto column = static_cast<Eigen::Index>(c);
       const double size = score.size[column], deviation = score.deviation[column], detectable = score.detectable[column], usual = info.scale > 0.0 ? info.scale : 1.0;
-      one["sizes"].push_back({{"parameter", info.name}, {"unit", info.unit}, {"size", size}, {"standard_deviation", deviation}, {"interval", {size - 1.96 * deviation, size + 1.96 * deviation}}, {"detectable", detectable},
+      one["sizes"].push_back({{"parameter", info.name}, {"unit", info.unit}, {"size", size}, {"standard_deviation", deviation}, {"interval", deviation > 0.0 ? json{size - 1.96 * deviation, size + 1.96 * deviation} : json()}, {"detectable", detectable},
                               {"shift_of_parameters_at_detectable_size", shift(model, score, column, detectable)}, {"usual_size", usual}, {"usual_size_is_unit", !(info.scale > 0.0)},
                               {"shift_of_parameters_at_usual_size", shift(model, score, column, usual)}});
     }

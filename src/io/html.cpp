@@ -18,7 +18,7 @@ table { border-collapse: collapse; font-variant-numeric: tabular-nums; display: 
 th, td { padding: .25em .9em; text-align: right; border-bottom: 1px solid #e6e6e6; white-space: nowrap; }
 th { font-weight: 600; color: #444; border-bottom: 1px solid #999; }
 th:first-child, td:first-child { text-align: left; padding-left: 0; }
-td.left, th.left { text-align: left; } td.words { text-align: left; white-space: normal; min-width: 11em; } .dense td, .dense th { padding-right: .4em; } tr.held td { color: #7a5a00; }
+td.left, th.left { text-align: left; } td.words { text-align: left; white-space: normal; min-width: 11em; } .dense td, .dense th { padding-right: .4em; } .dense td:first-child { white-space: normal; } tr.held td { color: #7a5a00; }
 .plots { display: flex; flex-wrap: wrap; gap: 1em; } .plots > div { display: flex; flex-direction: column; }
 svg { font-family: inherit; } .plot-title { font-size: 13px; font-weight: 600; } .tick { font-size: 11px; fill: #444; }
 .axis { font-size: 12px; fill: #222; } .grid { stroke: #eee; } .shaded { fill: #f3ecd8; } .frame { fill: none; stroke: #999; }

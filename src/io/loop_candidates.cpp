@@ -20,20 +20,29 @@ constexpr std::size_t many = 3;  // sizes, of which only those that are there ar
 
 std::string unit_of(const json& size) { return size["unit"] == "-" ? "" : " " + escaped(size, "unit"); }
 
-/// A line for each size, of many those beyond two standard deviations or the largest.
-template <typename Line>
-std::string lines_of(const json& sizes, const Line& line) {
+/// A size's parameter, without the name of the test that its effect has already.
+std::string parameter_of(const json& size, const json& effect) {
+  std::string name = size["parameter"];
+  const std::string of = effect["name"];
+  if (const auto test = of.rfind(" ("); test != std::string::npos && name.ends_with(of.substr(test))) name.resize(name.size() - (of.size() - test));
+  return escaped(name);
+}
+
+std::string size_and_interval(const json& one) {
+  if (one["interval"].is_null()) return "not determined";
+  const double deviation = one["standard_deviation"];
+  return fmt::format("{} [{}, {}]{}", shown_with(one["size"], deviation), shown_with(one["interval"][0], deviation), shown_with(one["interval"][1], deviation), unit_of(one));
+}
+
+/// A line for each size of an effect, of many those beyond two standard deviations or the largest.
+std::string sizes_of(const json& effect) {
+  const json& sizes = effect["sizes"];
   const auto ratio = [](const json& one) { return std::abs(one["size"].get<double>()) / std::max(1e-300, one["standard_deviation"].get<double>()); };
   const auto largest = std::max_element(sizes.begin(), sizes.end(), [&](const json& a, const json& b) { return ratio(a) < ratio(b); });
   std::string lines;
   for (auto one = sizes.begin(); one != sizes.end(); ++one)
-    if (sizes.size() <= many || one == largest || ratio(*one) > 2.0) lines += (lines.empty() ? "" : "<br>") + (sizes.size() > 1 ? escaped(*one, "parameter") + " " : "") + line(*one);
+    if (sizes.size() <= many || one == largest || ratio(*one) > 2.0) lines += (lines.empty() ? "" : "<br>") + (sizes.size() > 1 ? parameter_of(*one, effect) + " " : "") + size_and_interval(*one);
   return sizes.size() <= many ? lines : lines + fmt::format("<br>(of {})", sizes.size());
-}
-
-std::string size_and_interval(const json& one) {
-  const double deviation = one["standard_deviation"];
-  return fmt::format("{} [{}, {}]{}", shown_with(one["size"], deviation), shown_with(one["interval"][0], deviation), shown_with(one["interval"][1], deviation), unit_of(one));
 }
 
 std::string outcome(const json& one) {
@@ -47,7 +56,7 @@ std::string outcome(const json& one) {
 std::string candidate_row(const json& one) {
   const bool tried = one.contains("tried"), in_set = one["in_set"];
   return fmt::format("<tr><td>{0}{1}{2}<br><span class=\"note\">{3}</span></td><td>{4}{5}</td><td>{6}</td><td class=\"left\">{7}</td><td>{8}</td><td>{9}</td><td class=\"words\">{10}</td></tr>\n", in_set ? "<strong>" : "", escaped(one, "name"), in_set ? "</strong>" : "",
-                     escaped(one, "link"), fmt::format("{:.1f}", one["z"].get<double>()), one["significant"].get<bool>() ? " *" : one["contradicted"].get<bool>() ? " (*)" : "", fmt::format("{:.2f}", one["kappa"].get<double>()), lines_of(one["sizes"], size_and_interval),
+                     escaped(one, "link"), fmt::format("{:.1f}", one["z"].get<double>()), one["significant"].get<bool>() ? " *" : one["contradicted"].get<bool>() ? " (*)" : "", fmt::format("{:.2f}", one["kappa"].get<double>()), sizes_of(one),
                      fmt::format("{:.1f}", one["predicted_drop"].get<double>()), tried && one["tried"]["fitted"].get<bool>() ? fmt::format("{:.1f}", one["tried"]["achieved_drop"].get<double>()) : "", outcome(one));
 }
 
@@ -78,7 +87,7 @@ std::string size_rows(const json& one, const char* size, const char* shift, cons
   for (const json& its : one["sizes"]) {
     const bool per_unit = std::string(size) == "usual_size" && its["usual_size_is_unit"].get<bool>();
     const bool begins = rows.empty();
-    rows += fmt::format("<tr><td>{}</td><td class=\"left\">{} {}{}{}</td><td class=\"words\">{}</td>{}</tr>\n", begins ? first : "", escaped(its, "parameter"), shown(its[size], 2), unit_of(its), per_unit ? " (a unit)" : "",
+    rows += fmt::format("<tr><td>{}</td><td class=\"left\">{} {}{}{}</td><td class=\"words\">{}</td>{}</tr>\n", begins ? first : "", parameter_of(its, one), shown(its[size], 2), unit_of(its), per_unit ? " (a unit)" : "",
                         shifts(its[shift], parameters), last.empty() ? "" : fmt::format("<td class=\"words\">{}</td>", begins ? last : ""));
     if (one["sizes"].size() > many) return rows;
   }

@@ -80,7 +80,8 @@ std::string errors(const json& summary) {
       const json& now = after["cameras"][name];
       rows += error_row(fmt::format("χ of the {} cameras, from the others", escaped(name)), was["left_out"], now["left_out"], now["null"]);
     }
-  return "<h2>Error before and after</h2>\n<table>\n<tr><th></th><th>before</th><th>after</th><th>noise alone, 95 %</th></tr>\n" + rows + "</table>\n" + frame_plots(summary);
+  const char* note = summary.contains("part_of_several_tests") ? "<p class=\"note\">One of several tests: the verdict and the errors of this table are those of all of them together.</p>\n" : "";
+  return std::string("<h2>Error before and after</h2>\n") + note + "<table>\n<tr><th></th><th>before</th><th>after</th><th>noise alone, 95 %</th></tr>\n" + rows + "</table>\n" + frame_plots(summary);
 }
 
 /// Where and when the final model leaves most.

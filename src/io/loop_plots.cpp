@@ -27,7 +27,7 @@ std::vector<std::pair<double, double>> held_out_frames(const json& summary) {
   return all;
 }
 
-std::string frame_label(const json& summary) { return summary.contains("curves") ? "bar, in the order of the table" : summary.contains("tests") ? "frames of all tests, one after another" : "frame"; }
+std::string frame_label(const json& summary) { return summary.contains("curves") ? "bars and pieces of curves, in the order of the case" : summary.contains("tests") ? "frames of all tests, one after another" : "frame"; }
 
 /// One curve where nothing changed.
 std::vector<Curve> before_and_after(const std::vector<double>& frames, const std::vector<double>& before, const std::vector<double>& after) {

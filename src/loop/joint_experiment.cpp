@@ -274,6 +274,7 @@ Model JointExperiment::model_of(std::size_t test, const Model& all) const {
 
 Report JointExperiment::report_of(std::size_t test, const Report& all) {
   Report report;
+  report.part = true;
   report.held_out.assign(all.held_out.begin() + first_frame_[test], all.held_out.begin() + first_frame_[test + 1]);
   report.declared = model_of(test, all.declared), report.final = model_of(test, all.final);
   report.verdict = all.verdict, report.sentence = all.sentence;

@@ -87,6 +87,18 @@ TEST(LoopPage, ACandidateHasItsIntervalAndWhatItsTrialAchieved) {
   EXPECT_THAT(page_of(summary()), HasSubstr("<strong>seen</strong><br><span class=\"note\">record</span></td><td>9.0 *</td><td>0.80</td><td class=\"left\">1.00 [0.80, 1.20] mm</td><td>81.0</td><td>77.7</td><td class=\"words\">plausible; nothing is left</td>"));
 }
 
+TEST(LoopPage, SizesOfOneOfSeveralTestsAreShort) {
+  json all = summary();
+  json& one = all["before"]["candidates"][0];
+  one["name"] = "taper (plate)";
+  one["sizes"].push_back(one["sizes"][0]);
+  one["sizes"][0]["parameter"] = "taper_x (plate)", one["sizes"][1]["parameter"] = "taper_y (plate)", one["sizes"][1]["interval"] = nullptr;
+  all["part_of_several_tests"] = true;
+  const std::string page = page_of(all);
+  EXPECT_THAT(page, HasSubstr("taper_x 1.00 [0.80, 1.20] mm<br>taper_y not determined<"));
+  EXPECT_THAT(page, HasSubstr("One of several tests"));
+}
+
 TEST(LoopPage, WhatCannotBeSeenHasItsBias) {
   const std::string page = page_of(summary());
   EXPECT_THAT(page, HasSubstr("hidden<br><span class=\"note\">κ 0.010</span></td><td class=\"left\">size 0.020 mm</td><td class=\"words\">E +4000 MPa (4.0 sd)</td><td class=\"words\">a second look at hidden</td>"));

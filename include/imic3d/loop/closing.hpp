@@ -116,6 +116,7 @@ struct Report {
   std::vector<int> invisible;   ///< candidates that this test cannot see
   Remainder remainder;
   int simulations = 0;
+  bool part = false;            ///< of a report on several tests: verdict, sentence and the misfits of all frames are those of all tests
 };
 
 /// Runs the loop (docs/loop.md). `say` gets one line for each step. Collective.
