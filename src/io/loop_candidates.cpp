@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <vector>
 
 #include "html.hpp"
@@ -123,7 +124,8 @@ std::string candidate_table(const json& model) {
 
 std::string blind_spots(const json& model) {
   const json& parameters = model["parameters"];
-  std::string hidden, rest, others;
+  std::string hidden, rest;
+  std::map<std::string, json> others;  // names by the reason
   for (const auto& one : model["candidates"]) {
     if (!visible(one))
       hidden += invisible_row(one, parameters);
@@ -134,15 +136,17 @@ std::string blind_spots(const json& model) {
     if (one.contains("kappa"))
       hidden += invisible_row(one, parameters);
     else
-      others += fmt::format("<li>{}: {}</li>\n", escaped(one, "name"), escaped(one, "reason"));
+      others[escaped(one, "reason")].push_back(one["name"]);
   }
   std::string out = hidden.empty() ? "<p>Of the effects that were looked for none is invisible.</p>\n"
                                    : "<p>These may be there and leave no trace; each would go into the parameters unseen.</p>\n<table>\n<tr><th>effect</th><th class=\"left\">of this size</th><th class=\"left\">shifts the parameters by</th><th class=\"left\">seen by</th></tr>\n" + hidden +
                                          "</table>\n<p class=\"note\">κ: what the free parameters leave of the mark, below 0.05 it is invisible. The size is a usual one, not an estimate; (a unit): none is known, shifts are those of one unit. sd: standard deviations of the parameter.</p>\n";
   if (!rest.empty())
     out += "<h3>The smallest sizes of the rest that would be found</h3>\n<table>\n<tr><th>effect</th><th class=\"left\">found in four of five tests from</th><th class=\"left\">shifts the parameters by, if left out</th></tr>\n" + rest + "</table>\n";
-  if (!others.empty()) out += "<h3>Not tested</h3>\n<ul>\n" + others + "</ul>\n";
-  return out;
+  if (others.empty()) return out;
+  out += "<h3>Not tested</h3>\n<ul>\n";
+  for (const auto& [reason, names] : others) out += fmt::format("<li>{}, because {}</li>\n", escaped(joined(names)), reason);
+  return out + "</ul>\n";
 }
 
 }  // namespace imic3d::io

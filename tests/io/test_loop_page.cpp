@@ -104,7 +104,7 @@ TEST(LoopPage, WhatCannotBeSeenHasItsBias) {
   EXPECT_THAT(page, HasSubstr("hidden<br><span class=\"note\">κ 0.010</span></td><td class=\"left\">size 0.020 mm</td><td class=\"words\">E +4000 MPa (4.0 sd)</td><td class=\"words\">a second look at hidden</td>"));
   EXPECT_THAT(page, HasSubstr("small<br><span class=\"note\">no size within its bounds would be found</span></td><td class=\"left\">size 0.020 mm (a unit)</td>"));
   EXPECT_THAT(page, HasSubstr("<tr><td>seen</td><td class=\"left\">size 0.40 mm</td><td class=\"words\">E +800 MPa (0.80 sd)</td></tr>"));
-  EXPECT_THAT(page, HasSubstr("<li>lost: the model could not be computed with it</li>"));
+  EXPECT_THAT(page, HasSubstr("<li>lost, because the model could not be computed with it</li>"));
 }
 
 TEST(LoopPage, WhatCannotBeToldApartIsAParagraph) {
