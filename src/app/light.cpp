@@ -9,7 +9,7 @@
 #include "imic3d/core/log.hpp"
 #include "imic3d/imaging/image.hpp"
 #include "imic3d/loop/statistics.hpp"
-#include "loop_report.hpp"
+#include "loop_summary.hpp"
 #include "rig.hpp"
 #include "test_effects.hpp"
 

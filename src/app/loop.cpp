@@ -29,6 +29,7 @@
 #include "loop_checkpoint.hpp"
 #include "loop_report.hpp"
 #include "loop_results.hpp"
+#include "loop_summary.hpp"
 #include "loop_test.hpp"
 #include "rig.hpp"
 #include "synthetic_images.hpp"

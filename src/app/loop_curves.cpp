@@ -13,8 +13,8 @@
 #include "imic3d/io/run_results.hpp"
 #include "imic3d/loop/closing.hpp"
 #include "imic3d/loop/curve_experiment.hpp"
-#include "loop_report.hpp"
 #include "loop_results.hpp"
+#include "loop_summary.hpp"
 #include "loop_test.hpp"
 #include "test_effects.hpp"
 

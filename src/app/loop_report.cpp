@@ -2,9 +2,6 @@
 
 #include <fmt/format.h>
 
-#include <fmt/ranges.h>
-
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 
@@ -12,18 +9,9 @@
 #include "imic3d/io/pictures.hpp"
 #include "imic3d/io/run_results.hpp"
 #include "loop_results.hpp"
+#include "loop_summary.hpp"
 
 namespace imic3d::app {
-
-namespace {
-
-nlohmann::json numbers(const auto& values) {
-  nlohmann::json list = nlohmann::json::array();
-  for (Eigen::Index i = 0; i < values.size(); ++i) list.push_back(std::isfinite(values[i]) ? nlohmann::json(values[i]) : nlohmann::json());
-  return list;
-}
-
-}  // namespace
 
 LoopFields loop_fields(loop::FieldExperiment& experiment, const loop::Report& report) {
   experiment.put_back(report.declared.ground->learned);
@@ -31,91 +19,6 @@ LoopFields loop_fields(loop::FieldExperiment& experiment, const loop::Report& re
   experiment.put_back(report.final.ground->learned);
   auto [U1, F1] = experiment.unwhitened(report.final.fit.values);
   return {std::move(U0), std::move(U1), std::move(F0), std::move(F1)};
-}
-
-nlohmann::json loop_summary(const loop::Experiment& experiment, const loop::Report& report) {
-  const auto& candidates = experiment.candidates();
-  const auto& parameters = experiment.parameters();
-  const auto candidate_name = [&](int k) { return candidates[static_cast<std::size_t>(k)].name; };
-  const auto names = [&](const std::vector<int>& which) {
-    nlohmann::json list = nlohmann::json::array();
-    for (int k : which) list.push_back(candidate_name(k));
-    return list;
-  };
-  const auto of_model = [&](const loop::Model& model) {
-    nlohmann::json json;
-    json["added"] = names(model.added);
-    for (std::size_t j = 0; j < model.fit.free.size(); ++j) {
-      const auto k = static_cast<std::size_t>(model.fit.free[j]);
-      const auto place = static_cast<Eigen::Index>(j);
-      json["parameters"][parameters[k].info.name] = {{"value", model.fit.values[k]}, {"standard_deviation", std::sqrt(model.covariance(place, place))}, {"unit", parameters[k].info.unit}};
-    }
-    json["chi"] = {{"fitted", model.misfit.fitted}, {"held_out", model.misfit.held_out}, {"null_fitted", model.misfit.null_fitted}, {"null_held_out", model.misfit.null_held_out},
-                   {"frames", numbers(model.misfit.frames)}, {"null_frames", numbers(model.misfit.null_frames)}};
-    if (model.misfit.null_checkerboard > 0.0) json["chi"]["checkerboard"] = model.misfit.checkerboard, json["chi"]["null_checkerboard"] = model.misfit.null_checkerboard;
-    for (const auto& one : model.misfit.cameras) json["chi"]["cameras"][experiment.channel_name(one.channel)] = {{"left_out", one.chi}, {"null", one.null}};
-    json["omnibus"] = {{"deviations", model.scores.omnibus}, {"threshold", model.scores.omnibus_threshold}, {"p", model.scores.omnibus_p}};
-    json["threshold"] = model.scores.threshold, json["largest_p"] = model.scores.largest_p;
-    if (model.added.empty()) json["baselines"] = {{"chi_squared_p", model.baselines.chi_squared_p}, {"bic", nlohmann::json::array()}};
-    for (int i : model.baselines.bic) json["baselines"]["bic"].push_back(candidate_name(model.others[static_cast<std::size_t>(i)]));
-    json["converged"] = model.fit.converged;
-    json["iterations"] = model.fit.iterations;
-    json["candidates"] = nlohmann::json::array();
-    for (std::size_t i = 0; i < model.others.size(); ++i) {
-      const auto& s = model.scores.candidates[i];
-      nlohmann::json one = {{"name", candidate_name(model.others[i])}, {"link", std::string(name(candidates[static_cast<std::size_t>(model.others[i])].link))}, {"kappa", s.visibility},
-                            {"z", s.z}, {"p", s.p}, {"degrees", s.degrees}, {"predicted_drop", s.drop}, {"significant", s.z > model.scores.threshold && !s.contradicted}, {"contradicted", s.contradicted}};
-      if (const auto& function = candidates[static_cast<std::size_t>(model.others[i])].formula_for; !function.empty()) one["formula_for"] = function;
-      if (!model.baselines.cosine.empty()) one["cosine"] = model.baselines.cosine[i];
-      const auto& its = candidates[static_cast<std::size_t>(model.others[i])].parameters;
-      const auto sizes = std::count_if(its.begin(), its.end(), [&](int j) { return !parameters[static_cast<std::size_t>(j)].info.shape; });  // the shapes come last
-      Eigen::Index other = sizes;
-      for (std::size_t c = 0; c < its.size(); ++c) {
-        const auto& parameter = parameters[static_cast<std::size_t>(its[c])];
-        const auto& info = parameter.info;
-        if (info.shape) {
-          for (double value : loop::other_shapes(parameter, model.fit.values[static_cast<std::size_t>(its[c])])) {
-            if (sizes == 1 && std::isfinite(s.detectable[other])) one["with_other_shapes"].push_back({{"parameter", info.name}, {"value", value}, {"detectable", s.detectable[other]}});
-            ++other;
-          }
-          continue;
-        }
-        const auto column = static_cast<Eigen::Index>(c);
-        nlohmann::json bias;
-        for (Eigen::Index j = 0; j < s.bias.rows(); ++j)
-          bias[parameters[static_cast<std::size_t>(model.fit.free[static_cast<std::size_t>(j)])].info.name] = s.bias(j, column) * s.detectable[column];
-        one["sizes"].push_back({{"parameter", info.name}, {"unit", info.unit}, {"size", s.size[column]}, {"standard_deviation", s.deviation[column]}, {"detectable", s.detectable[column]},
-                                {"shift_of_parameters_at_detectable_size", bias}});
-      }
-      json["candidates"].push_back(one);
-    }
-    return json;
-  };
-  nlohmann::json json;
-  json["verdict"] = std::string(name(report.verdict));
-  json["set"] = names(report.set);
-  json["named"] = names(report.named);
-  json["sentence"] = report.sentence;
-  json["invisible"] = names(report.invisible);
-  json["frames"] = experiment.frame_numbers();
-  json["held_out"] = nlohmann::json::array();
-  for (std::size_t t = 0; t < report.held_out.size(); ++t)
-    if (report.held_out[t] != 0) json["held_out"].push_back(experiment.frame_numbers()[t]);
-  json["before"] = of_model(report.declared);
-  json["after"] = of_model(report.final);
-  json["rounds"] = nlohmann::json::array();
-  for (const auto& round : report.rounds) {
-    nlohmann::json one = {{"set", names(round.set)}, {"trials", nlohmann::json::array()}};
-    for (const auto& trial : round.trials) {
-      nlohmann::json t = trial.model.fit.values.empty() ? nlohmann::json::object() : of_model(trial.model);
-      t["candidate"] = candidate_name(trial.candidate), t["sufficient"] = trial.sufficient, t["plausible"] = trial.plausible, t["objection"] = trial.objection;
-      t.erase("candidates");
-      one["trials"].push_back(t);
-    }
-    json["rounds"].push_back(one);
-  }
-  json["remainder"] = {{"share_of_first_mode", report.remainder.share}, {"time", numbers(report.remainder.time)}};
-  return json;
 }
 
 namespace {
@@ -142,73 +45,112 @@ nlohmann::json companions(const loop::Scene& scene, const Eigen::VectorXd& curve
   return json;
 }
 
+/// Where the remainder is largest.
+nlohmann::json place_of_largest(const loop::FieldExperiment& experiment, const loop::Remainder& remainder) {
+  Eigen::Index node = 0, frame = 0;
+  const double largest = remainder.map.maxCoeff(&node, &frame);
+  const auto* face = experiment.measured().faces.data();
+  for (; node >= face->surface.nodes.rows(); ++face) node -= face->surface.nodes.rows();
+  const auto& at = face->surface.nodes;
+  nlohmann::json map = {{"largest", largest}, {"limit", remainder.limit}, {"frame", experiment.measured().frames[static_cast<std::size_t>(frame)]}, {"place", {at(node, 0), at(node, 1)}},
+                        {"share_beyond_limit", (remainder.map.array() > remainder.limit).cast<double>().mean()}};
+  if (experiment.measured().faces.size() > 1) map["face"] = face->name;
+  return map;
+}
+
+/// Pictures of one frame, in units of what noise alone leaves (sigma), all faces on one scale.
+class SigmaMaps {
+ public:
+  SigmaMaps(const std::filesystem::path& folder, const loop::FieldExperiment& experiment, const loop::Report& report) : folder_(folder), experiment_(experiment), report_(report) {
+    report.declared.misfit.frames.maxCoeff(&frame_);
+    const auto& remainder = report.remainder;
+    largest_ = std::max({remainder.before.col(frame_).cwiseAbs().maxCoeff(), remainder.map.col(frame_).maxCoeff(), remainder.limit});
+  }
+
+  [[nodiscard]] std::vector<io::ReportPicture> drawn() {
+    Eigen::Index unknown = 0, node = 0;
+    for (const auto& face : experiment_.measured().faces) {
+      draw_face(face, unknown, node);
+      unknown += face.unknowns(), node += face.surface.nodes.rows();
+    }
+    return std::move(pictures_);
+  }
+
+ private:
+  void draw_face(const loop::FieldFace& face, Eigen::Index unknown, Eigen::Index node) {
+    const auto& remainder = report_.remainder;
+    const auto nodes = face.surface.nodes.rows();
+    Eigen::Index component = 0, worst = 0;
+    remainder.before.col(frame_).segment(unknown, face.unknowns()).reshaped(face.components, nodes).cwiseAbs().maxCoeff(&component, &worst);
+    const auto along = [&](const Eigen::MatrixXd& all) -> Eigen::VectorXd { return all.col(frame_)(Eigen::seqN(unknown + component, nodes, face.components)); };
+    const Eigen::VectorXd before = along(remainder.before), after = along(remainder.after), left = remainder.map.col(frame_).segment(node, nodes);
+    const bool added = report_.final.fit.values != report_.declared.fit.values;
+    const Eigen::Vector2d middle = face.surface.nodes.row(worst).head<2>();
+    const std::string of_frame = fmt::format("frame {}", experiment_.measured().frames[static_cast<std::size_t>(frame_)]), of_left = fmt::format("length of what the final model leaves; one null test of a hundred exceeds {:.1f} somewhere", remainder.limit);
+    draw(face, "residual_before", before, fmt::format("displacement along {}, measured − predicted{}; {}, the worst one", "xyz"[component], added ? ", before" : "", of_frame));
+    if (added) draw(face, "residual_after", after, "the same, after");
+    draw(face, "remainder", left, of_left);
+    draw(face, "zoom_before", before, fmt::format("{}about the worst place ({:.3g}, {:.3g})", added ? "before, " : "", middle[0], middle[1]), &middle);
+    if (added) draw(face, "zoom_after", after, "after, about the same place", &middle);
+    draw(face, "zoom_remainder", left, "what is left there", &middle);
+  }
+
+  /// `middle`: only the elements about it, a quarter of the surface across, or three elements.
+  void draw(const loop::FieldFace& face, const std::string& name, const Eigen::VectorXd& values, const std::string& caption, const Eigen::Vector2d* middle = nullptr) {
+    const bool alone = experiment_.measured().faces.size() == 1;
+    const auto surface = middle == nullptr ? face.surface : mesh_about(face.surface, *middle);
+    std::vector<double> positions;
+    for (const auto& at : surface.nodes.rowwise()) {
+      const Eigen::Vector2d pixel = face.pixels * at.head<2>().transpose();
+      positions.insert(positions.end(), {pixel[0], pixel[1]});
+    }
+    const auto picture = folder_ / fmt::format("{}{}.png", name, alone ? "" : "_" + face.name);
+    io::draw_field(picture, surface, positions, {values.data(), static_cast<std::size_t>(values.size())}, {.legend = "sigma", .lower = -largest_, .upper = largest_});
+    pictures_.push_back({picture, (alone ? "" : face.name + " face: ") + caption});
+  }
+
+  [[nodiscard]] mesh::Mesh mesh_about(mesh::Mesh surface, const Eigen::Vector2d& middle) const {
+    const Eigen::RowVector3d low = surface.nodes.colwise().minCoeff(), high = surface.nodes.colwise().maxCoeff();
+    const double reach = std::max(0.125 * (high - low).maxCoeff(), 1.5 * experiment_.scene().element);
+    Eigen::Index kept = 0;
+    for (Eigen::Index c = 0; c < surface.cells.rows(); ++c) {
+      const Eigen::Vector2d centre = surface.nodes(surface.cells.row(c).head<4>(), Eigen::seqN(0, 2)).colwise().mean();
+      if ((centre - middle).cwiseAbs().maxCoeff() < reach) surface.cells.row(kept++) = surface.cells.row(c).eval();
+    }
+    surface.cells.conservativeResize(kept, Eigen::NoChange);
+    return surface;
+  }
+
+  const std::filesystem::path& folder_;
+  const loop::FieldExperiment& experiment_;
+  const loop::Report& report_;
+  Eigen::Index frame_ = 0;
+  double largest_ = 0.0;
+  std::vector<io::ReportPicture> pictures_;
+};
+
 }  // namespace
 
 void write_loop_report(const std::filesystem::path& folder, const io::Case& test, const loop::FieldExperiment& experiment, const loop::Report& report,
                        const LoopFields& fields, const nlohmann::json& light, const GroupTimes& groups, double seconds) {
   nlohmann::json json = loop_summary(experiment, report);
+  const auto& measured = experiment.measured();
+  const auto& remainder = report.remainder;
   json["time"] = io::quantity(seconds, "s");
   json["simulations"] = experiment.simulations();
   json["groups"] = to_json(groups);
+  json["length_unit"] = test.units.length;
   if (!test.doubts.empty()) json["doubts"] = test.doubts;
   if (!light.is_null()) json["light"] = light;
   if (!light.is_null() && light["verdict"] != "nothing found") json["sentence"] = fmt::format("{} The light: {}", report.sentence, light["sentence"].get<std::string>());
-  if (std::isfinite(experiment.measured().force_noise)) json["force_residual"] = {{"before", numbers(fields.force_before)}, {"after", numbers(fields.force_after)}, {"unit", test.units.force}};
-  if (report.remainder.time.size() > 0) json["remainder"]["goes_with"] = companions(experiment.scene(), report.remainder.time);
-  const Eigen::MatrixXd& map = report.remainder.map;
-  if (map.size() > 0) {
-    Eigen::Index node = 0, frame = 0;
-    const double largest = map.maxCoeff(&node, &frame);
-    Eigen::Index own = node;
-    const auto* face = experiment.measured().faces.data();
-    for (; own >= face->surface.nodes.rows(); ++face) own -= face->surface.nodes.rows();
-    const auto& at = face->surface.nodes;
-    json["remainder"]["map"] = {{"largest", largest}, {"limit", report.remainder.limit}, {"frame", experiment.measured().frames[static_cast<std::size_t>(frame)]}, {"place", {at(own, 0), at(own, 1)}},
-                                {"share_beyond_limit", (map.array() > report.remainder.limit).cast<double>().mean()}};
-    if (experiment.measured().faces.size() > 1) json["remainder"]["map"]["face"] = face->name;
+  if (std::isfinite(measured.force_noise)) {
+    json["load"] = {{"force", numbers(measured.force)}, {"unit", test.units.force}};
+    json["force_residual"] = {{"before", numbers(fields.force_before)}, {"after", numbers(fields.force_after)}, {"null_rms", numbers(measured.force_noise * remainder.force)}, {"unit", test.units.force}};
   }
+  if (remainder.time.size() > 0) json["remainder"]["goes_with"] = companions(experiment.scene(), remainder.time);
+  if (remainder.map.size() > 0) json["remainder"]["map"] = place_of_largest(experiment, remainder);
   json.update(io::case_summary(write_loop_fields(folder, test, experiment, report, fields)));
-  // Residual fields of the worst frame, before and after, on one scale.
-  Eigen::Index worst = 0;
-  report.declared.misfit.frames.maxCoeff(&worst);
-  const auto& measured = experiment.measured();
-  const int axis = experiment.scene().axis;
-  std::vector<io::ReportPicture> pictures;
-  Eigen::Index first = 0, first_node = 0;
-  for (const auto& face : measured.faces) {
-    const bool alone = measured.faces.size() == 1;
-    const std::string file = alone ? "" : "_" + face.name, where = alone ? "" : face.name + " face; ";
-    const double scale = std::sqrt(std::abs(face.pixels.determinant()));
-    const auto nodes = face.surface.nodes.rows();
-    std::vector<double> positions;
-    for (Eigen::Index i = 0; i < nodes; ++i) {
-      const Eigen::Vector2d at = face.pixels * face.surface.nodes.row(i).head<2>().transpose();
-      positions.insert(positions.end(), {at[0], at[1]});
-    }
-    const auto field = [&](const Eigen::MatrixXd& all) {
-      std::vector<double> values;
-      for (Eigen::Index i = 0; i < nodes; ++i) values.push_back(scale * all(first + face.components * i + axis, worst));
-      return values;
-    };
-    double largest = 0.0;
-    for (double value : field(fields.displacement_before)) largest = std::max(largest, std::abs(value));
-    for (const auto& [name, all] : {std::pair("before", &fields.displacement_before), std::pair("after", &fields.displacement_after)}) {
-      const auto picture = folder / fmt::format("residual_{}{}.png", name, file);
-      io::draw_field(picture, face.surface, positions, field(*all), {.legend = "measured - predicted [px]", .lower = -largest, .upper = largest});
-      pictures.push_back({picture, fmt::format("{}displacement along the load, measured − predicted, {}; frame {}", where, name, measured.frames[static_cast<std::size_t>(worst)])});
-    }
-    if (map.size() > 0) {
-      Eigen::Index node = 0, frame = 0;
-      const Eigen::MatrixXd own = map.middleRows(first_node, nodes);
-      own.maxCoeff(&node, &frame);
-      const std::vector<double> of_frame(own.col(frame).begin(), own.col(frame).end());
-      const auto picture = folder / fmt::format("remainder{}.png", file);
-      io::draw_field(picture, face.surface, positions, of_frame, {.legend = "remainder [rms of the noise]", .lower = 0.0, .upper = std::max(own.maxCoeff(), report.remainder.limit), .diverging = false});
-      pictures.push_back({picture, fmt::format("{}what the final model leaves, over what noise leaves (one null test of a hundred exceeds {:.1f} somewhere); frame {}", where, report.remainder.limit,
-                                               measured.frames[static_cast<std::size_t>(frame)])});
-    }
-    first += face.unknowns(), first_node += nodes;
-  }
+  const auto pictures = remainder.map.size() > 0 ? SigmaMaps(folder, experiment, report).drawn() : std::vector<io::ReportPicture>();
   for (const auto& picture : pictures) json["pictures"].push_back({{"file", picture.file.filename().string()}, {"caption", picture.caption}});
   io::write_json(folder / "result.json", json);
   io::write_loop_page(folder / "report.html", json, pictures);

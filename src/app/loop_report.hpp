@@ -20,9 +20,6 @@ struct LoopFields {
 /// Collective.
 [[nodiscard]] LoopFields loop_fields(loop::FieldExperiment& experiment, const loop::Report& report);
 
-/// Everything that the report says, machine-readable. Rank 0 only.
-[[nodiscard]] nlohmann::json loop_summary(const loop::Experiment& experiment, const loop::Report& report);
-
 /// Writes result.json, results.h5 (tools/plot_loop.py), pictures and report.html to the folder and prints the verdict. `light`: its own section; null where
 /// no images were correlated; `groups`: what groups of ranks did with their time. Rank 0 only.
 void write_loop_report(const std::filesystem::path& folder, const io::Case& test, const loop::FieldExperiment& experiment, const loop::Report& report,

@@ -205,8 +205,9 @@ void draw_field(const std::filesystem::path& picture, const mesh::Mesh& quads, s
   if (positions.size() != 2 * nodes || (!nodal && values.size() != cells))
     throw std::invalid_argument("draw_field: wrong number of positions or values");
   cv::Rect2d box;
-  for (std::size_t i = 0; i < nodes; ++i) {
-    const cv::Rect2d point(positions[2 * i], positions[2 * i + 1], 1e-300, 1e-300);
+  for (Eigen::Index i = 0; i < quads.cells.rows() * 4; ++i) {
+    const auto at = corner(positions, quads.cells(i / 4, i % 4));
+    const cv::Rect2d point(at.x, at.y, 1e-300, 1e-300);
     box = i == 0 ? point
                  : cv::Rect2d(cv::Point2d(std::min(box.x, point.x), std::min(box.y, point.y)),
                               cv::Point2d(std::max(box.br().x, point.x), std::max(box.br().y, point.y)));

@@ -68,23 +68,38 @@ std::vector<double> round_ticks(double lower, double upper, int count) {
 
 std::string svg(const Plot& plot) {
   Range x, y;
-  for (const auto& curve : plot.curves) {
-    for (std::size_t i = 0; i < curve.x.size() && i < curve.y.size(); ++i) {
-      if (!std::isfinite(curve.x[i]) || !std::isfinite(curve.y[i])) continue;
-      x.include(curve.x[i]);
-      y.include(curve.y[i]);
+  const auto include = [&](const std::vector<double>& xs, const std::vector<double>& ys) {
+    for (std::size_t i = 0; i < xs.size() && i < ys.size(); ++i) {
+      if (!std::isfinite(xs[i]) || !std::isfinite(ys[i])) continue;
+      x.include(xs[i]);
+      y.include(ys[i]);
     }
-  }
+  };
+  for (const auto& curve : plot.curves) include(curve.x, curve.y);
+  for (const auto& band : plot.bands) include(band.x, band.lower), include(band.x, band.upper);
   x.widen();
   y.widen();
-  const double left = 74, right = plot.width - 14, top = 34, bottom = plot.height - 46;
+  const double left = 74, right = plot.width - 14, top = 42, bottom = plot.height - 46;
   const auto px = [&](double value) { return left + (value - x.lower) / (x.upper - x.lower) * (right - left); };
   const auto py = [&](double value) { return bottom - (value - y.lower) / (y.upper - y.lower) * (bottom - top); };
 
   std::string out =
       fmt::format("<svg viewBox=\"0 0 {} {}\" width=\"{}\" height=\"{}\" role=\"img\" aria-label=\"{}\">\n", plot.width,
                   plot.height, plot.width, plot.height, escaped(plot.title));
-  out += fmt::format("<text class=\"plot-title\" x=\"{}\" y=\"18\">{}</text>\n", left, escaped(plot.title));
+  out += fmt::format("<text class=\"plot-title\" x=\"{}\" y=\"14\">{}</text>\n", left, escaped(plot.title));
+  for (const auto& [from, to] : plot.shaded) {
+    const double begin = std::clamp(px(from), left, right), end = std::clamp(px(to), left, right);
+    out += fmt::format("<rect class=\"shaded\" x=\"{:.1f}\" y=\"{}\" width=\"{:.1f}\" height=\"{}\"/>\n", begin, top, end - begin, bottom - top);
+  }
+  for (const auto& band : plot.bands) {
+    std::string path, back;
+    for (std::size_t i = 0; i < band.x.size() && i < band.lower.size() && i < band.upper.size(); ++i) {
+      if (!std::isfinite(band.lower[i]) || !std::isfinite(band.upper[i])) continue;
+      path += fmt::format("{}{:.1f} {:.1f}", path.empty() ? "M" : " L", px(band.x[i]), py(band.upper[i]));
+      back.insert(0, fmt::format(" L{:.1f} {:.1f}", px(band.x[i]), py(band.lower[i])));
+    }
+    if (!path.empty()) out += fmt::format("<path class=\"band\" d=\"{}{} Z\" fill=\"{}\" fill-opacity=\"0.8\"/>\n", path, back, band.colour);
+  }
   const auto x_ticks = round_ticks(x.lower, x.upper, plot.width < 300 ? 3 : 6), y_ticks = round_ticks(y.lower, y.upper);
   for (double value : x_ticks)
     out += fmt::format(
@@ -123,14 +138,15 @@ std::string svg(const Plot& plot) {
     out += dots + "\n";
   }
   double at = right - 8;
-  for (auto it = plot.curves.rbegin(); it != plot.curves.rend(); ++it) {
-    if (it->label.empty()) continue;
-    out += fmt::format("<text class=\"tick\" x=\"{}\" y=\"{}\" text-anchor=\"end\">{}</text>", at, top - 8,
-                       escaped(it->label));
-    at -= 6.3 * static_cast<double>(it->label.size()) + 12;
-    out += fmt::format("<circle cx=\"{}\" cy=\"{}\" r=\"4\" fill=\"{}\"/>\n", at, top - 12, it->colour);
+  const auto add_to_legend = [&](const std::string& label, const std::string& colour) {
+    if (label.empty()) return;
+    out += fmt::format("<text class=\"tick\" x=\"{}\" y=\"{}\" text-anchor=\"end\">{}</text>", at, top - 8, escaped(label));
+    at -= 6.3 * static_cast<double>(label.size()) + 12;
+    out += fmt::format("<circle cx=\"{}\" cy=\"{}\" r=\"4\" fill=\"{}\"/>\n", at, top - 12, colour);
     at -= 14;
-  }
+  };
+  for (auto it = plot.bands.rbegin(); it != plot.bands.rend(); ++it) add_to_legend(it->label, it->colour);
+  for (auto it = plot.curves.rbegin(); it != plot.curves.rend(); ++it) add_to_legend(it->label, it->colour);
   return out + "</svg>\n";
 }
 

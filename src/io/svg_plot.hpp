@@ -2,6 +2,7 @@
 // Simple curves as SVG text.
 
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace imic3d::io {
@@ -15,9 +16,18 @@ struct Curve {
   double width = 1.8;  ///< of the line [px]
 };
 
+/// An area between two curves, behind all of them.
+struct Band {
+  std::string label;
+  std::vector<double> x, lower, upper;
+  std::string colour = "#dcdcdc";
+};
+
 struct Plot {
   std::string title, x_label, y_label;
   std::vector<Curve> curves;
+  std::vector<Band> bands{};
+  std::vector<std::pair<double, double>> shaded{};  ///< stretches of x, from top to bottom
   int width = 520, height = 320;  ///< [px]
 };
 

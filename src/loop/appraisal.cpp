@@ -24,6 +24,11 @@ Eigen::MatrixXd stacked(const Eigen::MatrixXd& above, const Eigen::MatrixXd& bel
 }
 Eigen::MatrixXd inverse_of(const Eigen::MatrixXd& J) { return J.completeOrthogonalDecomposition().pseudoInverse(); }
 
+std::string why_without(const Mark& mark) {
+  if (mark.failed > 0) return "the model could not be computed with it";
+  return mark.columns.isZero(0.0) ? "it changes nothing that was measured" : "it changes nothing in the frames that are fitted";
+}
+
 /// Importance beside significance: a fifth of the excess energy, or a shift of a parameter by 1 % or by one standard deviation.
 bool matters(const Model& model, const Score& s) {
   const double excess = std::max(0.0, model.scores.energy - model.scores.null_energy);
@@ -105,6 +110,7 @@ void Appraisal::judge(Model& model) const {
   std::vector<Eigen::Index> images, force;
   for (Eigen::Index i : rows_) (experiment_.data()[static_cast<std::size_t>(i)].channel == force_channel ? force : images).push_back(i);
   misfit.images = chi(Eigen::VectorXd(model.fit.residual(images))), misfit.force = chi(Eigen::VectorXd(model.fit.residual(force)));
+  misfit.null_images = null_of(images), misfit.null_force = null_of(force);
   cross_validate(model, prior);
   misfit.frames.resize(frames_), misfit.null_frames.resize(frames_);
   for (int t = 0; t < frames_; ++t) {
@@ -121,6 +127,11 @@ void Appraisal::judge(Model& model) const {
 Eigen::MatrixXd Appraisal::left_of_null(const Model& model) const {
   const Known prior = known(model);
   return left_by_fit(model.ground->null, model, pull_of(model, prior), prior);
+}
+
+double Appraisal::drop(const Model& from, const Model& to) const {
+  const Eigen::VectorXd now = from.ground->weight(to.ground->weight.undone(to.fit.residual));
+  return from.fit.residual(rows_).squaredNorm() - now(rows_).squaredNorm();
 }
 
 /// chi of the chosen rows of the residual r under the parameters of the others, and its 95 % quantile under the null; 0 where nothing is chosen.
@@ -164,27 +175,37 @@ ScoreProblem Appraisal::problem_of(const Model& model, const Known& prior) const
 void Appraisal::trace(Model& model) const {
   const Known prior = known(model);
   model.traced = true;
-  for (int k = 0; k < static_cast<int>(experiment_.candidates().size()); ++k)
-    if (is_tested(k, model)) model.others.push_back(k);
+  for (int k = 0; k < static_cast<int>(experiment_.candidates().size()); ++k) {
+    if (is_in(k, model)) continue;
+    if (left_out_[static_cast<std::size_t>(k)] != 0)
+      model.untested.push_back({k, "the case leaves it out"});
+    else if (!has_its_turn(k, model))
+      model.untested.push_back({k, fmt::format("without {} it would be that one itself", candidate(k).after)});
+    else
+      model.others.push_back(k);
+  }
   const auto signatures = marks(experiment_, model.ground->weight, model.fit.values, model.others);
   ScoreProblem problem = problem_of(model, prior);
   std::vector<int> kept;
   std::vector<Eigen::MatrixXd> signatures_of_kept;
   for (std::size_t i = 0; i < signatures.size(); ++i) {
-    const Eigen::MatrixXd signature = signatures[i](rows_, Eigen::all);
-    if (signature.norm() == 0.0) continue;
+    const Eigen::MatrixXd signature = signatures[i].columns(rows_, Eigen::all);
+    if (signature.norm() == 0.0) {
+      model.untested.push_back({model.others[i], why_without(signatures[i])});
+      continue;
+    }
     problem.signatures.push_back(stacked(signature, Eigen::MatrixXd::Zero(prior.residual.size(), signature.cols())));
     const auto& its = candidate(model.others[i]).parameters;
     problem.sizes.push_back(static_cast<int>(std::count_if(its.begin(), its.end(), [&](int j) { return !experiment_.parameters()[static_cast<std::size_t>(j)].info.shape; })));
     kept.push_back(model.others[i]);
-    signatures_of_kept.push_back(signatures[i]);
+    signatures_of_kept.push_back(signatures[i].columns);
   }
   model.scores = score(problem);
   // A mark that stays below the noise at every size that the candidate may have consists of it (an undisturbed strip has no mesh error: what a finer mesh
   // changes is what the ends' noise makes of it), and would be found again in the residual.
   for (std::size_t i = kept.size(); i-- > 0;) {
     if (within_reach(kept[i], model.scores.candidates[i], model)) continue;
-    model.too_small.push_back(kept[i]);
+    model.untested.push_back({kept[i], "no size within its bounds would be found", model.scores.candidates[i]});
     const auto place = static_cast<std::ptrdiff_t>(i);
     kept.erase(kept.begin() + place), signatures_of_kept.erase(signatures_of_kept.begin() + place), problem.signatures.erase(problem.signatures.begin() + place), problem.sizes.erase(problem.sizes.begin() + place);
   }
@@ -197,11 +218,11 @@ void Appraisal::trace(Model& model) const {
       one.contradicted = contradicted(one, signatures_of_kept[i], model, prior);
 }
 
-/// Whether a candidate is one of this model: considered, not in it, and of no parameter that is free already.
-bool Appraisal::is_tested(int k, const Model& model) const {
-  if (left_out_[static_cast<std::size_t>(k)] != 0 || std::find(model.added.begin(), model.added.end(), k) != model.added.end() || !has_its_turn(k, model)) return false;
+/// Whether a candidate is in the model, or of a parameter that is free already.
+bool Appraisal::is_in(int k, const Model& model) const {
+  if (std::find(model.added.begin(), model.added.end(), k) != model.added.end()) return true;
   const auto& its = candidate(k).parameters;
-  return std::none_of(its.begin(), its.end(), [&](int j) { return std::find(model.fit.free.begin(), model.fit.free.end(), j) != model.fit.free.end(); });
+  return std::any_of(its.begin(), its.end(), [&](int j) { return std::find(model.fit.free.begin(), model.fit.free.end(), j) != model.fit.free.end(); });
 }
 
 /// Whether the held-out residual grows by the candidate's size, |r - v| > |r| with v the change of the prediction there, the free parameters giving way. It has to be one that noise does

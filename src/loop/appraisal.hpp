@@ -25,6 +25,8 @@ class Appraisal {
   void trace(Model& model) const;
   /// Draws of the null less what the free parameters, fitted to them, explain [N x draws].
   [[nodiscard]] Eigen::MatrixXd left_of_null(const Model& model) const;
+  /// What chi^2 of the fitted frames drops by from one model to another, both in the weights of the first.
+  [[nodiscard]] double drop(const Model& from, const Model& to) const;
 
  private:
   /// What is known of the free parameters beforehand is data beside the others.
@@ -42,7 +44,7 @@ class Appraisal {
                                                    const std::function<bool(const Datum&)>& chosen) const;
   void cross_validate(Model& model, const Known& prior) const;
   [[nodiscard]] ScoreProblem problem_of(const Model& model, const Known& prior) const;
-  [[nodiscard]] bool is_tested(int k, const Model& model) const;
+  [[nodiscard]] bool is_in(int k, const Model& model) const;
   [[nodiscard]] bool contradicted(const Score& one, const Eigen::MatrixXd& signature, const Model& model, const Known& prior) const;
   [[nodiscard]] bool within_reach(int k, const Score& one, const Model& model) const;
   void hold_within_bounds(Score& one, int k, const Model& model) const;

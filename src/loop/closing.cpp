@@ -68,8 +68,11 @@ class Loop {
         break;
       }
       Round round = try_candidates(at);
+      for (Trial& trial : round.trials)
+        if (!trial.model.fit.values.empty()) trial.drop = appraisal_.drop(at, trial.model);
       const bool last = !round.set.empty();
       const Trial* best = choose(round, at);
+      round.kept = best != nullptr;
       report_.rounds.push_back(round);
       if (best == nullptr) {
         report_.verdict = Verdict::unexplained;
@@ -427,11 +430,14 @@ class Loop {
     const Model& model = report_.declared;
     for (std::size_t i = 0; i < model.others.size(); ++i)
       if (model.scores.candidates[i].visibility < least_visibility) report_.invisible.push_back(model.others[i]);
-    report_.invisible.insert(report_.invisible.end(), model.too_small.begin(), model.too_small.end());
+    for (const Untested& one : model.untested)
+      if (one.score) report_.invisible.push_back(one.candidate);
   }
 
   void find_remainder() {
-    report_.remainder = remainder_of(experiment_, report_.final, appraisal_.left_of_null(report_.final));
+    const auto leftover = [&](const Model& model) { return leftover_of(model, appraisal_.left_of_null(model)); };
+    const Leftover after = leftover(report_.final);
+    report_.remainder = report_.named.empty() ? remainder_of(experiment_, after, after) : remainder_of(experiment_, leftover(report_.declared), after);
   }
 
   Experiment& experiment_;

@@ -23,7 +23,7 @@ std::pair<Candidate, Parameter> gain_of(const std::string& group, int parameter)
   return {{.name = name, .link = Link::record, .parameters = {parameter},
            .sentence = "the bars of " + group + " carry more or less than the others, by a factor: another batch, section or load cell",
            .confused_with = "whatever sets these tests apart, such as their rate", .separated_by = "bars of one batch on one machine under both conditions", .after = {}},
-          {.info = {.name = name, .unit = "-", .description = "stress of these bars over that of the others", .lower = 0.5, .upper = 2.0, .null_value = 1.0}, .value = 1.0, .step = 1e-3, .prior = 0.0, .free = false}};
+          {.info = {.name = name, .unit = "-", .description = "stress of these bars over that of the others", .lower = 0.5, .upper = 2.0, .null_value = 1.0, .scale = 0.02}, .value = 1.0, .step = 1e-3, .prior = 0.0, .free = false}};
 }
 
 CurveExperiment::CurveExperiment(Communicator world, std::vector<id::Curve> curves, CurveModel model, const CurveLoopOptions& options)
@@ -56,7 +56,7 @@ CurveExperiment::CurveExperiment(Communicator world, std::vector<id::Curve> curv
     first_.push_back(parameters_.size());
     for (const auto& q : description.quantities) {
       const int place = static_cast<int>(parameters_.size());
-      parameters_.push_back({.info = {.name = q.name, .unit = model_.unit(q.unit == "force" ? "stress" : q.unit), .description = q.description, .lower = q.lower, .upper = q.upper, .null_value = q.null, .shape = q.shape, .scale = q.scale},
+      parameters_.push_back({.info = {.name = q.name, .unit = model_.unit(q.unit == "force" ? "stress" : q.unit), .description = q.description, .lower = q.lower, .upper = q.upper, .null_value = q.null, .shape = q.shape, .scale = q.shape ? q.scale : std::abs(q.size - q.null)},
                              .value = q.null, .step = q.step, .prior = 0.0, .free = false});
       if (!declare(parameters_.back(), keys.back(), model_.effects)) candidate.parameters.push_back(place);
     }

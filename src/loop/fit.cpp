@@ -108,7 +108,7 @@ std::array<double, 2> other_shapes(const Parameter& shape, double value) {
   return {std::clamp(low, shape.info.lower, shape.info.upper), std::clamp(high, shape.info.lower, shape.info.upper)};
 }
 
-std::vector<Eigen::MatrixXd> marks(Experiment& experiment, const Weight& weight, const std::vector<double>& values, const std::vector<int>& candidates) {
+std::vector<Mark> marks(Experiment& experiment, const Weight& weight, const std::vector<double>& values, const std::vector<int>& candidates) {
   struct Column {
     std::size_t moved;
     double step;
@@ -146,12 +146,16 @@ std::vector<Eigen::MatrixXd> marks(Experiment& experiment, const Weight& weight,
   }
   const auto residuals = experiment.residuals_near(values, sets);
   const Eigen::VectorXd& here = residuals.front();
-  std::vector<Eigen::MatrixXd> result;
+  std::vector<Mark> result;
   for (const auto& its : columns) {
-    auto& matrix = result.emplace_back(Eigen::MatrixXd::Zero(here.size(), static_cast<Eigen::Index>(its.size())));
-    for (std::size_t c = 0; c < its.size(); ++c)
-      if (const auto& moved = residuals[its[c].moved]; here.size() > 0 && moved.size() > 0 && (here - moved).norm() > experiment.round_off())
-        matrix.col(static_cast<Eigen::Index>(c)) = weight((here - moved) / its[c].step);
+    auto& mark = result.emplace_back(Eigen::MatrixXd::Zero(here.size(), static_cast<Eigen::Index>(its.size())));
+    for (std::size_t c = 0; c < its.size(); ++c) {
+      const auto& moved = residuals[its[c].moved];
+      if (here.size() == 0 || moved.size() == 0)
+        ++mark.failed;
+      else if ((here - moved).norm() > experiment.round_off())
+        mark.columns.col(static_cast<Eigen::Index>(c)) = weight((here - moved) / its[c].step);
+    }
   }
   return result;
 }

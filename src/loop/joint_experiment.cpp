@@ -7,7 +7,9 @@
 #include <limits>
 #include <map>
 
+#include "appraisal.hpp"
 #include "imic3d/core/error.hpp"
+#include "remainder.hpp"
 
 namespace imic3d::loop {
 
@@ -246,7 +248,13 @@ Model JointExperiment::model_of(std::size_t test, const Model& all) const {
   if (!all.fit.values.empty()) model.fit.values = values_of(test, all.fit.values);
   if (all.covariance.size() > 0) model.covariance = all.covariance(kept, kept).eval();
   model.added = candidates_of(test, all.added);
-  model.too_small = candidates_of(test, all.too_small);
+  model.untested.clear();
+  for (Untested one : all.untested)
+    if (const auto own = candidates_of(test, {one.candidate}); !own.empty()) {
+      one.candidate = own.front();
+      if (one.score) one.score->bias = one.score->bias(kept, Eigen::all).eval();
+      model.untested.push_back(std::move(one));
+    }
   model.others.clear(), model.scores.candidates.clear(), model.baselines.cosine.clear(), model.baselines.bic.clear();
   for (std::size_t i = 0; i < all.others.size(); ++i)
     if (const auto own = candidates_of(test, {all.others[i]}); !own.empty()) {
@@ -271,19 +279,23 @@ Model JointExperiment::model_of(std::size_t test, const Model& all) const {
   return model;
 }
 
-Report JointExperiment::report_of(std::size_t test, const Report& all) const {
+Report JointExperiment::report_of(std::size_t test, const Report& all) {
   Report report;
+  report.part = true;
   report.held_out.assign(all.held_out.begin() + first_frame_[test], all.held_out.begin() + first_frame_[test + 1]);
   report.declared = model_of(test, all.declared), report.final = model_of(test, all.final);
   report.verdict = all.verdict, report.sentence = all.sentence;
   report.set = candidates_of(test, all.set), report.named = candidates_of(test, all.named), report.invisible = candidates_of(test, all.invisible);
   for (const Round& round : all.rounds) {
     Round& own = report.rounds.emplace_back();
-    own.set = candidates_of(test, round.set);
+    own.set = candidates_of(test, round.set), own.kept = round.kept;
     for (const Trial& trial : round.trials)
       if (const auto candidate = candidates_of(test, {trial.candidate}); !candidate.empty())
-        own.trials.push_back({candidate.front(), model_of(test, trial.model), trial.visible, trial.sufficient, trial.plausible, trial.objection});
+        own.trials.push_back({candidate.front(), model_of(test, trial.model), trial.visible, trial.sufficient, trial.plausible, trial.objection, trial.drop});
   }
+  const Appraisal appraisal(*this, all.held_out, {});
+  const auto left = [&](const Model& model) { return leftover_of(model, appraisal.left_of_null(model)).of(first_row_[test], first_row_[test + 1] - first_row_[test]); };
+  report.remainder = remainder_of(*tests_[test].experiment, left(all.declared), left(all.final));
   return report;
 }
 

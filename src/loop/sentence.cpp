@@ -24,6 +24,22 @@ std::string size_of(const Experiment& experiment, int k, const Model& model) {
   return text;
 }
 
+/// What became of the declared law's parameters that moved by more than a standard deviation, to a digit of that.
+std::string changes(const Experiment& experiment, const Model& before, const Model& after) {
+  std::string text;
+  for (std::size_t i = 0; i < before.fit.free.size(); ++i) {
+    const int j = before.fit.free[i];
+    const auto& info = experiment.parameters()[static_cast<std::size_t>(j)].info;
+    const auto now = std::find(after.fit.free.begin(), after.fit.free.end(), j) - after.fit.free.begin(), was = static_cast<std::ptrdiff_t>(i);
+    const double deviation = std::sqrt(std::max(before.covariance(was, was), after.covariance(now, now)));
+    const double from = before.fit.values[static_cast<std::size_t>(j)], to = after.fit.values[static_cast<std::size_t>(j)];
+    if (info.null_value || !(std::abs(to - from) > deviation)) continue;
+    const int decimals = std::clamp(static_cast<int>(-std::floor(std::log10(deviation))), 0, 12);
+    text += fmt::format("{}{} {:.{}f} -> {:.{}f}{}", text.empty() ? " " : ", ", info.name, from, decimals, to, decimals, info.unit == "-" ? "" : " " + info.unit);
+  }
+  return text.empty() ? "" : text + ".";
+}
+
 }  // namespace
 
 std::string sentence_of(const Experiment& experiment, const Report& report) {
@@ -70,7 +86,7 @@ std::string sentence_of(const Experiment& experiment, const Report& report) {
     (after.misfit.frames - after.misfit.null_frames).maxCoeff(&worst);
     text += fmt::format(". It is largest in {}. ", experiment.frame_name(static_cast<int>(worst)));
   }
-  return text + change + by_chance;
+  return text + change + changes(experiment, before, after) + by_chance;
 }
 
 }  // namespace imic3d::loop

@@ -80,6 +80,15 @@ def main():
         off = (found[name]["value"] - truth) / found[name]["standard_deviation"]
         require(abs(off) < 4, f"{name} {found[name]['value']:.5g} +- {found[name]['standard_deviation']:.2g}, true {truth:g}")
 
+    invisible = next(one for one in result["before"]["candidates"] if one["name"] == "force gain")["sizes"][0]
+    shift = invisible["shift_of_parameters_at_usual_size"]["E"]
+    require(abs(invisible["usual_size"] - 0.02) < 1e-9 and abs(shift / (0.02 * found["E"]["value"]) - 1) < 0.05, f"a load cell that reads 2 % too much, which nobody sees, makes E {shift:.0f} MPa larger")
+    require(any("second load cell" in one["measurement"] and "force gain" in one["for"] for one in result["next"]["measurements"]), f"what would show it is to be measured next: {result['next']}")
+    require(result["before"]["chi"]["images"] < 1.2 * result["before"]["chi"]["null_images"] and result["before"]["chi"]["force"] < 1.2 * result["before"]["chi"]["null_force"], "chi of displacement and force apart")
+    force = result["force_residual"]
+    require(numpy.all(numpy.array(force["null_rms"]) > 0.5 * LOAD_NOISE) and numpy.sqrt(numpy.mean(numpy.square(numpy.array(force["after"]) / force["null_rms"]))) < 2, "the force residual is within its noise")
+    page = (folder / "nothing/run/report.html").read_text()
+    require(page.count("data:image/png") == 4 and "in 4 of 100 tests" in page and "class=\"band\"" in page and "class=\"shaded\"" in page, "the page shows the residual, what is left, and both about the worst place")
     require("doubts" not in result, "nothing is doubted")
     shutil.copytree(folder / "nothing", folder / "kilonewton", ignore=shutil.ignore_patterns("run"))
     rows = (folder / "nothing/loads.csv").read_text().split()
@@ -96,6 +105,14 @@ def main():
     before, after = result["before"]["chi"], result["after"]["chi"]
     require(before["held_out"] > 1.3 * before["null_held_out"] and after["held_out"] < 1.05 * after["null_held_out"],
             f"held-out chi {before['held_out']:.2f} -> {after['held_out']:.2f}, null {after['null_held_out']:.2f}")
+    named = next(one for one in result["before"]["candidates"] if one["name"] == "magnification drift")
+    low, high = named["sizes"][0]["interval"]
+    require(named["in_set"] and named["tried"]["plausible"] and low < named["sizes"][0]["size"] < high, "it is in the set, with an interval")
+    require(0.5 * named["predicted_drop"] < named["tried"]["achieved_drop"] < 2 * named["predicted_drop"], f"chi^2 was to drop by {named['predicted_drop']:.0f}, and did by {named['tried']['achieved_drop']:.0f}")
+    stiffness = result["after"]["parameters"]["E"]["value"]
+    require(f" -> {stiffness:.0f} MPa" in result["sentence"], f"the sentence says what became of E: {result['sentence']}")
+    page = (folder / "drift/run/report.html").read_text()
+    require(page.count("data:image/png") == 6 and "in 1 of 100 tests" in page.split("Candidates under the final model")[1].split("<h2>")[0] and "This would confirm it" in page, "the page shows before and after, too")
     require(result["before"]["chi"]["checkerboard"] > result["after"]["chi"]["checkerboard"], "the checkerboard agrees")
 
     left = folder / "drift/run"

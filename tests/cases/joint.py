@@ -76,6 +76,11 @@ def main():
     for name in ("first strip", "second strip", "bars"):
         require((folder / "all" / name / "report.html").exists(), f"the page of the {name}")
     own = json.loads((folder / "all/first strip/result.json").read_text())
+    page = (folder / "all/first strip/report.html").read_text()
+    require(page.count("data:image/png") == 6 and own["remainder"]["map"]["largest"] < 2 * own["remainder"]["map"]["limit"], "with its residual on the surface")
+    require(next(one for one in own["before"]["candidates"] if one["name"] == "force gain")["tried"]["achieved_drop"] > 0, "and what its trial achieved")
+    page = (folder / "all/report.html").read_text()
+    require("Error of each frame" in page and "frames of all tests" in page and "forces and stresses" in page, "the page of all has the frames of all")
     require(own["named"] == ["force gain"] and own["after"]["parameters"]["E"] == found["E"], "the first strip's own page says it in its own terms")
 
     left_behind(folder / "all", folder / "all.yaml", "loop", ("loop/first_frames", "loop/tests"), xdmf=False)

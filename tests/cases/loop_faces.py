@@ -101,7 +101,7 @@ def main():
     require("front magnification drift" in names and "back magnification drift" in names and "magnification drift" not in names, "a drift of each face's camera is a candidate")
     require(("back parallax" in names) == (not stereo), "parallax is one of a single camera")
     for face in ("front", "back"):
-        require((folder / f"nothing/run/residual_after_{face}.png").stat().st_size > 500 and (folder / f"nothing/run/remainder_{face}.png").stat().st_size > 500, f"pictures of the {face}")
+        require((folder / f"nothing/run/residual_before_{face}.png").stat().st_size > 500 and (folder / f"nothing/run/zoom_remainder_{face}.png").stat().st_size > 500 and not (folder / f"nothing/run/residual_after_{face}.png").exists() and (folder / f"nothing/run/remainder_{face}.png").stat().st_size > 500, f"pictures of the {face}")
     alone = loop("nothing", ["front"], output="alone")
     # With one face the share is hidden by E, and how the ends move at depth is unknown there: the size that would be found tells both.
     require(kappa(both, "misalignment") > max(0.3, 5 * kappa(alone, "misalignment")) and detectable(alone, "misalignment") > 10 * detectable(both, "misalignment"),
@@ -121,6 +121,7 @@ def main():
     size = size_of(result, "misalignment", "bending_share")
     require(abs(size["value"] - expected) < 4 * size["standard_deviation"] + 0.05 * expected, f"bending share {size['value']:.4f} +- {size['standard_deviation']:.1g}, true {expected:.4f}")
     within_null(result, "bent")
+    require(all((folder / f"bent/run/{name}_{face}.png").stat().st_size > 500 for name in ("residual_after", "zoom_after") for face in ("front", "back")), "pictures of what was added")
 
     if not stereo:
         if "--few" not in sys.argv:

@@ -32,6 +32,34 @@ TEST(SvgPlot, NaNBreaksTheLine) {
   EXPECT_THAT(svg({.title = "", .x_label = "", .y_label = "", .curves = {{"c", {}, {}}}}), Not(HasSubstr("nan")));
 }
 
+TEST(SvgPlot, BandsAndShadesLieBehindTheCurves) {
+  const auto text = svg({.title = "", .x_label = "", .y_label = "", .curves = {{"c", {0, 1, 2}, {0, 1, 0}}}, .bands = {{"b", {0, 1, 2}, {-4, -4, -4}, {4, std::nan(""), 4}}}, .shaded = {{0.5, 1.5}}});
+  const auto shade = text.find("class=\"shaded\""), band = text.find("class=\"band\""), curve = text.find("fill=\"none\"");
+  EXPECT_LT(shade, band);
+  EXPECT_LT(band, curve);
+  EXPECT_THAT(text, Not(HasSubstr("nan")));
+  EXPECT_THAT(text, HasSubstr(">-4</text>"));  // the axis holds the band
+  EXPECT_EQ(std::count(text.begin() + static_cast<std::ptrdiff_t>(band), text.begin() + static_cast<std::ptrdiff_t>(text.find("Z", band)), 'L'), 3);  // two corners above, two below
+  EXPECT_THAT(text, HasSubstr(">b</text>"));
+}
+
+TEST(Pictures, APartOfTheCellsIsAZoom) {
+  const TemporaryFolder folder;
+  mesh::Mesh mesh = example_mesh(false);
+  std::vector<double> positions, values(static_cast<std::size_t>(mesh.nodes.rows()), 1.0);
+  for (const auto& at : mesh.nodes.rowwise()) positions.insert(positions.end(), {at[0], at[1]});
+  const auto coloured = [&](const char* name) {
+    draw_field(folder.path() / name, mesh, positions, values, {.legend = "", .lower = -2.0, .upper = 2.0});
+    const cv::Mat picture = cv::imread((folder.path() / name).string());
+    cv::Mat of_colour;
+    cv::inRange(picture, picture.at<cv::Vec3b>(40, 30), picture.at<cv::Vec3b>(40, 30), of_colour);
+    return cv::countNonZero(of_colour) / (1.0 * picture.total());
+  };
+  const double all = coloured("all.png");
+  mesh.cells.conservativeResize(1, Eigen::NoChange);
+  EXPECT_GT(coloured("one.png"), 0.5 * all);  // one cell fills the picture
+}
+
 TEST(Pictures, TheMeshIsDrawnWhereItsPixelsAre) {
   const TemporaryFolder folder;
   const auto mesh = example_mesh(false);

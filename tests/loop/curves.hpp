@@ -87,6 +87,7 @@ class Curves final : public Experiment {
   double bias_of_kink = 0.0;  // what the mesh errs by where there is one
   double unlike_twins = 0.2;  // the rest of gain
   bool follows = true;        // what its model is asked for
+  bool records_offset = true;
   std::function<bool(const std::vector<double>&)> within = [](const auto&) { return true; };  // sets that its model can follow
   int series = 0;
 
@@ -126,7 +127,7 @@ class Curves final : public Experiment {
         u += like_drift_ * v[7] * v[7] * s * (k - 2.0);                    // where it is large
         y[t * (numbers + 1) + k] = u;
       }
-      y[t * (numbers + 1) + numbers] = 30.0 * v[0] * std::tanh(4.0 * s) + 20.0 * v[1] * s + 30.0 * v[6] * std::tanh(4.0 * s) + v[8];
+      y[t * (numbers + 1) + numbers] = 30.0 * v[0] * std::tanh(4.0 * s) + 20.0 * v[1] * s + 30.0 * v[6] * std::tanh(4.0 * s) + (records_offset ? v[8] : 0.0);
     }
     return y;
   }

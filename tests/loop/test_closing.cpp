@@ -6,6 +6,7 @@
 #include <cmath>
 #include <deque>
 #include <functional>
+#include <map>
 #include <random>
 #include <utility>
 
@@ -126,6 +127,45 @@ TEST(Closing, WhatNoSizeWithinItsBoundsWouldShowIsNotTested) {
   EXPECT_FALSE(tested(fewer));
   EXPECT_EQ(std::count(fewer.invisible.begin(), fewer.invisible.end(), Curves::kink), 1);
   EXPECT_EQ(std::count(all.invisible.begin(), all.invisible.end(), Curves::kink), 0);
+  // What it would do to the parameters is known all the same.
+  ASSERT_EQ(fewer.declared.untested.size(), 1U);
+  ASSERT_TRUE(fewer.declared.untested[0].score);
+  EXPECT_GT(fewer.declared.untested[0].score->bias.norm(), 0.0);
+}
+
+TEST(Closing, WhatCouldNotBeTestedSaysWhy) {
+  Curves experiment(1);
+  experiment.records_offset = false;
+  experiment.within = [](const std::vector<double>& values) { return values[2 + Curves::kink] == 0.0; };
+  LoopOptions without = options;
+  without.leave_out = {"curved"};
+  const Report report = close_loop(experiment, without);
+  std::map<int, std::string> reasons;
+  for (const Untested& one : report.declared.untested) {
+    reasons[one.candidate] = one.reason;
+    EXPECT_FALSE(one.score);
+  }
+  EXPECT_EQ(reasons, (std::map<int, std::string>{{Curves::kink, "the model could not be computed with it"}, {Curves::offset, "it changes nothing that was measured"}, {Curves::curved, "the case leaves it out"}}));
+  EXPECT_EQ(report.invisible, std::vector<int>{Curves::gain});
+}
+
+TEST(Closing, ATrialSaysWhatItAchieved) {
+  const Report report = loop_on(Curves(1, {{Curves::drift, 4.0}}));
+  ASSERT_EQ(report.rounds.size(), 1U);
+  EXPECT_TRUE(report.rounds[0].kept);
+  const auto& trials = report.rounds[0].trials;
+  const auto drift = std::find_if(trials.begin(), trials.end(), [](const Trial& one) { return one.candidate == Curves::drift; });
+  ASSERT_NE(drift, trials.end());
+  EXPECT_NEAR(drift->drop, report.declared.fit.cost - drift->model.fit.cost, 1e-6 * report.declared.fit.cost);
+  EXPECT_GT(drift->drop, 100.0);
+  EXPECT_LT(report.final.misfit.images, report.declared.misfit.images);
+  EXPECT_GT(report.final.misfit.null_force, 0.5);
+}
+
+TEST(Closing, TheSentenceSaysWhichParametersMoved) {
+  const Report moved = loop_on(Curves(1, {{Curves::drift, 4.0}})), still = loop_on(Curves(1));
+  EXPECT_NE(moved.sentence.find("). p0 10.8"), std::string::npos) << moved.sentence;
+  EXPECT_EQ(still.sentence.find(" -> "), std::string::npos) << still.sentence;
 }
 
 TEST(Closing, TheDetectableSizeIsFoundInFourOfFive) {

@@ -29,7 +29,7 @@ void draw_map(const std::filesystem::path& picture, std::span<const double> valu
               const ColourScale& scale);
 
 /// Draws a field on a quad mesh with a legend. positions: [nodes x 2] horizontal, vertical (downwards), any unit;
-/// values: one a node (interpolated) or one a cell.
+/// values: one a node (interpolated) or one a cell. The picture is as large as the cells are: a part of them is a zoom.
 void draw_field(const std::filesystem::path& picture, const mesh::Mesh& quads, std::span<const double> positions,
                 std::span<const double> values, const ColourScale& scale);
 

@@ -3,6 +3,7 @@
 
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 
 #include "imic3d/loop/fit.hpp"
@@ -27,6 +28,7 @@ struct Misfit {
   double fitted = 0.0, held_out = 0.0;
   double null_fitted = 0.0, null_held_out = 0.0;  ///< 95 % quantiles under the null
   double images = 0.0, force = 0.0;               ///< of the channels, fitted frames
+  double null_images = 0.0, null_force = 0.0;
   /// Of the white squares of a checkerboard on the surface when the parameters are those of the black ones (and the force), linearised at
   /// the fit, fitted frames; and its 95 % quantile under the null. 0 without a surface.
   double checkerboard = 0.0, null_checkerboard = 0.0;
@@ -50,6 +52,13 @@ struct Ground {
   Eigen::MatrixXd squares;      ///< the same for sums of squares
 };
 
+/// A candidate that a model was not tested for.
+struct Untested {
+  int candidate = 0;
+  std::string reason;
+  std::optional<Score> score{};  ///< of a mark that no size within its bounds would lift out of the noise; without one where there is no mark
+};
+
 /// A model: which candidates it contains, and what the data say of it.
 struct Model {
   std::vector<int> added;       ///< candidates, in the order of their addition
@@ -60,7 +69,7 @@ struct Model {
   bool traced = false;
   Baselines baselines;          ///< of the same, in the declared model alone
   std::vector<int> others;      ///< the candidates that `scores` and `baselines` are about
-  std::vector<int> too_small;   ///< candidates that are not tested: no size within their bounds would be found
+  std::vector<Untested> untested;
   std::string message;          ///< why the model could not be fitted, if so
   std::shared_ptr<const Ground> ground;
 };
@@ -73,11 +82,13 @@ struct Trial {
   bool sufficient = false;      ///< nothing significant remains
   bool plausible = true;        ///< within its bounds, and its size agrees between the blocks of frames
   std::string objection;        ///< why not
+  double drop = 0.0;            ///< of chi^2 of the fitted frames, in the weights of the model that it was added to; 0 where it could not be fitted
 };
 
 struct Round {
   std::vector<Trial> trials;
   std::vector<int> set;         ///< candidates that suffice alone
+  bool kept = false;            ///< one of the trials stayed
 };
 
 /// The remainder: what the final model leaves, where and when.
@@ -88,6 +99,9 @@ struct Remainder {
   /// null test of a hundred. Empty without a surface.
   Eigen::MatrixXd map;
   double limit = 0.0;
+  /// The residual displacement of the declared and of the final model, each number over its rms under the null of its model [unknowns x frames].
+  Eigen::MatrixXd before, after;
+  Eigen::VectorXd force;        ///< rms of the force residual under the null of the final model, in units of the force's noise [frames]; empty without a force
   Eigen::VectorXd mode;         ///< the displacement that goes with `time` [unknowns, length per unit of it]
 };
 
@@ -101,6 +115,7 @@ struct Report {
   std::string sentence;         ///< for a test engineer
   std::vector<int> invisible;   ///< candidates that this test cannot see
   Remainder remainder;
+  bool part = false;            ///< of a report on several tests: verdict, sentence and the misfits of all frames are those of all tests
 };
 
 /// Runs the loop (docs/loop.md). `say` gets one line for each step. Collective.

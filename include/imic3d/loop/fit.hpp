@@ -52,10 +52,15 @@ struct Fit {
 /// Other values of a shape (ParameterInfo::shape): an eighth and eight times of `value`; from 0, a third of its usual size and that.
 [[nodiscard]] std::array<double, 2> other_shapes(const Parameter& shape, double value);
 
-/// Whitened marks of candidates [N x columns] at `values`, all simulations side by side: first d(predicted)/d(parameter) of each
-/// size, then for each shape (ParameterInfo::shape), which has no meaning while the sizes are null, the mark of the sizes with two
-/// other values of it. Zero columns where the model could not be computed. Collective.
-[[nodiscard]] std::vector<Eigen::MatrixXd> marks(Experiment& experiment, const Weight& weight, const std::vector<double>& values,
-                                                 const std::vector<int>& candidates);
+/// What a candidate changes in the prediction.
+struct Mark {
+  Eigen::MatrixXd columns;  ///< whitened [N x columns]; zero where the model could not be computed
+  int failed = 0;           ///< columns of which it could not
+};
+
+/// Marks of candidates at `values`, all simulations side by side: first d(predicted)/d(parameter) of each size, then for each shape
+/// (ParameterInfo::shape), which has no meaning while the sizes are null, the mark of the sizes with two other values of it. Collective.
+[[nodiscard]] std::vector<Mark> marks(Experiment& experiment, const Weight& weight, const std::vector<double>& values,
+                                      const std::vector<int>& candidates);
 
 }  // namespace imic3d::loop

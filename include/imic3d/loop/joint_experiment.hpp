@@ -53,8 +53,8 @@ class JointExperiment final : public Experiment {
   /// The values of a test's own parameters.
   [[nodiscard]] std::vector<double> values_of(std::size_t test, const std::vector<double>& values) const;
   /// What the report says of a test, in the test's own candidates, parameters and frames; verdict, sentence and the misfits of all frames
-  /// are those of all tests. Without the remainder.
-  [[nodiscard]] Report report_of(std::size_t test, const Report& all) const;
+  /// are those of all tests. The remainder is the test's own.
+  [[nodiscard]] Report report_of(std::size_t test, const Report& all);
   [[nodiscard]] const std::vector<Test>& tests() const { return tests_; }
 
  private:
