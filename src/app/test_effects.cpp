@@ -11,6 +11,7 @@ namespace imic3d::app {
 loop::Scene unit_scene() {
   loop::Scene scene;
   scene.low = Eigen::Vector2d(-0.5, -0.5), scene.high = Eigen::Vector2d(0.5, 0.5);
+  scene.hole.setZero(), scene.axis_of_lens.setZero(), scene.pixels.setIdentity();
   scene.time = Eigen::VectorXd::LinSpaced(2, 0.5, 1.0), scene.force = Eigen::VectorXd::Ones(2), scene.radius = 0.1;
   return scene;
 }
