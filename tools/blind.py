@@ -129,10 +129,10 @@ class Suite:
         ten = [r for r in seen if r["multiple"] == "10"]
         share("alone and right at 10 × MDE", sum(r["outcome"] == "right" for r in ten), len(ten), 0.8)
         something = [r for r in self.rows if r["kind"] != "null"]
-        wrong = sum(r["outcome"] == "wrong" for r in something)
+        wrong = sum(r["outcome"] in ("wrong", "right and more") for r in something)
         if something:
             another = sum(r["outcome"] == "another formula" for r in something)
-            ask.append(("a wrong name", "2 % or less", f"{wrong} of {len(something)} ({wrong / len(something):.1%}); besides, another formula for the same function {another}", wrong <= 0.02 * len(something)))
+            ask.append(("a wrong name, one beside the right one included", "2 % or less", f"{wrong} of {len(something)} ({wrong / len(something):.1%}); besides, another formula for the same function {another}", wrong <= 0.02 * len(something)))
         attributed = [r for r in self.rows if r["kind"] != "null" and r["verdict"] == "attributed"]
         share("held-out χ within the null's 95 % after an attribution", sum(r["held_after"] <= r["held_null"] for r in attributed), len(attributed), 0.9)
         fifty = [r["worst_bias_before"] / max(1e-12, r["worst_bias_after"]) for r in seen if r["multiple"] == "50" and r["outcome"] in named]

@@ -30,7 +30,7 @@ std::string parameter_of(const json& size, const json& effect) {
 }
 
 std::string size_and_interval(const json& one) {
-  if (one["interval"].is_null()) return "not determined";
+  if (!one["interval"].is_array()) return "not determined";
   const double deviation = one["standard_deviation"];
   return fmt::format("{} [{}, {}]{}", shown_with(one["size"], deviation), shown_with(one["interval"][0], deviation), shown_with(one["interval"][1], deviation), unit_of(one));
 }
@@ -71,7 +71,7 @@ std::string shifts(const json& by, const json& parameters) {
   };
   std::vector<Shift> all;
   for (const auto& [name, shift] : by.items()) {
-    if (!parameters.contains(name) || !shift.is_number()) continue;
+    if (!parameters.contains(name) || !shift.is_number() || !std::isfinite(shift.get<double>())) continue;
     const json& parameter = parameters[name];
     const double value = shift, deviations = value / std::max(1e-300, parameter["standard_deviation"].get<double>());
     if (std::abs(deviations) >= 0.1) all.push_back({std::abs(deviations), fmt::format("{} {}{}{} ({} sd)", escaped(name), value > 0.0 ? "+" : "", shown(value, 2), unit_of(parameter), shown(deviations, 2))});

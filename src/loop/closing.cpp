@@ -293,6 +293,7 @@ class Loop {
         judge(trial, at);
         announce(trial.model, "with " + candidate(trial.candidate).name);
       } catch (const ConvergenceError& error) {
+        trial.model.others.clear();  // without scores
         trial.plausible = false;
         trial.objection = error.what();
       }
