@@ -100,6 +100,7 @@ class Summary {
 
   [[nodiscard]] json scored(int k, const loop::Model& model, const loop::Score& score) const {
     json one = words_of(k);
+    if (score.shown_by_prior) one["shown_by_prior"] = true;
     one["kappa"] = score.visibility, one["z"] = score.z, one["p"] = score.p, one["degrees"] = score.degrees, one["predicted_drop"] = score.drop;
     one["significant"] = beyond_limit(model, score), one["contradicted"] = score.contradicted;
     add_sizes(one, k, model, score);
@@ -139,7 +140,7 @@ class Summary {
     double z = 0.0;
     for (std::size_t i = 0; i < model.others.size(); ++i) {
       const auto& score = model.scores.candidates[i];
-      if (score.visibility < loop::least_visibility || score.z <= z) continue;
+      if (!score.visible() || score.z <= z) continue;
       z = score.z;
       largest["z"] = z, largest["candidate"] = candidate(model.others[i]).name, largest["contradicted"] = score.contradicted;
     }

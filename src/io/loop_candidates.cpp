@@ -61,7 +61,7 @@ std::string candidate_row(const json& one) {
                      fmt::format("{:.1f}", one["predicted_drop"].get<double>()), tried && one["tried"]["fitted"].get<bool>() ? fmt::format("{:.1f}", one["tried"]["achieved_drop"].get<double>()) : "", outcome(one));
 }
 
-bool visible(const json& one) { return one["kappa"].get<double>() >= least_visibility; }
+bool visible(const json& one) { return one["kappa"].get<double>() >= least_visibility || one.value("shown_by_prior", false); }
 
 /// The shifts of the parameters that a size causes, in their standard deviations; the four largest.
 std::string shifts(const json& by, const json& parameters) {

@@ -168,6 +168,7 @@ ScoreProblem Appraisal::problem_of(const Model& model, const Known& prior) const
     problem.freedom = stacked(freedom(rows_), Eigen::VectorXd::Constant(prior.residual.size(), std::numeric_limits<double>::infinity()));
   problem.null = stacked(model.ground->null(rows_, Eigen::all), prior.null);
   problem.squares = stacked(model.ground->squares(rows_, Eigen::all), prior.null.leftCols(model.ground->squares.cols()));
+  problem.known = prior.residual.size();
   if (!model.added.empty()) problem.level = level_after_addition;
   return problem;
 }
@@ -214,7 +215,7 @@ void Appraisal::trace(Model& model) const {
   model.others = kept;
   for (std::size_t i = 0; i < kept.size(); ++i) hold_within_bounds(model.scores.candidates[i], kept[i], model);
   for (std::size_t i = 0; i < kept.size(); ++i)
-    if (Score& one = model.scores.candidates[i]; one.z > model.scores.threshold && one.z < 2.0 * model.scores.threshold)
+    if (Score& one = model.scores.candidates[i]; one.z > model.scores.threshold && one.z < 2.0 * model.scores.threshold && !one.shown_by_prior)
       one.contradicted = contradicted(one, signatures_of_kept[i], model, prior);
 }
 
@@ -245,7 +246,7 @@ bool Appraisal::within_reach(int k, const Score& one, const Model& model) const 
     const auto& info = experiment_.parameters()[j].info;
     if (std::max(info.upper - model.fit.values[j], model.fit.values[j] - info.lower) >= (one.size.size() == 1 ? one.detectable.minCoeff() : one.detectable[c])) return true;
   }
-  return one.visibility < least_visibility;  // listed as such
+  return !one.visible();  // listed as such
 }
 
 /// A size beyond its bounds explains nothing: what counts is the drop T = (2 a a_b - a_b^2)/sd^2 of the size a_b on the bound.
@@ -267,7 +268,7 @@ bool Appraisal::has_its_turn(int k, const Model& model) const {
 
 bool beyond_limit(const Model& model, const Score& score) { return score.z > model.scores.threshold && !score.contradicted; }
 
-bool stands_out(const Model& model, const Score& score) { return beyond_limit(model, score) && score.visibility >= least_visibility; }
+bool stands_out(const Model& model, const Score& score) { return beyond_limit(model, score) && score.visible(); }
 
 bool omnibus_significant(const Model& model) { return model.scores.omnibus > model.scores.omnibus_threshold; }
 

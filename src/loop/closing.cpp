@@ -212,7 +212,7 @@ class Loop {
     // Far from the truth the linear score says nothing of an effect whose mark changes with its size: it may be that of a negative one.
     const std::size_t near = order.size();
     for (std::size_t i = 0; i < at.others.size(); ++i)
-      if (from_afar(at, at.others[i]) && scores[i].visibility >= least_visibility && std::find(order.begin(), order.end(), i) == order.end()) order.push_back(i);
+      if (from_afar(at, at.others[i]) && scores[i].visible() && std::find(order.begin(), order.end(), i) == order.end()) order.push_back(i);
     // An invisible effect, or one that the held-out frames speak against, whose score is as large as those of all others, within their noise, may be what is there: it is named where it suffices, after those.
     std::erase_if(doubtful, [&](std::size_t i) { return !order.empty() && (scores[i].z < scores[order.front()].z - 1.0 || std::find(order.begin(), order.end(), i) != order.end()); });
     const std::size_t seen = order.size();
@@ -430,7 +430,7 @@ class Loop {
   void find_invisible() {
     const Model& model = report_.declared;
     for (std::size_t i = 0; i < model.others.size(); ++i)
-      if (model.scores.candidates[i].visibility < least_visibility) report_.invisible.push_back(model.others[i]);
+      if (!model.scores.candidates[i].visible()) report_.invisible.push_back(model.others[i]);
     for (const Untested& one : model.untested)
       if (one.score) report_.invisible.push_back(one.candidate);
   }

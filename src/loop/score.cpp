@@ -146,10 +146,11 @@ Scores score(const ScoreProblem& problem) {
   const Eigen::MatrixXd C = covariance(Z, G);
   const Test test(C, G, columns);
   std::vector<double> visibility;
-  std::vector<char> visible;
+  std::vector<char> visible, shown_by_prior;
   for (const auto& [first, count] : columns) {
     visibility.push_back((length.segment(first, count).array() / before.segment(first, count).array()).maxCoeff());
-    visible.push_back(visibility.back() >= least_visibility ? 1 : 0);
+    shown_by_prior.push_back(2.0 * A.middleCols(first, count).bottomRows(problem.known).squaredNorm() > A.middleCols(first, count).squaredNorm() ? 1 : 0);
+    visible.push_back(visibility.back() >= least_visibility || shown_by_prior.back() != 0 ? 1 : 0);
   }
 
   std::vector<double> freedom;
@@ -185,7 +186,7 @@ Scores score(const ScoreProblem& problem) {
     one.p = chi_squared_tail(one.statistic, one.degrees);
     const double unit = unit_of(freedom[j]);  // C holds the variance of Student's t
     one.z = student_as_normal(unit * deviations(log_chi_squared_tail(one.statistic, one.degrees)), freedom[j]);
-    one.visibility = visibility[j];
+    one.visibility = visibility[j], one.shown_by_prior = shown_by_prior[j] != 0;
     if (visible[j] != 0) largest = std::max(largest, one.z);
     const Eigen::MatrixXd own = A.middleCols(first, count);
     const Eigen::VectorXd fitted = own.completeOrthogonalDecomposition().solve(Pr);

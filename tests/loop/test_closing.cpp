@@ -228,6 +228,17 @@ TEST(Closing, WhatIsKnownBeforehandShowsTheInvisible) {
   EXPECT_LT(std::sqrt(null.declared.covariance(0, 0)), 0.02);
 }
 
+/// The prior's share of a mark is small where the mark is large, and is evidence all the same.
+TEST(Closing, AWeakPriorShowsTheInvisibleToo) {
+  const Report report = loop_on(Curves(4, {{Curves::gain, 1.5}}).know(0, 10.6, 0.25));
+  const auto& others = report.declared.others;
+  const auto& score = report.declared.scores.candidates[static_cast<std::size_t>(std::find(others.begin(), others.end(), static_cast<int>(Curves::gain)) - others.begin())];
+  EXPECT_LT(score.visibility, least_visibility);
+  EXPECT_TRUE(score.shown_by_prior);
+  EXPECT_EQ(report.verdict, Verdict::attributed) << report.sentence;
+  EXPECT_EQ(report.named, std::vector<int>{Curves::gain});
+}
+
 TEST(Closing, WhatIsLeftOutIsNotNamed) {
   Curves experiment(1, {{Curves::drift, 5.0}});
   LoopOptions without = options;

@@ -9,6 +9,9 @@ namespace imic3d::loop {
 /// Levels of the two tests of the declared model, together one false alarm in twenty; what comes after a first effect needs stronger evidence.
 constexpr double level_of_scores = 0.04, level_of_omnibus = 0.01, level_after_addition = 0.01;
 
+/// Below this visibility an effect is one that the test cannot see; its score does not count.
+constexpr double least_visibility = 0.05;
+
 /// The linearised problem at the identified parameters, all in units of the noise.
 struct ScoreProblem {
   Eigen::VectorXd residual;                 ///< measured - predicted, the parameters fitted as far as their bounds let them [N]
@@ -18,6 +21,7 @@ struct ScoreProblem {
   Eigen::VectorXd freedom;                  ///< degrees of freedom that each number's noise was estimated from [N]; empty: known
   Eigen::MatrixXd null;                     ///< residuals that noise alone makes, before the parameters are fitted [N x draws]
   Eigen::MatrixXd squares;                  ///< the same for the energy; empty: as `null`
+  Eigen::Index known = 0;                   ///< so many of the last rows are what was known of the parameters beforehand
   double level = level_of_scores;           ///< share of null tests in which the largest score may exceed its limit
 };
 
@@ -27,12 +31,14 @@ struct Score {
   double p = 1.0;            ///< of T alone
   double z = 0.0;            ///< T as a number of standard deviations of a normal distribution: Student's t where the noise was estimated from few data
   double visibility = 0.0;   ///< kappa = |P s|/|s|: what the free parameters leave of its mark
+  bool shown_by_prior = false; ///< most of that is what was known of a parameter beforehand, not a remnant of the mark itself
   double drop = 0.0;         ///< of the residual's square if it were added (white noise)
   bool contradicted = false; ///< with its size data that were held out are explained worse: no more than chance
   Eigen::VectorXd size;      ///< estimate of its parameters - null value [k]
   Eigen::VectorXd deviation; ///< standard deviation of these under the null [k]
   Eigen::VectorXd detectable;///< MDE: sizes that are found with 80 % probability, each alone [k], then of the size with the other shapes [columns]
   Eigen::MatrixXd bias;      ///< shift of the free parameters per unit of size if it is left out [p x k]
+  [[nodiscard]] bool visible() const { return visibility >= least_visibility || shown_by_prior; }
 };
 
 struct Scores {
@@ -47,8 +53,6 @@ struct Scores {
   Eigen::VectorXd null_largest;    ///< largest z of null tests [any]
 };
 
-/// Below this visibility an effect is one that the test cannot see; its score does not count.
-constexpr double least_visibility = 0.05;
 
 /// T_j = (G_j^T C^-1 z)^T (G_j^T C^-1 G_j)^-1 (G_j^T C^-1 z) with z = A^T r, A = P S the projected marks of all candidates, G = A^T A
 /// and C the covariance of z under the null. C is that of the draws, drawn towards G (the covariance of white noise) as far
