@@ -113,7 +113,7 @@ std::vector<std::string> possible_candidates(const io::Case& test) {
     }
   };
   loop::Scene known = unit_scene();
-  known.elongation = Eigen::Vector3d(0.0, 1.0, 0.0);  // it may be unloaded
+  known.elongation = Eigen::VectorXd::Unit(3, 1);  // it may be unloaded
   if (!test.experiments.empty()) {
     add_effects(known, "");
     for (const auto& group : test.experiments)
