@@ -168,10 +168,10 @@ def trials(slurm, program, folder):
     wait(lambda: (folder / "long/checkpoint.h5").exists(), 120, "a checkpoint")
     slurm.ask("scancel", "--batch", "--signal=USR1", str(number))  # what --signal would send five minutes before the end
     wait(lambda: slurm.done(number) or slurm.job(number)[0]["Restarts"] != "0", 300, "the requeue")
-    while not slurm.done(number):  # a requeued job waits for two minutes, unless it is told to begin
+    while not slurm.done(number):  # a requeued job waits for two minutes, unless it is told to begin; slurmd refuses it in the second in which it was taken off
+        time.sleep(3.0)
         if slurm.job(number)[0]["JobState"] == "PENDING":
             slurm.ask("scontrol", "update", f"JobId={number}", "StartTime=now", check=False)
-        time.sleep(1.0)
     restarts, said = int(slurm.job(number)[0]["Restarts"]), slurm.log(number)
     same(slurm, number, folder / "long", truth, f"requeue.sh, of {seconds:.0f} s, requeued {restarts} times")
     stops, resumed = said.count("stopped by SIGUSR1"), said.count("goes on from /")
