@@ -36,18 +36,21 @@ TEST(Scenes, HalfASpecimenIsNotBent) {
   EXPECT_FALSE(is_candidate(experiment, "grip slip"));
 }
 
-/// The elastic field is that of a loaded frame, whatever the first one is.
+/// The elastic field is that of a loaded frame, though the first one is at rest and the next one bears more than a third of the load.
 TEST(Scenes, AFrameAtRestIsNotTheElasticField) {
   const Strip strip(0.0);
-  Strip rested = strip;
-  const auto frames = strip.data.force.size();
-  rested.data.displacement.resize(strip.data.displacement.rows(), frames + 1);
-  rested.data.displacement << Eigen::VectorXd::Zero(strip.data.displacement.rows()), strip.data.displacement;
-  rested.data.driving = rested.data.displacement;
-  rested.data.force.resize(frames + 1), rested.data.force << 0.0, strip.data.force;
-  rested.data.time.resize(frames + 1), rested.data.time << 0.0, strip.data.time.array() + 1.0;
-  rested.data.frames.insert(rested.data.frames.begin(), rested.data.frames.front() - 1);
-  const Eigen::VectorXd with = rested.experiment().scene().elastic, without = strip.experiment().scene().elastic;
+  const auto of_frames = [&](bool rested) {
+    Strip some = strip;
+    const Eigen::Index rest = rested ? 1 : 0;
+    some.data.displacement = Eigen::MatrixXd::Zero(strip.data.displacement.rows(), 2 + rest);
+    some.data.displacement.rightCols(2) = strip.data.displacement.rightCols(2);
+    some.data.driving = some.data.displacement;
+    some.data.force = Eigen::VectorXd::Zero(2 + rest), some.data.force.tail(2) = strip.data.force.tail(2);
+    some.data.time = Eigen::VectorXd::LinSpaced(2 + rest, 1.0, 2.0 + static_cast<double>(rest));
+    some.data.frames.resize(static_cast<std::size_t>(2 + rest));
+    return Eigen::VectorXd(some.experiment().scene().elastic);
+  };
+  const Eigen::VectorXd with = of_frames(true), without = of_frames(false);
   EXPECT_TRUE(with.allFinite());
   EXPECT_LT((with - without).norm(), 1e-6 * without.norm());
 }
