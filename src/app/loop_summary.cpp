@@ -100,7 +100,7 @@ class Summary {
 
   [[nodiscard]] json scored(int k, const loop::Model& model, const loop::Score& score) const {
     json one = words_of(k);
-    if (score.shown_by_prior) one["shown_by_prior"] = true;
+    one["visible"] = score.visible(), one["shown_by_prior"] = score.shown_by_prior;
     one["kappa"] = score.visibility, one["z"] = score.z, one["p"] = score.p, one["degrees"] = score.degrees, one["predicted_drop"] = score.drop;
     one["significant"] = beyond_limit(model, score), one["contradicted"] = score.contradicted;
     add_sizes(one, k, model, score);

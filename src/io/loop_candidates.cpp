@@ -16,7 +16,6 @@ namespace {
 
 using nlohmann::json;
 
-constexpr double least_visibility = 0.05;
 constexpr std::size_t many = 3;  // sizes, of which only those that are there are shown
 
 std::string unit_of(const json& size) { return size["unit"] == "-" ? "" : " " + escaped(size, "unit"); }
@@ -61,7 +60,7 @@ std::string candidate_row(const json& one) {
                      fmt::format("{:.1f}", one["predicted_drop"].get<double>()), tried && one["tried"]["fitted"].get<bool>() ? fmt::format("{:.1f}", one["tried"]["achieved_drop"].get<double>()) : "", outcome(one));
 }
 
-bool visible(const json& one) { return one["kappa"].get<double>() >= least_visibility || one.value("shown_by_prior", false); }
+bool visible(const json& one) { return one["visible"]; }
 
 /// The shifts of the parameters that a size causes, in their standard deviations; the four largest.
 std::string shifts(const json& by, const json& parameters) {

@@ -145,12 +145,14 @@ Scores score(const ScoreProblem& problem) {
   const Eigen::MatrixXd Z = A.transpose() * PR;
   const Eigen::MatrixXd C = covariance(Z, G);
   const Test test(C, G, columns);
-  std::vector<double> visibility;
-  std::vector<char> visible, shown_by_prior;
+  std::vector<Score> seen;  // how visible each candidate is
+  std::vector<char> visible;
   for (const auto& [first, count] : columns) {
-    visibility.push_back((length.segment(first, count).array() / before.segment(first, count).array()).maxCoeff());
-    shown_by_prior.push_back(2.0 * A.middleCols(first, count).bottomRows(problem.known).squaredNorm() > A.middleCols(first, count).squaredNorm() ? 1 : 0);
-    visible.push_back(visibility.back() >= least_visibility || shown_by_prior.back() != 0 ? 1 : 0);
+    const auto own = A.middleCols(first, count);
+    Score& one = seen.emplace_back();
+    one.visibility = (length.segment(first, count).array() / before.segment(first, count).array()).maxCoeff();
+    one.shown_by_prior = 2.0 * own.bottomRows(problem.known).squaredNorm() > own.squaredNorm();
+    visible.push_back(one.visible() ? 1 : 0);
   }
 
   std::vector<double> freedom;
@@ -180,13 +182,12 @@ Scores score(const ScoreProblem& problem) {
   double largest = 0.0;
   for (std::size_t j = 0; j < families; ++j) {
     const auto& [first, count] = columns[j];
-    Score one;
+    Score one = seen[j];
     one.degrees = static_cast<int>(count);
     one.statistic = test.statistic(j, z);
     one.p = chi_squared_tail(one.statistic, one.degrees);
     const double unit = unit_of(freedom[j]);  // C holds the variance of Student's t
     one.z = student_as_normal(unit * deviations(log_chi_squared_tail(one.statistic, one.degrees)), freedom[j]);
-    one.visibility = visibility[j], one.shown_by_prior = shown_by_prior[j] != 0;
     if (visible[j] != 0) largest = std::max(largest, one.z);
     const Eigen::MatrixXd own = A.middleCols(first, count);
     const Eigen::VectorXd fitted = own.completeOrthogonalDecomposition().solve(Pr);

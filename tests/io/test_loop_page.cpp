@@ -17,7 +17,7 @@ using ::testing::HasSubstr;
 using ::testing::Not;
 
 json candidate(const char* name, double kappa, double z) {
-  return {{"name", name}, {"link", "record"}, {"sentence", std::string(name) + " is off"}, {"confused_with", "E"}, {"separated_by", std::string("a second look at ") + name}, {"kappa", kappa}, {"z", z}, {"p", 0.5}, {"degrees", 1},
+  return {{"name", name}, {"link", "record"}, {"sentence", std::string(name) + " is off"}, {"confused_with", "E"}, {"separated_by", std::string("a second look at ") + name}, {"kappa", kappa}, {"visible", kappa >= 0.05}, {"z", z}, {"p", 0.5}, {"degrees", 1},
           {"predicted_drop", z * z}, {"significant", z > 3.5}, {"contradicted", false}, {"in_set", false},
           {"sizes", {{{"parameter", "size"}, {"unit", "mm"}, {"size", 1.0}, {"standard_deviation", 0.1}, {"interval", {0.804, 1.196}}, {"detectable", 0.4}, {"shift_of_parameters_at_detectable_size", {{"E", 800.0}}}, {"usual_size", 0.02},
                       {"usual_size_is_unit", false}, {"shift_of_parameters_at_usual_size", {{"E", 4000.0}}}}}}};

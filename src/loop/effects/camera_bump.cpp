@@ -24,10 +24,8 @@ class CameraBump final : public Effect {
   /// Of one camera: several, whose directions differ, see it as a motion in space.
   [[nodiscard]] bool applies(const Scene& scene) const override { return scene.components == 2; }
   [[nodiscard]] bool of_each_camera() const override { return true; }
-  /// Within a good half of a frame about the onset.
   void see(Values values, const Scene& scene, int t, const Eigen::VectorXd& U, Eigen::VectorXd& error) const override {
-    const double since = (scene.clock(t) - values[3]) * static_cast<double>(scene.time.size());  // [frames]
-    const double moved = 1.0 / (1.0 + std::exp(-15.0 * since));
+    const double moved = begun(scene, t, values[3]);
     for (Eigen::Index i = 0; i < U.size() / 2; ++i) {
       const Eigen::Vector2d at = scene.surface->nodes.row(i).head<2>().transpose() + U.segment<2>(2 * i) - scene.axis_of_lens;
       error.segment<2>(2 * i) += moved * (values[0] * at[0] + values[1] * at[1] + values[2]) * at;

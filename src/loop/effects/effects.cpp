@@ -1,9 +1,16 @@
 #include "effects.hpp"
 
+#include <cmath>
+
 #include <algorithm>
 #include <array>
 
 namespace imic3d::loop {
+
+double begun(const Scene& scene, int t, double onset) {
+  const double since = (scene.clock(t) - onset) * static_cast<double>(scene.time.size());  // [frames]
+  return 1.0 / (1.0 + std::exp(-15.0 * since));
+}
 
 std::vector<std::shared_ptr<const Effect>> effects() {
   return {coarse_mesh(),  large_increments(), interpolation_bias(), force_gain(), force_offset(),    force_delay(), magnification_drift(), parallax(), lens_distortion(), placement(),

@@ -11,6 +11,9 @@ namespace imic3d::loop {
 /// 1 at the hole's edge, 0 from the nearest edge of the surface on, smooth between.
 [[nodiscard]] double near_hole(const Scene& scene, double distance);
 
+/// What begins at `onset` (0 at the reference, 1 at the last frame) and stays: from 0 to 1 within a good half of a frame.
+[[nodiscard]] double begun(const Scene& scene, int t, double onset);
+
 std::shared_ptr<const Effect> coarse_mesh();
 std::shared_ptr<const Effect> large_increments();
 std::shared_ptr<const Effect> interpolation_bias();

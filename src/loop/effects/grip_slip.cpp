@@ -20,10 +20,9 @@ class GripSlip final : public Effect {
             .separated_by = "a camera on the other face; marks on specimen and jaws"};
   }
   [[nodiscard]] bool applies(const Scene& scene) const override { return !scene.plane && !scene.half; }
-  /// Within a good half of a frame about the onset, growing linearly from zero where the cameras look.
+  /// Grows linearly from zero where the cameras look.
   [[nodiscard]] double driven(Values values, const Scene& scene, int t, double z) const override {
-    const double since = (scene.clock(t) - values[1]) * static_cast<double>(scene.time.size());  // [frames]
-    return values[0] / (1.0 + std::exp(-15.0 * since)) * (z + scene.driven_depth) / (0.5 * scene.thickness);
+    return values[0] * begun(scene, t, values[1]) * (z + scene.driven_depth) / (0.5 * scene.thickness);
   }
   [[nodiscard]] bool changes_simulation(const Scene&) const override { return true; }
 };
