@@ -25,7 +25,7 @@ struct Equilibrium::Implementation {
       : partition(partition_),
         options(std::move(options_)),
         balance(partition, mesh, law, std::move(dofs), work),
-        factors(balance.assembler().tangent(), mesh, *law, partition.communicator, options, work),
+        factors(balance.assembler().tangent(), partition, mesh, balance.constrained(), *law, options, work),
         newton(balance, factors, options),
         derivatives(balance, factors, law->parameters().size(), options, work) {}
 

@@ -3,6 +3,7 @@
 #include <spdlog/spdlog.h>
 
 #include <algorithm>
+#include <array>
 #include <string>
 
 #include "imic3d/core/memory.hpp"
@@ -10,11 +11,29 @@
 
 namespace imic3d::mechanics {
 
-KeptFactors::KeptFactors(Mat tangent, const mesh::Mesh& mesh, const material::FiniteStrainLaw& law, Communicator communicator, const EquilibriumOptions& options, Work& work)
-    : tangent_(tangent), symmetric_(law.symmetric_tangent()), one_point_(mesh.integration == mesh::Integration::one_point), communicator_(communicator), options_(options), work_(work) {
+namespace {
+/// The preconditioner that the options ask for; empty: none.
+std::string asked_preconditioner(const std::string& prefix) {
+  std::array<char, 64> name{};
+  IMIC3D_PETSC(PetscOptionsGetString(nullptr, prefix.c_str(), "-pc_type", name.data(), name.size(), nullptr));
+  return name.data();
+}
+}  // namespace
+
+KeptFactors::KeptFactors(Mat tangent, const mesh::Partition& partition, const mesh::Mesh& mesh, const std::vector<int>& constrained, const material::FiniteStrainLaw& law,
+                         const EquilibriumOptions& options, Work& work)
+    : tangent_(tangent), symmetric_(law.symmetric_tangent()), one_point_(mesh.integration == mesh::Integration::one_point), communicator_(partition.communicator), options_(options), work_(work) {
   IMIC3D_PETSC(MatGetSize(tangent_, &unknowns_, nullptr));
   const double available = options_.memory_of_solver > 0.0 ? options_.memory_of_solver : communicator_.sum(memory_of_a_rank(communicator_));
-  direct_by_default_ = solves_directly(static_cast<double>(unknowns_), symmetric_, available);
+  const bool two_grids = CornerGrid::exists(mesh);
+  const std::string asked = asked_preconditioner(options_.prefix);
+  direct_by_default_ = asked != PCMG && solves_directly(static_cast<double>(unknowns_), symmetric_, two_grids, available);
+  if (two_grids && !direct_by_default_ && (asked.empty() || asked == PCMG)) {
+    PetscInt axes = 0;
+    IMIC3D_PETSC(MatGetBlockSize(tangent_, &axes));
+    corners_ = std::make_unique<CornerGrid>(partition, mesh, constrained, axes);
+    corners_directly_ = solves_corners_directly(static_cast<double>(unknowns_), corners_->unknowns(), symmetric_, available);
+  }
   factors_.push_back(make_solver());
   make_refiner();
   tell_choice(available);
@@ -26,7 +45,7 @@ void KeptFactors::tell_choice(double available) const {
   IMIC3D_PETSC(KSPGetType(factors_.front().solver, &method));
   const double needed = memory_of_direct_solver(static_cast<double>(unknowns_), symmetric_);
   spdlog::log(needed > 1e9 ? spdlog::level::info : spdlog::level::debug, "{} unknowns: MUMPS takes about {:.1f} GB, there are {:.1f} GB; solved {} (-{}ksp_type, -{}pc_type change it)", unknowns_,
-              1e-9 * needed, 1e-9 * available, direct_ ? "directly" : fmt::format("by {}", method), options_.prefix, options_.prefix);
+              1e-9 * needed, 1e-9 * available, direct_ ? "directly" : fmt::format("by {}{}", method, corners_ ? " with two grids" : ""), options_.prefix, options_.prefix);
 }
 
 KeptFactors::Factor KeptFactors::make_solver() {
@@ -40,15 +59,21 @@ KeptFactors::Factor KeptFactors::make_solver() {
     IMIC3D_PETSC(PCSetType(preconditioner, symmetric_ ? PCCHOLESKY : PCLU));
     IMIC3D_PETSC(PCFactorSetMatSolverType(preconditioner, MATSOLVERMUMPS));
   } else {
-    IMIC3D_PETSC(KSPSetType(solver, symmetric_ ? KSPCG : KSPGMRES));
-    IMIC3D_PETSC(PCSetType(preconditioner, PCGAMG));
-    IMIC3D_PETSC(KSPSetTolerances(solver, 1e-8, PETSC_DEFAULT, PETSC_DEFAULT, 1000));
+    IMIC3D_PETSC(KSPSetType(solver, KSPGMRES));  // away from equilibrium a tangent may be indefinite
+    IMIC3D_PETSC(KSPGMRESSetRestart(solver, 50));
+    IMIC3D_PETSC(KSPSetPCSide(solver, PC_RIGHT));
+    if (corners_)
+      corners_->use(solver, corners_directly_, symmetric_);
+    else
+      IMIC3D_PETSC(PCSetType(preconditioner, PCGAMG));
+    IMIC3D_PETSC(KSPSetTolerances(solver, least_remaining_, PETSC_DEFAULT, PETSC_DEFAULT, 1000));
   }
   IMIC3D_PETSC(KSPSetFromOptions(solver));
   IMIC3D_PETSC(KSPSetOperators(solver, tangent_, tangent_));
   PetscBool is_factor = PETSC_FALSE;
   IMIC3D_PETSC(PetscObjectTypeCompareAny(reinterpret_cast<PetscObject>(preconditioner), &is_factor, PCCHOLESKY, PCLU, ""));
   direct_ = is_factor == PETSC_TRUE;
+  IMIC3D_PETSC(KSPGetTolerances(solver, &least_remaining_, nullptr, nullptr, nullptr));
   tell_mumps(preconditioner);
   return {std::move(solver), {}};
 }
@@ -118,9 +143,10 @@ PetscInt KeptFactors::negative_pivots() const {
   return pivots;
 }
 
-bool KeptFactors::solve(Vec right, Vec solution, bool kept) {
-  if (!kept) ++work_.factorisations;
+bool KeptFactors::solve(Vec right, Vec solution, bool kept, double remaining) {
   ++work_.solutions;
+  if (!direct_) return iterate(right, solution, remaining);
+  if (!kept) ++work_.factorisations;
   auto& [solver, state] = factors_[at_hand_];
   const bool first = !state.made;
   IMIC3D_PETSC(KSPSetReusePreconditioner(solver, kept ? PETSC_TRUE : PETSC_FALSE));
@@ -131,6 +157,29 @@ bool KeptFactors::solve(Vec right, Vec solution, bool kept) {
   if (!kept) state.indefinite = negative_pivots() > 0;
   if (first && at_hand_ == 0) count();
   return state.made;
+}
+
+/// The preconditioner of an earlier tangent serves until it takes half as many iterations again as when it was new.
+bool KeptFactors::iterate(Vec right, Vec solution, double remaining) {
+  auto& [solver, state] = factors_.front();
+  const double left = std::max(least_remaining_, remaining);
+  IMIC3D_PETSC(KSPSetTolerances(solver, left, PETSC_DEFAULT, PETSC_DEFAULT, PETSC_DEFAULT));
+  for (bool renewed = !state.made || iterations_ > 1.5 * of_a_new_one_;; renewed = true) {
+    if (renewed) {
+      ++work_.factorisations;
+      if (corners_) corners_->update(tangent_);
+    }
+    IMIC3D_PETSC(KSPSetReusePreconditioner(solver, renewed ? PETSC_FALSE : PETSC_TRUE));
+    IMIC3D_PETSC(KSPSolve(solver, right, solution));
+    KSPConvergedReason reason = KSP_CONVERGED_ITERATING;
+    PetscInt count = 0;
+    IMIC3D_PETSC(KSPGetConvergedReason(solver, &reason));
+    IMIC3D_PETSC(KSPGetIterationNumber(solver, &count));
+    iterations_ = static_cast<double>(count) / -std::log(left);
+    if (renewed) of_a_new_one_ = iterations_;
+    state.made = reason >= 0 || (renewed && reason == KSP_DIVERGED_ITS);
+    if (state.made || renewed) return state.made;
+  }
 }
 
 void KeptFactors::begin_derivatives() {
@@ -145,6 +194,7 @@ bool KeptFactors::renew() {
   auto& [solver, state] = factors_[at_hand_];
   PC preconditioner = nullptr;
   PCFailedReason failed = PC_NOERROR;
+  if (corners_) corners_->update(tangent_);
   IMIC3D_PETSC(KSPGetPC(solver, &preconditioner));
   IMIC3D_PETSC(PCSetReusePreconditioner(preconditioner, PETSC_FALSE));
   IMIC3D_PETSC(PCSetUp(preconditioner));  // KSPSetUp does nothing the second time

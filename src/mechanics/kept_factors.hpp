@@ -6,20 +6,23 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <memory>
 #include <span>
 #include <vector>
 
+#include "corner_grid.hpp"
 #include "imic3d/core/parallel.hpp"
 #include "imic3d/material/finite_strain_law.hpp"
 #include "imic3d/mechanics/equilibrium.hpp"
 #include "imic3d/mesh/mesh.hpp"
+#include "imic3d/mesh/partition.hpp"
 #include "imic3d/mesh/petsc.hpp"
 
 namespace imic3d::mechanics {
 
-/// MUMPS LDL^T as long as there is memory for it (solver_choice.hpp), else CG with GAMG and the rigid-body near-null space; everything open to options. A law
-/// without associated flow has an unsymmetric tangent: LU and GMRES then. LU does not tell the tangent's inertia. A frame that is
-/// simulated repeatedly has a factor of its own, as far as memory allows. Collective.
+/// MUMPS LDL^T as long as it pays and there is memory for it (solver_choice.hpp), else GMRES: quadratic elements with two grids (corner_grid.hpp), others with
+/// GAMG and the rigid-body near-null space; everything open to options. A law without associated flow has an unsymmetric tangent: LU then, which does not tell
+/// the tangent's inertia. A frame that is simulated repeatedly has a factor of its own, as far as memory allows. Collective.
 class KeptFactors {
  public:
   /// Whether a solver holds the factor of some tangent, and one with negative pivots.
@@ -28,7 +31,9 @@ class KeptFactors {
   };
 
   /// `tangent`: where it is assembled, each time before a new factor is asked for. `work` counts factorisations and solutions.
-  KeptFactors(Mat tangent, const mesh::Mesh& mesh, const material::FiniteStrainLaw& law, Communicator communicator, const EquilibriumOptions& options, Work& work);
+  /// `constrained`: natural degrees of freedom, ascending.
+  KeptFactors(Mat tangent, const mesh::Partition& partition, const mesh::Mesh& mesh, const std::vector<int>& constrained, const material::FiniteStrainLaw& law,
+              const EquilibriumOptions& options, Work& work);
 
   /// Whether a factor may serve for other tangents than its own.
   [[nodiscard]] bool may_be_kept() const { return options_.keep_factors && direct_; }
@@ -42,8 +47,9 @@ class KeptFactors {
 
   /// Takes up the factor of a frame that is simulated `repeatedly`, if there is room for one.
   void take(int of_frame, bool repeatedly);
-  /// `kept`: with the factor at hand; else with that of the tangent, which is then the one at hand. False if the solver failed.
-  [[nodiscard]] bool solve(Vec right, Vec solution, bool kept);
+  /// `kept`: with the factor at hand; else with that of the tangent, which is then the one at hand. An iterative solver leaves `remaining` of the right-hand
+  /// side, and has its preconditioner made anew where that of an earlier tangent has become slow. False if the solver failed.
+  [[nodiscard]] bool solve(Vec right, Vec solution, bool kept, double remaining);
 
   /// Solutions for derivatives, from one of these to the other: with the factor at hand as it is (`substitute`), or on the tangent with that factor as
   /// preconditioner (`refine`), until `remaining` of the right-hand side is left.
@@ -61,6 +67,7 @@ class KeptFactors {
   };
 
   [[nodiscard]] Factor make_solver();
+  [[nodiscard]] bool iterate(Vec right, Vec solution, double remaining);
   void make_refiner();
   void tell_choice(double available) const;
   void tell_mumps(PC preconditioner) const;
@@ -74,11 +81,13 @@ class KeptFactors {
   Communicator communicator_;
   const EquilibriumOptions& options_;
   Work& work_;
-  bool direct_by_default_ = true, direct_ = true;
+  bool direct_by_default_ = true, direct_ = true, corners_directly_ = true;
+  std::unique_ptr<CornerGrid> corners_;      // of an iterative solver in a quadratic mesh
+  double iterations_ = 0.0, of_a_new_one_ = 0.0;  // that an e-fold reduction took the last time, and the first time with the preconditioner at hand
   std::vector<Factor> factors_;  // the first for frames that nothing is known of, the others each for a frame that is simulated repeatedly
   std::size_t at_hand_ = 0, most_ = 1;
   Solver refiner_;
-  double least_refined_ = 1e-10;  // what it leaves at least of a right-hand side
+  double least_remaining_ = 1e-8, least_refined_ = 1e-10;  // what an iterative solver, and the refiner, leave at least of a right-hand side
 };
 
 }  // namespace imic3d::mechanics

@@ -23,9 +23,10 @@ double Newton::round_off_of_forces() {
 
 /// correction <- what Newton's method adds to u, with the tangent that was assembled last; `kept`: with the factor of an earlier one, where
 /// nothing prescribed is missing. False if the solver failed.
-bool Newton::correct(bool kept) {
+/// `remaining`: of the right-hand side, by an iterative solver.
+bool Newton::correct(bool kept, double remaining) {
   if (!kept) balance_.linearise();
-  return factors_.solve(balance_.residual(), correction_, kept);
+  return factors_.solve(balance_.residual(), correction_, kept, remaining);
 }
 
 Outcome Newton::solve(Start start, const Accuracy& accuracy, double derivatives, int& iterations) {
@@ -76,7 +77,9 @@ Outcome Newton::solve(Start start, const Accuracy& accuracy, double derivatives,
       norm = balance_.evaluate(tangent);
     }
     kept = pays;
-    if (!correct(kept)) return failed;
+    // Of what is unbalanced a solution by iteration may leave a part that the correction after it takes along (Eisenstat and Walker, SIAM J. Sci. Comput. 17, 1996).
+    const double remaining = 0.03 * std::clamp(norm > 0.0 ? std::max(iteration > 0 ? norm / previous : 1.0, enough / norm) : 1.0, 0.0, 1.0);
+    if (!correct(kept, remaining)) return failed;
     if (kept)
       acceleration_.accelerate(correction_);
     else

@@ -40,7 +40,7 @@ class Newton {
   };
 
   [[nodiscard]] double round_off_of_forces();
-  [[nodiscard]] bool correct(bool kept);
+  [[nodiscard]] bool correct(bool kept, double remaining);
   [[nodiscard]] std::optional<Step> search(double previous, double enough, double slope, bool first, bool kept, bool& tangent);
 
   ForceBalance& balance_;

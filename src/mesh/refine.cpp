@@ -1,5 +1,6 @@
 #include <numeric>
 #include <set>
+#include <utility>
 
 #include "facets.hpp"
 #include "imic3d/mesh/mesh.hpp"
@@ -220,6 +221,22 @@ Mesh quadratic(const Mesh& linear) {
   result.nodes = nodes.all();
   extend_node_groups(linear, nodes, false, result);
   return result;
+}
+
+Cells edge_middles(const Mesh& mesh) {
+  const Eigen::Index corners = corners_per_cell(mesh.type), edges = nodes_per_cell(mesh.type) - corners;
+  std::vector<char> seen(static_cast<std::size_t>(mesh.nodes.rows()), 0);
+  Cells middles(mesh.cells.rows() * edges, 3);
+  Eigen::Index count = 0;
+  for (Eigen::Index c = 0; c < mesh.cells.rows(); ++c)
+    for (Eigen::Index e = 0; e < edges; ++e) {
+      const int node = mesh.cells(c, corners + e);
+      if (std::exchange(seen[static_cast<std::size_t>(node)], 1) != 0) continue;
+      const auto& ends = is_hexahedron(mesh.type) ? hex_edges[static_cast<std::size_t>(e)] : quad_edges[static_cast<std::size_t>(e)];
+      middles.row(count++) << node, mesh.cells(c, ends[0]), mesh.cells(c, ends[1]);
+    }
+  middles.conservativeResize(count, 3);
+  return middles;
 }
 
 }  // namespace imic3d::mesh

@@ -1,5 +1,5 @@
 #pragma once
-// Which solver is the default: the direct one is the faster at every size that was measured, but its memory grows faster than the unknowns.
+// Which solver is the default: the direct one's time and memory grow faster than the unknowns.
 
 #include <cmath>
 
@@ -11,9 +11,17 @@ namespace imic3d::mechanics {
   return (symmetric ? 1.0 : 2.0) * 24.8e3 * 596568.0 * std::pow(unknowns / 596568.0, 1.16);
 }
 
-/// MUMPS as long as it fits into the `available` memory [bytes] of all ranks that solve together, else CG (GMRES) with GAMG.
-[[nodiscard]] inline bool solves_directly(double unknowns, bool symmetric, double available) {
-  return memory_of_direct_solver(unknowns, symmetric) <= available;
+/// Beyond so many unknowns GMRES with two grids for quadratic elements (src/mechanics/corner_grid.hpp) takes less time than MUMPS: 230 and 237 s at 268,080 (docs/performance.md).
+constexpr double most_unknowns_of_direct_solver = 2.7e5;
+
+/// MUMPS as long as it fits into the `available` memory [bytes] of all ranks that solve together and, where there are two grids, pays; else GMRES.
+[[nodiscard]] inline bool solves_directly(double unknowns, bool symmetric, bool two_grids, double available) {
+  return memory_of_direct_solver(unknowns, symmetric) <= available && !(two_grids && unknowns > most_unknowns_of_direct_solver);
+}
+
+/// Whether MUMPS solves on the coarser of two grids, which has `corner_unknowns`, beside the 8 kB an unknown that the finer one takes; else GAMG does.
+[[nodiscard]] inline bool solves_corners_directly(double unknowns, double corner_unknowns, bool symmetric, double available) {
+  return 8e3 * unknowns + memory_of_direct_solver(corner_unknowns, symmetric) <= available;
 }
 
 }  // namespace imic3d::mechanics

@@ -92,6 +92,9 @@ void grade_layers(Mesh& mesh, double ratio, bool one_face);
 /// their middle on a smooth curve through its nodes.
 [[nodiscard]] Mesh quadratic(const Mesh& linear);
 
+/// The middles of a quadratic mesh's edges [k x 3]: node, and the corners at the ends of its edge; each once, by the cells. None in a linear mesh.
+[[nodiscard]] Cells edge_middles(const Mesh& mesh);
+
 /// How far the middles of the boundary edges of a quad mesh lie off the straight edge if the contour is smooth.
 struct Bulge {
   int from, to;           ///< the edge, in the direction of the contour
