@@ -40,7 +40,7 @@ namespace imic3d::app {
 namespace {
 
 /// What the loop knows of a rig.
-loop::FieldFace field_face(const ObservedFace& seen, const identification::Face& face, const Eigen::SparseMatrix<double>& M) {
+loop::FieldFace field_face(const io::Case& test, const ObservedFace& seen, const identification::Face& face, const Eigen::SparseMatrix<double>& M) {
   const auto& view = seen.rig->views.front();
   const Eigen::RowVector3d middle = seen.rig->surface.nodes.colwise().mean();
   loop::FieldFace result{.name = face.back ? "back" : "front", .surface = face.surface.mesh, .components = face.components, .M = M.block(face.first_unknown, face.first_unknown, face.unknowns(), face.unknowns())};
@@ -51,6 +51,11 @@ loop::FieldFace field_face(const ObservedFace& seen, const identification::Face&
     const Eigen::Vector2d centre(0.5 * (view.reference.width - 1), 0.5 * (view.reference.height - 1));
     result.axis_of_lens = result.pixels.inverse() * (centre - camera->offset);
   }
+  if (face.components == 3)
+    for (std::size_t c = 0; c < seen.rig->views.size(); ++c) {
+      const auto& one = seen.rig->views[c];
+      result.sights.emplace_back(test.cameras[static_cast<std::size_t>(seen.rig->cameras[c])].name, *one.camera, face.surface.mesh, Eigen::Vector2d(0.5 * (one.reference.width - 1), 0.5 * (one.reference.height - 1)));
+    }
   return result;
 }
 
@@ -69,7 +74,7 @@ loop::FieldData field_data(const Communicator& world, Observation& seen, const i
   const auto images = make_image_data(seen, test);
   const int frames = 1 + last_frame(test, record);
   loop::FieldData data;
-  for (std::size_t k = 0; k < seen.faces.size(); ++k) data.faces.push_back(field_face(seen.faces[k], specimen.faces[k], images.M));
+  for (std::size_t k = 0; k < seen.faces.size(); ++k) data.faces.push_back(field_face(test, seen.faces[k], specimen.faces[k], images.M));
   data.noise = images.noise;
   data.references = seen.references;
   data.displacement = record.surface_displacement.leftCols(frames);

@@ -21,7 +21,9 @@ std::vector<Mistake> unknown_candidates(const std::vector<std::string>& leave_ou
     for (const auto& test : tests) known.push_back(loop::key_of(name + " (" + test.name + ")"));
   };
   add("Poisson's_ratio");
-  for (const auto& [effect, quantities] : effect_quantities()) add(effect);
+  std::map<std::string, std::vector<std::string>> effects;
+  for (const auto& one : cases) effects.merge(effect_quantities(one.cameras));
+  for (const auto& [effect, quantities] : effects) add(effect);
   for (const auto& one : cases)
     for (const auto& group : one.experiments) add(loop::key_of("gain of " + group.name));
   std::vector<Mistake> mistakes;
@@ -125,6 +127,10 @@ std::vector<std::string> possible_candidates(const io::Case& test) {
       scene.surface = &face.surface.mesh, scene.components = face.components, scene.axis = specimen.axis, scene.plane = test.specimen.plane_stress(), scene.images = !test.fields;
       loop::measure(scene, face.surface.mesh);
       add_effects(scene, specimen.faces.size() == 1 ? "" : face.back ? "back " : "front ");
+      if (face.components == 3)
+        for (const int c : cameras_of(test, face.back))
+          for (const auto& effect : loop::effects())
+            if (effect->of_one_of_several()) names.push_back(test.cameras[static_cast<std::size_t>(c)].name + " " + effect->describe(scene).name);
     }
     const bool free = std::any_of(test.identify.stages.begin(), test.identify.stages.end(), [](const auto& stage) { return std::count(stage.free.begin(), stage.free.end(), "nu") > 0; });
     if (!free) names.emplace_back("Poisson's ratio");

@@ -54,7 +54,7 @@ io::Case read_case(const CommandOptions& options, std::vector<std::string> secti
   io::Case test = io::read_case(options.case_file,
                        {.parameters_of = [](const io::MaterialCase& m) { return material::make_law(choice(m))->parameters(); },
                         .read_mesh = [](const std::filesystem::path& file) { return mesh::read(file); },
-                        .effects = effect_quantities(),
+                        .effects = effect_quantities,
                         .sections = std::move(sections),
                         .images = images,
                         .fields = fields,

@@ -97,7 +97,7 @@ void run_simulation(const Communicator& world, const io::Case& test, const ident
     steps.push_back(std::move(step));
   }
   const mesh::Partition partition = mesh::partition(specimen.volume, world, "mechanics_");
-  mechanics::Equilibrium equilibrium(partition, specimen.volume, material.law, constrained, {.increments = declared.steps_per_frame});
+  mechanics::Equilibrium equilibrium(partition, specimen.volume, material.law, constrained, {.increments = declared.steps_per_frame, .once = true});
   Progress progress(world, "simulation", static_cast<int>(steps.size()));
   const auto status = equilibrium.run(steps, material.values, start,
                                       [&](int t, const mechanics::FrameState& state) {

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <set>
 
 namespace imic3d::app {
 
@@ -16,14 +17,24 @@ loop::Scene unit_scene() {
   return scene;
 }
 
-std::map<std::string, std::vector<std::string>> effect_quantities() {
+bool is_one_of_several(const io::CameraCase& camera, const std::vector<io::CameraCase>& cameras) {
+  int count = 0, perspective = 0;
+  for (const auto& other : cameras)
+    if (other.face == camera.face) ++count, perspective += other.model == "pinhole" ? 1 : 0;
+  return count > 1 && perspective > 0;
+}
+
+std::map<std::string, std::vector<std::string>> effect_quantities(const std::vector<io::CameraCase>& cameras) {
   std::map<std::string, std::vector<std::string>> quantities;
   for (const auto& effect : loop::all_effects()) {
     const auto description = effect->describe(unit_scene());
     for (const auto& q : description.quantities) {
       quantities[loop::key_of(description.name)].push_back(q.name);
       if (!effect->of_each_camera()) continue;  // where cameras look at both faces
-      for (const char* face : {"front_", "back_"}) quantities[face + loop::key_of(description.name)].push_back(q.name);
+      std::set<std::string> whose = {"front ", "back "};
+      for (const auto& camera : cameras)
+        if (effect->of_one_of_several() && is_one_of_several(camera, cameras)) whose.insert(camera.name + " ");
+      for (const auto& which : whose) quantities[loop::key_of(which + description.name)].push_back(q.name);
     }
   }
   return quantities;
@@ -73,6 +84,9 @@ PlantedEffects::PlantedEffects(const io::Case& test) : test_(test) {
       plant(effect, "");
     else
       for (const char* face : {"front", "back"}) plant(effect, face);
+    if (effect->of_one_of_several())
+      for (const auto& camera : test.cameras)
+        if (is_one_of_several(camera, test.cameras)) plant(effect, camera.face, camera.name);
   }
   for (const auto& [key, quantities] : test.effects)
     if (std::none_of(planted_.begin(), planted_.end(), [&](const Planted& one) { return one.key == key; }))
@@ -80,10 +94,10 @@ PlantedEffects::PlantedEffects(const io::Case& test) : test_(test) {
   check_bounds(simulate.control == "force");
 }
 
-void PlantedEffects::plant(const std::shared_ptr<const loop::Effect>& effect, const std::string& face) {
+void PlantedEffects::plant(const std::shared_ptr<const loop::Effect>& effect, const std::string& face, const std::string& camera) {
   const io::Case& test = test_;
   const auto description = effect->describe(scene_);
-  const std::string key = (face.empty() ? "" : face + "_") + loop::key_of(description.name);
+  const std::string whose = camera.empty() ? face : camera, key = loop::key_of((whose.empty() ? "" : whose + " ") + description.name);
   const auto its = test.effects.find(key);
   if (its == test.effects.end()) return;
   if (description.link == loop::Link::numerics)
@@ -96,7 +110,7 @@ void PlantedEffects::plant(const std::shared_ptr<const loop::Effect>& effect, co
                      test.specimen.mid_plane_symmetry ? "with specimen.mid_plane_symmetry, which holds the middle of the thickness straight"
                                                       : "with simulate.control: force",
                      "mid_plane_symmetry: false and control: displacement");
-  Planted planted{effect, key, face, {}};
+  Planted planted{effect, key, face, camera, {}};
   for (const auto& q : description.quantities) {
     const auto one = its->second.find(q.name);
     if (one != its->second.end() && !one->second.value) throw InputError("effects." + key + "." + q.name, "no value", "the value to be planted");
@@ -166,7 +180,7 @@ std::string PlantedEffects::seen(const std::string& face) const {
   for (const auto& one : planted_) {
     const loop::Link link = one.effect->describe(scene_).link;
     const bool before = link == loop::Link::initial && !one.effect->changes_simulation(scene_);
-    if (before || (link == loop::Link::camera && (one.face.empty() || one.face == face))) return one.key;
+    if (before || (link == loop::Link::camera && one.camera.empty() && (one.face.empty() || one.face == face))) return one.key;
   }
   return "";
 }
@@ -184,9 +198,21 @@ Eigen::MatrixXd PlantedEffects::seen_beyond(const std::string& face, const mesh:
   for (Eigen::Index t = 0; t < displacement.cols(); ++t) {
     Eigen::VectorXd error = Eigen::VectorXd::Zero(displacement.rows());
     for (const auto& one : planted_)
-      if (one.face.empty() || one.face == face) one.effect->see(one.values, scene, static_cast<int>(t), displacement.col(t), error);
+      if (one.camera.empty() && (one.face.empty() || one.face == face)) one.effect->see(one.values, scene, static_cast<int>(t), displacement.col(t), error);
     beyond.col(t) = error;
   }
+  return beyond;
+}
+
+bool PlantedEffects::has_own(const std::string& camera) const {
+  return std::any_of(planted_.begin(), planted_.end(), [&](const Planted& one) { return one.camera == camera; });
+}
+
+loop::Pixels PlantedEffects::pixels_beyond(const loop::Sight& sight, const mesh::Mesh& surface, int frame, const loop::Pixels& motion) const {
+  const loop::ImagePlane plane(sight, surface, scene_);
+  loop::Pixels beyond = loop::Pixels::Zero(motion.rows(), 2);
+  for (const auto& one : planted_)
+    if (one.camera == sight.camera) beyond += plane.error(*one.effect, one.values, frame, motion);
   return beyond;
 }
 

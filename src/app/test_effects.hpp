@@ -5,11 +5,15 @@
 
 #include "imic3d/app/setup.hpp"
 #include "imic3d/loop/effect.hpp"
+#include "imic3d/loop/one_camera.hpp"
 
 namespace imic3d::app {
 
-/// Quantities of each effect by its key, for io::CaseChecks.
-[[nodiscard]] std::map<std::string, std::vector<std::string>> effect_quantities();
+/// Quantities of each effect that a test with these cameras may have, by its key, for io::CaseChecks.
+[[nodiscard]] std::map<std::string, std::vector<std::string>> effect_quantities(const std::vector<io::CameraCase>& cameras);
+
+/// Whether a camera has errors of its own that its rig takes for a motion in space: it is one of several on its face, one of them a perspective one.
+[[nodiscard]] bool is_one_of_several(const io::CameraCase& camera, const std::vector<io::CameraCase>& cameras);
 
 /// A scene of unit size: names, units and null values of the effects do not depend on it.
 [[nodiscard]] loop::Scene unit_scene();
@@ -42,6 +46,10 @@ class PlantedEffects {
   /// What a telecentric camera shows of its face [quad4] beyond the displacement in the plane [2n x frames, length].
   [[nodiscard]] Eigen::MatrixXd seen_beyond(const std::string& face, const mesh::Mesh& mesh, const Eigen::MatrixXd& displacement, const Eigen::Matrix2d& pixels,
                                             const Eigen::Vector2d& axis_of_lens) const;
+  /// Whether a camera, one of several, has an effect of its own.
+  [[nodiscard]] bool has_own(const std::string& camera) const;
+  /// What it adds in a frame to the pixels of the nodes of its face that have moved by `motion` [n x 2, px].
+  [[nodiscard]] loop::Pixels pixels_beyond(const loop::Sight& sight, const mesh::Mesh& surface, int frame, const loop::Pixels& motion) const;
   /// Whether there is an effect on the grey levels.
   [[nodiscard]] bool lit() const;
   /// What becomes of the grey levels of a point of the front face that is at `point` in the reference and at `now` in a frame (-1: the reference).
@@ -56,9 +64,11 @@ class PlantedEffects {
   struct Planted {
     std::shared_ptr<const loop::Effect> effect;
     std::string key, face;  // of whose cameras it is: front, back; empty: of all
+    std::string camera;     // that has it alone; empty: the face's
     std::vector<double> values;
   };
-  void plant(const std::shared_ptr<const loop::Effect>& effect, const std::string& face);
+  /// Of a face's cameras, or of one of several `camera`s.
+  void plant(const std::shared_ptr<const loop::Effect>& effect, const std::string& face, const std::string& camera = "");
   void check_bounds(bool with_force) const;
 
   const io::Case& test_;

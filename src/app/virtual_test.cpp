@@ -167,14 +167,29 @@ nlohmann::json write_calibrations(const io::Case& test, const std::vector<Virtua
   return places;
 }
 
+/// What one of several cameras errs by moves the nodes across its line of sight [3n x 1 + frames], for its image alone.
+void err_alone(const PlantedEffects& planted, const std::string& name, VirtualCamera& camera) {
+  const mesh::Mesh& surface = camera.face->surface.mesh;
+  const loop::Sight sight(name, *camera.camera, surface, {0.5 * (camera.image.width - 1), 0.5 * (camera.image.height - 1)});
+  for (Eigen::Index t = 1; t < camera.displacement.cols(); ++t) {
+    const auto now = [&](Eigen::Index i, Eigen::Index frame) -> Eigen::Vector3d { return surface.nodes.row(i).transpose() + camera.displacement.col(frame).segment<3>(3 * i); };
+    loop::Pixels motion(surface.nodes.rows(), 2);
+    for (Eigen::Index i = 0; i < motion.rows(); ++i) motion.row(i) = (camera.camera->project(now(i, t)) - camera.camera->project(now(i, 0))).transpose();
+    const loop::Pixels beyond = planted.pixels_beyond(sight, surface, static_cast<int>(t) - 1, motion);
+    for (Eigen::Index i = 0; i < motion.rows(); ++i)
+      camera.displacement.col(t).segment<3>(3 * i) += camera.camera->jacobian(now(i, t)).completeOrthogonalDecomposition().solve(beyond.row(i).transpose());
+  }
+}
+
 /// What each camera shows of the simulated displacement [unknowns x 1 + frames]; puts what the record adds into the force [1 + frames].
-void see_effects(PlantedEffects& planted, std::vector<VirtualCamera>& cameras, const Eigen::MatrixXd& displacement, Eigen::VectorXd& force) {
+void see_effects(const io::Case& test, PlantedEffects& planted, std::vector<VirtualCamera>& cameras, const Eigen::MatrixXd& displacement, Eigen::VectorXd& force) {
   const auto frames = force.size() - 1;
   const bool both = std::any_of(cameras.begin(), cameras.end(), [&](const auto& camera) { return camera.face != cameras.front().face; });
   planted.simulated(force.tail(frames));
   for (auto& camera : cameras) {
     const auto& face = *camera.face;
     camera.displacement = displacement.middleRows(face.first_unknown, 3 * face.nodes());
+    if (const auto& name = test.cameras[static_cast<std::size_t>(&camera - cameras.data())].name; planted.has_own(name)) err_alone(planted, name, camera);
     const std::string side = !both ? "" : face.back ? "back" : "front";
     const auto key = planted.seen(side);
     if (key.empty()) continue;
@@ -224,7 +239,7 @@ void virtual_test(const Communicator& world, const CommandOptions& options) {
       },
       planted.beyond());
   output.finish();
-  see_effects(planted, cameras, displacement, force);
+  see_effects(test, planted, cameras, displacement, force);
 
   std::vector<VirtualLight> lights;
   for (const auto& camera : cameras) {

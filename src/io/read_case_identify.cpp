@@ -131,10 +131,11 @@ void CaseReader::read_loop() {
 
 void CaseReader::read_effects() {
   const auto section = root_.group("effects");
+  const auto possible = checks_.effects ? checks_.effects(case_.cameras) : std::map<std::string, std::vector<std::string>>();
   std::vector<std::string> known;
-  for (const auto& [effect, quantities] : checks_.effects) known.push_back(effect);
+  for (const auto& [effect, quantities] : possible) known.push_back(effect);
   const auto is_known = [&](const std::string& path, const char* what, const std::string& name, const std::vector<std::string>& names) {
-    if (checks_.effects.empty() || std::find(names.begin(), names.end(), name) != names.end()) return true;
+    if (possible.empty() || std::find(names.begin(), names.end(), name) != names.end()) return true;
     const auto near = nearest(name, names);
     mistake(path, fmt::format("no {} \"{}\"{}", what, name, near.empty() ? "" : ", near to " + near), fmt::format("{}", fmt::join(names, ", ")));
     return false;
@@ -143,7 +144,7 @@ void CaseReader::read_effects() {
     if (!is_known(section.path(effect), "effect", effect, known)) continue;
     const auto quantities = section.group(effect);
     for (const auto& [quantity, value] : quantities.json().items()) {
-      if (!checks_.effects.empty() && !is_known(quantities.path(quantity), "quantity", quantity, checks_.effects.at(effect))) continue;
+      if (!possible.empty() && !is_known(quantities.path(quantity), "quantity", quantity, possible.at(effect))) continue;
       auto& one = case_.effects[effect][quantity];
       if (value.is_number()) one.value = value.get<double>();
       if (!value.is_object()) continue;

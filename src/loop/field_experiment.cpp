@@ -90,16 +90,16 @@ FieldExperiment::FieldExperiment(Communicator world, FieldData data, DeclaredMod
 
 FieldExperiment::~FieldExperiment() = default;
 
-/// Effects as candidates, but for what the model declares of them; those of cameras once for each face.
+/// Effects as candidates, but for what the model declares of them; those of cameras once for each face, and where several cameras see it in space once for each
+/// of them.
 void FieldExperiment::make_candidates() {
   std::vector<Candidate> ordered;
   std::vector<std::string> keys;
-  const auto add = [&](const std::shared_ptr<const Effect>& effect, int face) {
-    const std::string which = face < 0 || faces_.size() == 1 ? "" : measured_.faces[static_cast<std::size_t>(face)].name + " ";
+  const auto add = [&](const std::shared_ptr<const Effect>& effect, int face, const std::string& which, const std::string& where) {
     const Scene& scene = faces_[static_cast<std::size_t>(std::max(0, face))].scene;
     if (!effect->applies(scene)) return;
     const auto description = effect->describe(scene);
-    Candidate candidate{which + description.name, description.link, {}, description.sentence + (which.empty() ? "" : ", on the " + which + "face"), description.confused_with, description.separated_by, {}};
+    Candidate candidate{which + description.name, description.link, {}, description.sentence + where, description.confused_with, description.separated_by, {}};
     keys.push_back(key_of(candidate.name));
     first_.push_back(parameters_.size());
     for (const auto& q : description.quantities) {
@@ -123,10 +123,18 @@ void FieldExperiment::make_candidates() {
     face_of_.push_back(face);
   };
   for (const auto& effect : effects()) {
-    if (!effect->of_each_camera())
-      add(effect, -1);
-    else
-      for (std::size_t k = 0; k < faces_.size(); ++k) add(effect, static_cast<int>(k));
+    if (!effect->of_each_camera()) {
+      add(effect, -1, "", "");
+      continue;
+    }
+    for (std::size_t k = 0; k < faces_.size(); ++k) {
+      const FieldFace& face = measured_.faces[k];
+      const bool alone = faces_.size() == 1;
+      add(effect, static_cast<int>(k), alone ? "" : face.name + " ", alone ? "" : ", on the " + face.name + " face");
+      if (effect->of_one_of_several())
+        for (std::size_t c = 0; c < face.sights.size(); ++c)
+          add(of_one_camera(effect, face.sights, c, face.surface, faces_[k].scene), static_cast<int>(k), face.sights[c].camera + " ", ", of the camera " + face.sights[c].camera);
+    }
   }
   for (const auto& one : model_.effects)
     if (std::find(keys.begin(), keys.end(), one.effect) == keys.end())

@@ -4,6 +4,7 @@
 #include <utility>
 
 #include "imic3d/core/error.hpp"
+#include "imic3d/core/memory.hpp"
 #include "force_balance.hpp"
 #include "kept_factors.hpp"
 #include "load_path.hpp"
@@ -11,6 +12,14 @@
 #include "path_derivatives.hpp"
 
 namespace imic3d::mechanics {
+
+namespace {
+/// The memory that there is before any of it is taken.
+EquilibriumOptions with_memory(EquilibriumOptions options, const Communicator& group) {
+  if (options.memory_of_solver <= 0.0) options.memory_of_solver = group.sum(memory_of_a_rank(group));
+  return options;
+}
+}  // namespace
 
 struct Equilibrium::Implementation {
   const mesh::Partition& partition;
@@ -23,7 +32,7 @@ struct Equilibrium::Implementation {
 
   Implementation(const mesh::Partition& partition_, const mesh::Mesh& mesh, const std::shared_ptr<const material::FiniteStrainLaw>& law, std::vector<int> dofs, EquilibriumOptions options_)
       : partition(partition_),
-        options(std::move(options_)),
+        options(with_memory(std::move(options_), partition.communicator)),
         balance(partition, mesh, law, std::move(dofs), work),
         factors(balance.assembler().tangent(), partition, mesh, balance.constrained(), *law, options, work),
         newton(balance, factors, options),

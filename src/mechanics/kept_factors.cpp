@@ -6,7 +6,6 @@
 #include <array>
 #include <string>
 
-#include "imic3d/core/memory.hpp"
 #include "imic3d/mechanics/solver_choice.hpp"
 
 namespace imic3d::mechanics {
@@ -24,10 +23,10 @@ KeptFactors::KeptFactors(Mat tangent, const mesh::Partition& partition, const me
                          const EquilibriumOptions& options, Work& work)
     : tangent_(tangent), symmetric_(law.symmetric_tangent()), one_point_(mesh.integration == mesh::Integration::one_point), communicator_(partition.communicator), options_(options), work_(work) {
   IMIC3D_PETSC(MatGetSize(tangent_, &unknowns_, nullptr));
-  const double available = options_.memory_of_solver > 0.0 ? options_.memory_of_solver : communicator_.sum(memory_of_a_rank(communicator_));
+  const double available = options_.memory_of_solver;
   const bool two_grids = CornerGrid::exists(mesh);
   const std::string asked = asked_preconditioner(options_.prefix);
-  direct_by_default_ = asked != PCMG && solves_directly(static_cast<double>(unknowns_), symmetric_, two_grids, available);
+  direct_by_default_ = asked != PCMG && solves_directly(static_cast<double>(unknowns_), symmetric_, two_grids && options_.once, available);
   if (two_grids && !direct_by_default_ && (asked.empty() || asked == PCMG)) {
     PetscInt axes = 0;
     IMIC3D_PETSC(MatGetBlockSize(tangent_, &axes));
@@ -66,7 +65,7 @@ KeptFactors::Factor KeptFactors::make_solver() {
       corners_->use(solver, corners_directly_, symmetric_);
     else
       IMIC3D_PETSC(PCSetType(preconditioner, PCGAMG));
-    IMIC3D_PETSC(KSPSetTolerances(solver, least_remaining_, PETSC_DEFAULT, PETSC_DEFAULT, 1000));
+    IMIC3D_PETSC(KSPSetTolerances(solver, least_remaining_, PETSC_DEFAULT, PETSC_DEFAULT, 200));
   }
   IMIC3D_PETSC(KSPSetFromOptions(solver));
   IMIC3D_PETSC(KSPSetOperators(solver, tangent_, tangent_));

@@ -100,6 +100,8 @@ def main():
     names = [one["name"] for one in both["before"]["candidates"]] + both["invisible"]
     require("front magnification drift" in names and "back magnification drift" in names and "magnification drift" not in names, "a drift of each face's camera is a candidate")
     require(("back parallax" in names) == (not stereo), "parallax is one of a single camera")
+    own = [f"{camera} {effect}" for camera in ("left", "right") for effect in ("camera bump", "lens distortion", "magnification drift")]
+    require(all((name in names) == stereo for name in own), f"what one of several cameras errs by is a candidate: {', '.join(own)}")
     for face in ("front", "back"):
         require((folder / f"nothing/run/residual_before_{face}.png").stat().st_size > 500 and (folder / f"nothing/run/zoom_remainder_{face}.png").stat().st_size > 500 and not (folder / f"nothing/run/residual_after_{face}.png").exists() and (folder / f"nothing/run/remainder_{face}.png").stat().st_size > 500, f"pictures of the {face}")
     alone = loop("nothing", ["front"], output="alone")
@@ -123,7 +125,18 @@ def main():
     within_null(result, "bent")
     require(all((folder / f"bent/run/{name}_{face}.png").stat().st_size > 500 for name in ("residual_after", "zoom_after") for face in ("front", "back")), "pictures of what was added")
 
-    if not stereo:
+    if stereo:  # one of the two cameras is pushed, which the pair takes for a motion in space
+        pushed = 2e-4
+        make("pushed", 5, f"{{left_camera_bump: {{step_of_magnification: {pushed}, bump_onset: 0.5}}}}")
+        result = loop("pushed")
+        # The image of the other camera that shrinks or grows is the same motion, but for a rigid one.
+        require("left camera bump" in result["set"] and set(result["set"]) <= {"left camera bump", "right camera bump"}, f"{result['verdict']}: {result['set']}")
+        size = size_of(result, "left camera bump", "left_step_of_magnification")
+        require(abs(size["value"] - pushed) < 4 * size["standard_deviation"] + 0.05 * pushed, f"push of the left camera {size['value']:.3g} +- {size['standard_deviation']:.1g}, planted {pushed:g}")
+        within_null(result, "pushed")
+        said = loop("nothing", effects="{middle_camera_bump: {step_of_magnification: 1e-3}}", status=2, output="which")
+        require("left_camera_bump" in said, "a camera that is not there is refused")
+    else:
         if "--few" not in sys.argv:
             drift = 5e-4
             make("drift", 5, f"{{back_magnification_drift: {{magnification_drift: {drift}}}}}")

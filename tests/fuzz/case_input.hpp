@@ -20,7 +20,7 @@ inline io::CaseChecks checks_of_case() {
                                                   {"delta", "-", "", 1e-6, 1.0, {}}};
               },
           .read_mesh = [](const std::filesystem::path& file) { return mesh::read(file); },
-          .effects = {{"force_zero", {"force_offset"}}, {"taper", {"taper_x", "taper_y"}}},
+          .effects = [](const std::vector<io::CameraCase>&) { return std::map<std::string, std::vector<std::string>>{{"force_zero", {"force_offset"}}, {"taper", {"taper_x", "taper_y"}}}; },
           .sections = {},
           .images = true,
           .fields = true};

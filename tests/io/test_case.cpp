@@ -137,7 +137,7 @@ output: out
 
 TEST_F(CaseFile, EffectsOfTheTestAreReadAndChecked) {
   CaseChecks checks = all_checks;
-  checks.effects = {{"force_zero", {"force_offset"}}, {"taper", {"taper_x", "taper_y"}}};
+  checks.effects = [](const std::vector<CameraCase>&) { return std::map<std::string, std::vector<std::string>>{{"force_zero", {"force_offset"}}, {"taper", {"taper_x", "taper_y"}}}; };
   const Case test = read(good_case + "effects: {force_zero: {force_offset: 400}, taper: {taper_y: {lower: -0.1, upper: 0.2, free: true}}}\n", checks);
   EXPECT_EQ(test.effects.at("force_zero").at("force_offset").value, 400.0);
   EXPECT_FALSE(test.effects.at("force_zero").at("force_offset").free);

@@ -10,6 +10,7 @@
 #include "imic3d/identification/forward_model.hpp"
 #include "imic3d/loop/effect.hpp"
 #include "imic3d/loop/experiment.hpp"
+#include "imic3d/loop/one_camera.hpp"
 #include "imic3d/loop/surface_modes.hpp"
 
 namespace imic3d::loop {
@@ -22,6 +23,7 @@ struct FieldFace {
   Eigen::SparseMatrix<double> M;  ///< the covariance of its displacement is noise^2 M^-1 (Eq. 14) [components * n square]
   Eigen::Matrix2d pixels = Eigen::Matrix2d::Identity();    ///< d(pixel)/d(displacement) [px/length]
   Eigen::Vector2d axis_of_lens = Eigen::Vector2d::Zero();  ///< where the optical axis meets the specimen [length]
+  std::vector<Sight> sights{};    ///< of each camera, where there are several and three components
   [[nodiscard]] Eigen::Index unknowns() const { return components * surface.nodes.rows(); }
 };
 

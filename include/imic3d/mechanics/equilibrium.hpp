@@ -45,6 +45,7 @@ struct EquilibriumOptions {
   bool keep_factors = true;       ///< a direct solver's factors serve while their corrections converge fast; else Newton's method takes the tangent anew in every iteration
   double memory_of_factors = 500.0;  ///< that a solver may spend on factors of frames that are simulated again, on each rank [MB]; one is always kept
   double memory_of_solver = 0.0;  ///< that all its ranks together may take, which decides between a direct solver and an iterative one [bytes]; 0: what their machines have available
+  bool once = false;              ///< one series without derivatives: no factor of a direct solver is of use again
   bool with_fields = true;        ///< gather stress and plastic strain per frame
   std::string prefix = "mechanics_";  ///< PETSc options: -mechanics_ksp_type, -mechanics_pc_type …
 };

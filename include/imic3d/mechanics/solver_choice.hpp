@@ -11,12 +11,14 @@ namespace imic3d::mechanics {
   return (symmetric ? 1.0 : 2.0) * 24.8e3 * 596568.0 * std::pow(unknowns / 596568.0, 1.16);
 }
 
-/// Beyond so many unknowns GMRES with two grids for quadratic elements (src/mechanics/corner_grid.hpp) takes less time than MUMPS: 230 and 237 s at 268,080 (docs/performance.md).
+/// Beyond so many unknowns GMRES with two grids for quadratic elements (src/mechanics/corner_grid.hpp) simulates one series in less time than MUMPS: 230 and 237 s at 268,080
+/// (docs/performance.md). Where derivatives and further series make use of factors MUMPS takes less at any size that fits.
 constexpr double most_unknowns_of_direct_solver = 2.7e5;
 
-/// MUMPS as long as it fits into the `available` memory [bytes] of all ranks that solve together and, where there are two grids, pays; else GMRES.
-[[nodiscard]] inline bool solves_directly(double unknowns, bool symmetric, bool two_grids, double available) {
-  return memory_of_direct_solver(unknowns, symmetric) <= available && !(two_grids && unknowns > most_unknowns_of_direct_solver);
+/// MUMPS as long as it fits into the `available` memory [bytes] of all ranks that solve together and pays; else GMRES. `once_by_two_grids`: whether two grids, for one
+/// series, are what there is else.
+[[nodiscard]] inline bool solves_directly(double unknowns, bool symmetric, bool once_by_two_grids, double available) {
+  return memory_of_direct_solver(unknowns, symmetric) <= available && !(once_by_two_grids && unknowns > most_unknowns_of_direct_solver);
 }
 
 /// Whether MUMPS solves on the coarser of two grids, which has `corner_unknowns`, beside the 8 kB an unknown that the finer one takes; else GAMG does.

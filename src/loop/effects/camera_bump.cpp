@@ -21,9 +21,10 @@ class CameraBump final : public Effect {
             .confused_with = "magnification drift",
             .separated_by = "a fixed mark in the field of view"};
   }
-  /// Of one camera: several, whose directions differ, see it as a motion in space.
+  /// In the plane of an image; of one of several cameras: of_one_camera.
   [[nodiscard]] bool applies(const Scene& scene) const override { return scene.components == 2; }
   [[nodiscard]] bool of_each_camera() const override { return true; }
+  [[nodiscard]] bool of_one_of_several() const override { return true; }
   void see(Values values, const Scene& scene, int t, const Eigen::VectorXd& U, Eigen::VectorXd& error) const override {
     const double moved = begun(scene, t, values[3]);
     for (Eigen::Index i = 0; i < U.size() / 2; ++i) {

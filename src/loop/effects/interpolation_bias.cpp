@@ -20,6 +20,7 @@ class InterpolationBias final : public Effect {
             .separated_by = "images of rigid shifts by parts of a pixel; a wider dic.low_pass"};
   }
   [[nodiscard]] bool of_each_camera() const override { return true; }
+  [[nodiscard]] bool of_one_of_several() const override { return true; }
   /// Another program's points come of subsets and splines of its own, and of pixels that its tables do not tell.
   [[nodiscard]] bool applies(const Scene& scene) const override { return scene.images && scene.components == 2; }
   void see(Values values, const Scene& scene, int, const Eigen::VectorXd& U, Eigen::VectorXd& error) const override {

@@ -18,9 +18,10 @@ class LensDistortion final : public Effect {
             .confused_with = "magnification drift, taper",
             .separated_by = "images of a grid, or of the specimen shifted rigidly"};
   }
-  /// Of one camera: several, whose directions differ, see it as a motion in space.
+  /// In the plane of an image; of one of several cameras: of_one_camera.
   [[nodiscard]] bool applies(const Scene& scene) const override { return scene.components == 2; }
   [[nodiscard]] bool of_each_camera() const override { return true; }
+  [[nodiscard]] bool of_one_of_several() const override { return true; }
   void see(Values values, const Scene& scene, int, const Eigen::VectorXd& U, Eigen::VectorXd& error) const override {
     for (Eigen::Index i = 0; i < U.size() / 2; ++i) {
       const Eigen::Vector2d X = scene.surface->nodes.row(i).head<2>().transpose() - scene.axis_of_lens;

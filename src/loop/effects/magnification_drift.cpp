@@ -18,6 +18,7 @@ class MagnificationDrift final : public Effect {
             .separated_by = "static frames at the end, a second camera, a telecentric lens"};
   }
   [[nodiscard]] bool of_each_camera() const override { return true; }
+  [[nodiscard]] bool of_one_of_several() const override { return true; }
   void see(Values values, const Scene& scene, int t, const Eigen::VectorXd& U, Eigen::VectorXd& error) const override {
     const int c = scene.components;
     for (Eigen::Index i = 0; i < U.size() / c; ++i) {
