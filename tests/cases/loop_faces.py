@@ -133,6 +133,7 @@ def main():
         require("left camera bump" in result["set"] and set(result["set"]) <= {"left camera bump", "right camera bump"}, f"{result['verdict']}: {result['set']}")
         size = size_of(result, "left camera bump", "left_step_of_magnification")
         require(abs(size["value"] - pushed) < 4 * size["standard_deviation"] + 0.05 * pushed, f"push of the left camera {size['value']:.3g} +- {size['standard_deviation']:.1g}, planted {pushed:g}")
+        require(result["light"]["verdict"] == "nothing found", f"what the pair does not take for motion is no light: {result['light']['verdict']} {result['light']['set']}")
         within_null(result, "pushed")
         said = loop("nothing", effects="{middle_camera_bump: {step_of_magnification: 1e-3}}", status=2, output="which")
         require("left_camera_bump" in said, "a camera that is not there is refused")

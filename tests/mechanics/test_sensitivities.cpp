@@ -289,13 +289,16 @@ TEST(Sensitivities, WithAnIterativeSolver) {
           const bool quadratic = type != mesh::CellType::hex8;
           if ((by_option && !quadratic) || (mesh::dimension(type) == 2 && law.name == pressure.name)) continue;
           if (Communicator{}.size() > 1 && (type != mesh::CellType::hex20 || law.name == pressure.name || driven == Driven::by_force)) continue;
-          if (Communicator{}.size() > 2 && !by_option) continue;  // hundreds of unknowns on more ranks than processors: minutes of waiting
+          // Hundreds of unknowns on more ranks than processors: minutes of waiting, if something else runs, too.
+          const bool crowded = Communicator{}.size() > 2;
+          if (crowded && !by_option) continue;
+          const std::vector<int> free = crowded ? std::vector<int>{} : std::vector<int>{2};
           const std::string of = mesh::name(type) + ", " + law.name + (driven == Driven::by_force ? ", under forces" : "") + (by_option ? ", option" : "");
           Bar bar(type, driven, law);
-          const Path direct = bar.pull(law.parameters, {2});
+          const Path direct = bar.pull(law.parameters, free);
           bar.solve_within(by_option ? 0.0 : 1.0);
           if (by_option) (void)PetscOptionsSetValue(nullptr, "-mechanics_pc_type", "mg");
-          const Path iterative = bar.pull(law.parameters, {2});
+          const Path iterative = bar.pull(law.parameters, free);
           (void)PetscOptionsClearValue(nullptr, "-mechanics_pc_type");
           ASSERT_EQ(direct.status.frames, 4) << of << direct.status.message;
           ASSERT_EQ(iterative.status.frames, 4) << of << iterative.status.message;
@@ -303,7 +306,7 @@ TEST(Sensitivities, WithAnIterativeSolver) {
           EXPECT_LT(iterative.status.work.factorisations, iterative.status.work.solutions) << of << ": a preconditioner serves again";
           EXPECT_NE(iterative.displacement, direct.displacement) << of << ": the other solver was asked for";
           EXPECT_LE((iterative.displacement - direct.displacement).norm(), 1e-9 * direct.displacement.norm()) << of;
-          EXPECT_LE((iterative.d_displacement[0] - direct.d_displacement[0]).norm(), 1e-8 * direct.d_displacement[0].norm()) << of;
+          for (std::size_t k = 0; k < free.size(); ++k) EXPECT_LE((iterative.d_displacement[k] - direct.d_displacement[k]).norm(), 1e-8 * direct.d_displacement[k].norm()) << of;
         }
 }
 

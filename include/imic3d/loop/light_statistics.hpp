@@ -75,6 +75,7 @@ class LightStatistics {
   void make_cells(const Scene& scene);
   void make_noise();
   [[nodiscard]] float largest_grey(const imaging::Image& image) const;
+  void take_off_own_motion(std::vector<float>& residual) const;
 
   const correlation::GlobalDic* dic_;
   int camera_;
