@@ -26,7 +26,7 @@ KeptFactors::KeptFactors(Mat tangent, const mesh::Partition& partition, const me
   const double available = options_.memory_of_solver;
   const bool two_grids = CornerGrid::exists(mesh);
   const std::string asked = asked_preconditioner(options_.prefix);
-  direct_by_default_ = asked != PCMG && solves_directly(static_cast<double>(unknowns_), symmetric_, two_grids && options_.once, available);
+  direct_by_default_ = asked != PCMG && solves_directly(static_cast<double>(unknowns_), symmetric_, two_grids && mesh::dimension(mesh.type) == 3 && options_.once, available);
   if (two_grids && !direct_by_default_ && (asked.empty() || asked == PCMG)) {
     PetscInt axes = 0;
     IMIC3D_PETSC(MatGetBlockSize(tangent_, &axes));

@@ -11,7 +11,7 @@ namespace imic3d::mechanics {
   return (symmetric ? 1.0 : 2.0) * 24.8e3 * 596568.0 * std::pow(unknowns / 596568.0, 1.16);
 }
 
-/// Beyond so many unknowns GMRES with two grids for quadratic elements (src/mechanics/corner_grid.hpp) simulates one series in less time than MUMPS: 230 and 237 s at 268,080
+/// Beyond so many unknowns in space GMRES with two grids for quadratic elements (src/mechanics/corner_grid.hpp) simulates one series in less time than MUMPS: 230 and 237 s at 268,080
 /// (docs/performance.md). Where derivatives and further series make use of factors MUMPS takes less at any size that fits.
 constexpr double most_unknowns_of_direct_solver = 2.7e5;
 
