@@ -11,9 +11,9 @@ namespace imic3d::mechanics {
   return (symmetric ? 1.0 : 2.0) * 24.8e3 * 596568.0 * std::pow(unknowns / 596568.0, 1.16);
 }
 
-/// Beyond so many unknowns in space GMRES with two grids for quadratic elements (src/mechanics/corner_grid.hpp) simulates one series in less time than MUMPS: 230 and 237 s at 268,080
+/// Beyond so many unknowns in space GMRES with two grids for quadratic elements (src/mechanics/corner_grid.hpp) simulates one series in no more time than MUMPS
 /// (docs/performance.md). Where derivatives and further series make use of factors MUMPS takes less at any size that fits.
-constexpr double most_unknowns_of_direct_solver = 2.7e5;
+constexpr double most_unknowns_of_direct_solver = 6e5;
 
 /// MUMPS as long as it fits into the `available` memory [bytes] of all ranks that solve together and pays; else GMRES. `once_by_two_grids`: whether two grids, for one
 /// series, are what there is else.
