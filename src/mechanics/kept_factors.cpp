@@ -193,7 +193,6 @@ bool KeptFactors::renew() {
   auto& [solver, state] = factors_[at_hand_];
   PC preconditioner = nullptr;
   PCFailedReason failed = PC_NOERROR;
-  if (corners_) corners_->update(tangent_);
   IMIC3D_PETSC(KSPGetPC(solver, &preconditioner));
   IMIC3D_PETSC(PCSetReusePreconditioner(preconditioner, PETSC_FALSE));
   IMIC3D_PETSC(PCSetUp(preconditioner));  // KSPSetUp does nothing the second time

@@ -53,7 +53,6 @@ struct Scores {
   Eigen::VectorXd null_largest;    ///< largest z of null tests [any]
 };
 
-
 /// T_j = (G_j^T C^-1 z)^T (G_j^T C^-1 G_j)^-1 (G_j^T C^-1 z) with z = A^T r, A = P S the projected marks of all candidates, G = A^T A
 /// and C the covariance of z under the null. C is that of the draws, drawn towards G (the covariance of white noise) as far
 /// as their number asks for. The largest z is judged by Gaussian scores of covariance C, each tested with a covariance estimated anew from as many draws; where `freedom` is finite they are
