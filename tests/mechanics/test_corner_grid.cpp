@@ -51,5 +51,39 @@ TEST(CornerGrid, MovesTheMiddlesLinearly) {
     }
 }
 
+/// The stiffness of the corners is that of the tangent as it is now: twice as large for twice the tangent.
+TEST(CornerGrid, FollowsTheTangent) {
+  const mesh::Mesh mesh = mesh::quadratic(testing::box({2, 2, 2}, {1.0, 1.0, 1.0}));
+  const mesh::Partition partition = mesh::partition(mesh, {});
+  CornerGrid grid(partition, mesh, {}, 3);
+  PetscOwner<Mat, MatDestroy> tangent;
+  PetscOwner<KSP, KSPDestroy> solver;
+  const PetscInt own = 3 * partition.owned_nodes();
+  IMIC3D_PETSC(MatCreateAIJ(partition.communicator.handle, own, own, PETSC_DETERMINE, PETSC_DETERMINE, 1, nullptr, 0, nullptr, tangent.put()));
+  IMIC3D_PETSC(MatSetBlockSize(tangent, 3));
+  for (PetscInt row = 3 * partition.first_owned(); row < 3 * partition.first_owned() + own; ++row) IMIC3D_PETSC(MatSetValue(tangent, row, row, 1.0, INSERT_VALUES));
+  IMIC3D_PETSC(MatAssemblyBegin(tangent, MAT_FINAL_ASSEMBLY));
+  IMIC3D_PETSC(MatAssemblyEnd(tangent, MAT_FINAL_ASSEMBLY));
+  IMIC3D_PETSC(KSPCreate(partition.communicator.handle, solver.put()));
+  grid.use(solver, true, true);
+  const auto stiffness = [&] {
+    PC cycle = nullptr;
+    KSP corners = nullptr;
+    Mat matrix = nullptr;
+    double norm = 0.0;
+    IMIC3D_PETSC(KSPGetPC(solver, &cycle));
+    IMIC3D_PETSC(PCMGGetCoarseSolve(cycle, &corners));
+    IMIC3D_PETSC(KSPGetOperators(corners, &matrix, nullptr));
+    IMIC3D_PETSC(MatNorm(matrix, NORM_FROBENIUS, &norm));
+    return norm;
+  };
+  grid.update(tangent);
+  const double once = stiffness();
+  IMIC3D_PETSC(MatScale(tangent, 2.0));
+  grid.update(tangent);
+  EXPECT_GT(once, 1.0);
+  EXPECT_NEAR(stiffness(), 2.0 * once, 1e-12 * once);
+}
+
 }  // namespace
 }  // namespace imic3d::mechanics
