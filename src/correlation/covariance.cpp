@@ -51,4 +51,19 @@ Eigen::VectorXd diagonal_of_inverse(const Eigen::SimplicialLDLT<Eigen::SparseMat
   return result;
 }
 
+Columns inverse_times(const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>>& factor, const Columns& B) {
+  const auto triangle = factor.matrixL();
+  const Eigen::SparseMatrix<double>& L = triangle.nestedExpression();  // strictly below the diagonal
+  const Eigen::VectorXd D = factor.vectorD();
+  using Entry = Eigen::SparseMatrix<double>::InnerIterator;
+  Columns X = factor.permutationP() * B;
+  for (Eigen::Index j = 0; j < L.cols(); ++j)
+    for (Entry entry(L, j); entry; ++entry) X.row(entry.row()) -= entry.value() * X.row(j);
+  for (Eigen::Index j = L.cols() - 1; j >= 0; --j) {
+    X.row(j) /= D[j];
+    for (Entry entry(L, j); entry; ++entry) X.row(j) -= entry.value() * X.row(entry.row());
+  }
+  return factor.permutationPinv() * X;
+}
+
 }  // namespace imic3d::correlation

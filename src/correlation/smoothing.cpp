@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "bilinear.hpp"
+#include "imic3d/correlation/covariance.hpp"
 
 namespace imic3d::correlation {
 namespace {
@@ -99,8 +100,8 @@ Eigen::MatrixXd smooth(const Measure& measure, Eigen::MatrixXd U, const std::vec
   for (const auto& [cut_off, frames] : frames_of) {
     const Eigen::SparseMatrix<double> bent = measure.smoothing_weight(cut_off) * energy;
     factor.factorize(measure.M + bent);
-    const Eigen::MatrixXd own = U(Eigen::all, frames);
-    U(Eigen::all, frames) = own - factor.solve(bent * factor.solve(bent * own));
+    const Columns own = U(Eigen::all, frames);
+    U(Eigen::all, frames) = own - inverse_times(factor, bent * inverse_times(factor, bent * own));
   }
   return U;
 }
@@ -120,12 +121,13 @@ std::vector<double> cut_offs_of_least_error(const Measure& measure, const Eigen:
   for (int node : nodes)
     for (int component = 0; component < measure.dofs_per_node; ++component) unknowns.push_back(measure.dofs_per_node * node + component);
   const auto count = static_cast<Eigen::Index>(unknowns.size()), frames = U.cols();
-  Eigen::MatrixXd at = Eigen::MatrixXd::Zero(U.rows(), count);
+  const Columns measured = U;
+  Columns at = Columns::Zero(U.rows(), count);
   for (Eigen::Index i = 0; i < count; ++i) at(unknowns[static_cast<std::size_t>(i)], i) = 1.0;
-  const auto diagonal = [&](const Eigen::MatrixXd& columns) { return Eigen::ArrayXd(columns(unknowns, Eigen::all).diagonal().array()); };
+  const auto diagonal = [&](const Columns& columns) { return Eigen::ArrayXd(columns(unknowns, Eigen::all).diagonal().array()); };
   const Eigen::SparseMatrix<double> energy = curvature_energy(measure.surface, measure.dofs_per_node);
   // Each unknown in units of its own noise: a node that is hardly seen would outweigh all others.
-  const Eigen::ArrayXd variance = diagonal(Factor(measure.M).solve(at)).cwiseMax(1e-300);
+  const Eigen::ArrayXd variance = diagonal(inverse_times(Factor(measure.M), at)).cwiseMax(1e-300);
   std::vector<double> cut_offs{0.0};
   for (double cut_off = longest; cut_off > 0.99 * longest / 16.0; cut_off /= std::sqrt(2.0)) cut_offs.push_back(cut_off);
   Eigen::MatrixXd error(static_cast<Eigen::Index>(cut_offs.size()), frames);
@@ -135,8 +137,8 @@ std::vector<double> cut_offs_of_least_error(const Measure& measure, const Eigen:
   for (std::size_t k = 1; k < cut_offs.size(); ++k) {
     const Eigen::SparseMatrix<double> bent = measure.smoothing_weight(cut_offs[k]) * energy;
     factor.factorize(measure.M + bent);
-    const Eigen::MatrixXd lost = factor.solve(bent * factor.solve(bent * U)), once = factor.solve(at);
-    const Eigen::ArrayXd kept = 2.0 * diagonal(once) - once.cwiseProduct(measure.M * once).colwise().sum().transpose().array();  // of the noise: its covariance with what smoothing leaves of it, over sigma^2
+    const Columns lost = inverse_times(factor, bent * inverse_times(factor, bent * measured)), once = inverse_times(factor, at);
+    const Eigen::ArrayXd kept = 2.0 * diagonal(once) - once.cwiseProduct(Columns(measure.M * once)).colwise().sum().transpose().array();  // of the noise: its covariance with what smoothing leaves of it, over sigma^2
     error.row(static_cast<Eigen::Index>(k)) = (lost(unknowns, Eigen::all).array().square().colwise() / (sigma * sigma * variance)).colwise().sum() + 2.0 * (kept / variance).sum();
   }
   std::vector<double> chosen(static_cast<std::size_t>(frames));

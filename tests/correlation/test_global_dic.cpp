@@ -401,5 +401,13 @@ TEST(Covariance, DiagonalOfTheInverse) {
   EXPECT_LT((dense - sparse).norm(), 1e-10 * dense.norm());
 }
 
+TEST(Covariance, InverseTimesManyColumns) {
+  const Correlation correlation(rectangle(20, 20, 150, 140, 6, 5), camera(), BSpline(scene().reference));
+  const Eigen::SparseMatrix<double> M = correlation.M();
+  const Columns B = Columns::Random(M.rows(), 7);
+  const Columns X = inverse_times(Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>>(M), B);
+  EXPECT_LT((M * X - B).norm(), 1e-10 * B.norm());
+}
+
 }  // namespace
 }  // namespace imic3d::correlation
