@@ -277,4 +277,22 @@ bool significant(const Model& model) {
   return omnibus_significant(model) || std::any_of(all.begin(), all.end(), [&](const Score& one) { return stands_out(model, one) && matters(model, one); });
 }
 
+std::optional<int> without_size(const Experiment& experiment, const Model& model) {
+  if (model.added.size() < 2) return std::nullopt;
+  for (int k : model.added) {
+    std::vector<Eigen::Index> places;
+    std::vector<double> sizes;
+    for (int j : experiment.candidates()[static_cast<std::size_t>(k)].parameters) {
+      const auto& info = experiment.parameters()[static_cast<std::size_t>(j)].info;
+      const auto place = std::find(model.fit.free.begin(), model.fit.free.end(), j) - model.fit.free.begin();
+      if (info.shape || place == std::ssize(model.fit.free)) continue;
+      places.push_back(place), sizes.push_back(model.fit.values[static_cast<std::size_t>(j)] - info.null_value.value_or(0.0));
+    }
+    const Eigen::Map<const Eigen::VectorXd> size(sizes.data(), std::ssize(sizes));
+    const Eigen::MatrixXd covariance = model.covariance(places, places);
+    if (size.size() > 0 && chi_squared_tail(size.dot(covariance.completeOrthogonalDecomposition().solve(size)), static_cast<int>(size.size())) > 0.05) return k;
+  }
+  return std::nullopt;
+}
+
 }  // namespace imic3d::loop

@@ -2,6 +2,7 @@
 // A fitted model, judged by what it leaves: its parameters' covariance, its misfit on fitted and on held-out data, the scores of all candidates that it lacks.
 
 #include <functional>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -64,5 +65,7 @@ class Appraisal {
 [[nodiscard]] bool omnibus_significant(const Model& model);
 /// Whether the model leaves anything: energy, or a candidate that stands out and matters.
 [[nodiscard]] bool significant(const Model& model);
+/// Of several effects together, one whose size is not told from its null value (95 %): whatever bends freely beside others leaves little of anything, and names nothing. None, if all are told.
+[[nodiscard]] std::optional<int> without_size(const Experiment& experiment, const Model& model);
 
 }  // namespace imic3d::loop

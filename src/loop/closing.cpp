@@ -60,7 +60,7 @@ class Loop {
     Model at = report_.declared;
     while (true) {
       if (!significant(at)) {
-        report_.verdict = report_.named.empty() ? Verdict::nothing_found : Verdict::attributed;
+        report_.verdict = report_.named.empty() ? Verdict::nothing_found : without_size(experiment_, at) ? Verdict::unexplained : Verdict::attributed;
         break;
       }
       if (static_cast<int>(at.added.size()) >= options_.additions) {
@@ -338,6 +338,11 @@ class Loop {
   void judge(Trial& trial, const Model& at) {
     const Model& model = trial.model;
     trial.sufficient = !significant(model);
+    if (const auto k = without_size(experiment_, model); k && trial.sufficient) {
+      trial.sufficient = false;
+      trial.objection = fmt::format("nothing is left, but the size of {} is not told", candidate(*k).name);
+      say("    " + trial.objection);
+    }
     const auto& parameters = experiment_.parameters();
     for (int k : model.added)
       for (int j : candidate(k).parameters) {

@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "appraisal.hpp"
+
 namespace imic3d::loop {
 
 namespace {
@@ -82,6 +84,10 @@ std::string sentence_of(const Experiment& experiment, const Report& report) {
   } else {
     text += "No known effect explains it";
     if (!report.named.empty()) text += ", though it helps to add: " + list(report.named);
+    if (const auto k = without_size(experiment, after); k && !significant(after)) {
+      text += fmt::format(". Nothing is left with these, but the size of {} is not told from its null value: they may stand for something else. ", candidate(*k).name);
+      return text + change + changes(experiment, before, after) + by_chance;
+    }
     Eigen::Index worst = 0;
     (after.misfit.frames - after.misfit.null_frames).maxCoeff(&worst);
     text += fmt::format(". It is largest in {}. ", experiment.frame_name(static_cast<int>(worst)));

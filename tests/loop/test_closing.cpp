@@ -363,6 +363,28 @@ TEST(Closing, TwoEffectsAreFoundOneAfterTheOther) {
   EXPECT_EQ(named, (std::vector<int>{Curves::drift, Curves::offset}));
 }
 
+/// What is curved has come to its end long before 12: of its size the test tells nothing. Beside another effect that is no name, alone it is one.
+TEST(Closing, SeveralEffectsNeedASizeEach) {
+  const auto told = [](const Report& report) {
+    const auto& model = report.final;
+    const auto place = std::find(model.fit.free.begin(), model.fit.free.end(), 2 + static_cast<int>(Curves::curved)) - model.fit.free.begin();
+    return place < std::ssize(model.fit.free) ? model.fit.values[2 + Curves::curved] / std::sqrt(model.covariance(place, place)) : -1.0;
+  };
+  const Report both = loop_on(Curves(7, {{Curves::drift, 5.0}, {Curves::curved, 12.0}}));
+  EXPECT_EQ(both.verdict, Verdict::unexplained) << both.sentence;
+  EXPECT_EQ(both.named.size(), 2U) << both.sentence;
+  EXPECT_GT(told(both), 0.0);
+  EXPECT_LT(told(both), 1.96);
+  EXPECT_NE(both.sentence.find("the size of curved is not told from its null value"), std::string::npos) << both.sentence;
+  const Report alone = loop_on(Curves(7, {{Curves::curved, 12.0}}));
+  EXPECT_EQ(alone.verdict, Verdict::attributed) << alone.sentence;
+  EXPECT_GT(told(alone), 0.0);
+  EXPECT_LT(told(alone), 1.96);
+  const Report small = loop_on(Curves(7, {{Curves::drift, 5.0}, {Curves::curved, 7.0}}));
+  EXPECT_EQ(small.verdict, Verdict::attributed) << small.sentence;
+  EXPECT_GT(told(small), 1.96);
+}
+
 /// Alone the kink takes 1.9 of its 4, with the other effect 4.6: beyond what it may be.
 TEST(Closing, AnEffectAddedEarlierStaysWithinItsBounds) {
   Curves experiment(5, {{Curves::kink, 4.0}, {Curves::curved, 6.0}});

@@ -1,4 +1,5 @@
 // Force and images do not belong to the same moment.
+#include <algorithm>
 #include <cmath>
 
 #include "effects.hpp"
@@ -10,10 +11,11 @@ namespace {
 class ForceDelay final : public Effect {
  public:
   [[nodiscard]] Description describe(const Scene& scene) const override {
-    const double frame = (scene.time[scene.time.size() - 1] - scene.start_time) / static_cast<double>(scene.time.size());
+    const double duration = scene.time[scene.time.size() - 1] - scene.start_time, frame = duration / static_cast<double>(scene.time.size());
+    const double longest = std::max(3.0 * frame, 0.1 * duration);
     return {.name = "delay of the force",
             .link = Link::record,
-            .quantities = {{.name = "force_delay", .unit = "time", .description = "of the force behind the images", .step = 0.02 * frame, .size = 0.2 * frame, .lower = -3.0 * frame, .upper = 3.0 * frame}},
+            .quantities = {{.name = "force_delay", .unit = "time", .description = "of the force behind the images", .step = 0.02 * frame, .size = 0.2 * frame, .lower = -longest, .upper = longest}},
             .sentence = "force and images are not recorded at the same time",
             .confused_with = "rate dependence",
             .separated_by = "a pulse that both record; a hold"};
