@@ -192,6 +192,28 @@ class Loop {
     const auto& its = candidate(k).parameters;
     return std::any_of(its.begin(), its.end(), [&](int j) { return experiment_.parameters()[static_cast<std::size_t>(j)].info.shape; });
   }
+  /// Where an effect that acts somewhere is identified from: the three places whose marks explain most, with the sizes that they ask for.
+  std::vector<std::vector<double>> elsewhere(const Model& at, std::size_t i) const {
+    const Candidate& its = candidate(at.others[i]);
+    if (its.elsewhere.empty()) return {};
+    const Score& score = at.scores.candidates[i];
+    std::vector<Shapes> places{{}};  // where it is declared to be
+    for (auto& one : other_shapes(experiment_.parameters(), its, at.fit.values)) places.push_back(std::move(one));
+    std::vector<Eigen::Index> order(places.size());
+    for (std::size_t k = 0; k < order.size(); ++k) order[k] = static_cast<Eigen::Index>(k);
+    std::stable_sort(order.begin(), order.end(), [&](Eigen::Index a, Eigen::Index b) { return score.drop_alone[a] > score.drop_alone[b]; });
+    const auto size = static_cast<std::size_t>(its.parameters.front());
+    const auto& info = experiment_.parameters()[size].info;
+    const double margin = 0.05 * (info.upper - info.lower);
+    std::vector<std::vector<double>> starts;
+    for (std::size_t k = 0; k < std::min<std::size_t>(3, order.size()); ++k) {
+      std::vector<double>& start = starts.emplace_back(at.fit.values);
+      start[size] = std::clamp(start[size] + score.alone[order[k]], info.lower + margin, info.upper - margin);
+      for (const auto& [j, value] : places[static_cast<std::size_t>(order[k])]) start[static_cast<std::size_t>(j)] = value;
+    }
+    return starts;
+  }
+
   /// An effect of the law without a shape, looked for where the misfit is large.
   bool from_afar(const Model& at, int k) const { return candidate(k).link == Link::material && !shaped(k) && at.misfit.fitted > 2.0 * at.misfit.null_fitted; }
 
@@ -234,8 +256,8 @@ class Loop {
       // from the null value; the best one stands.
       const auto& its = candidate(trial.candidate).parameters;
       const bool with_shape = shaped(trial.candidate);
-      std::vector<std::vector<double>> starts;
-      for (double factor : with_shape ? std::vector<double>{1.0, 8.0, 0.125} : std::vector<double>{1.0}) {
+      std::vector<std::vector<double>> starts = elsewhere(at, i);
+      for (double factor : !starts.empty() ? std::vector<double>{} : with_shape ? std::vector<double>{1.0, 8.0, 0.125} : std::vector<double>{1.0}) {
         std::vector<double>& start = starts.emplace_back(at.fit.values);
         for (std::size_t k = 0; k < its.size(); ++k) {
           const auto j = static_cast<std::size_t>(its[k]);

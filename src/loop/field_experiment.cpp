@@ -118,6 +118,7 @@ void FieldExperiment::make_candidates() {
       }
       parameters_.back().info.name = key_of(which) + q.name;
     }
+    if (candidate.parameters.size() == description.quantities.size()) candidate.elsewhere = description.elsewhere;
     if (!candidate.parameters.empty()) ordered.push_back(std::move(candidate));
     effects_.push_back(effect);
     face_of_.push_back(face);

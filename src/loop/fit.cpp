@@ -102,10 +102,21 @@ Linear secant(const Linear& from, const Eigen::VectorXd& step, Eigen::VectorXd r
 
 }  // namespace
 
-std::array<double, 2> other_shapes(const Parameter& shape, double value) {
-  const double usual = shape.info.scale > 0.0 ? shape.info.scale : 1.0;
-  const double low = value != 0.0 ? value / 8.0 : usual / 3.0, high = value != 0.0 ? 8.0 * value : usual;
-  return {std::clamp(low, shape.info.lower, shape.info.upper), std::clamp(high, shape.info.lower, shape.info.upper)};
+std::vector<Shapes> other_shapes(const std::vector<Parameter>& parameters, const Candidate& candidate, const std::vector<double>& values) {
+  std::vector<int> shapes;
+  for (int j : candidate.parameters)
+    if (parameters[static_cast<std::size_t>(j)].info.shape) shapes.push_back(j);
+  std::vector<Shapes> all;
+  for (const auto& place : candidate.elsewhere) {
+    auto& one = all.emplace_back();
+    for (std::size_t i = 0; i < shapes.size(); ++i) one.emplace_back(shapes[i], place[i]);
+  }
+  for (int j : candidate.elsewhere.empty() ? shapes : std::vector<int>{}) {
+    const auto& info = parameters[static_cast<std::size_t>(j)].info;
+    const double value = values[static_cast<std::size_t>(j)], usual = info.scale > 0.0 ? info.scale : 1.0;
+    for (double other : {value != 0.0 ? value / 8.0 : usual / 3.0, value != 0.0 ? 8.0 * value : usual}) all.push_back({{j, std::clamp(other, info.lower, info.upper)}});
+  }
+  return all;
 }
 
 std::vector<Mark> marks(Experiment& experiment, const Weight& weight, const std::vector<double>& values, const std::vector<int>& candidates) {
@@ -130,18 +141,16 @@ std::vector<Mark> marks(Experiment& experiment, const Weight& weight, const std:
     for (int j : candidate.parameters) {
       const auto i = static_cast<std::size_t>(j);
       const auto& p = parameters[i];
-      if (!p.info.shape) {
-        const double step = signed_step(p, values[i]);
-        sets.push_back(values);
-        sets.back()[i] += step;
-        its.push_back({sets.size(), step});
-        continue;
-      }
-      for (double shape : other_shapes(p, values[i])) {
-        sets.push_back(present);
-        sets.back()[i] = shape;
-        its.push_back({sets.size(), step_of_sizes});
-      }
+      if (p.info.shape) continue;
+      const double step = signed_step(p, values[i]);
+      sets.push_back(values);
+      sets.back()[i] += step;
+      its.push_back({sets.size(), step});
+    }
+    for (const Shapes& shapes : other_shapes(parameters, candidate, values)) {
+      sets.push_back(present);
+      for (const auto& [j, shape] : shapes) sets.back()[static_cast<std::size_t>(j)] = shape;
+      its.push_back({sets.size(), step_of_sizes});
     }
   }
   const auto residuals = experiment.residuals_near(values, sets);

@@ -198,6 +198,7 @@ Scores score(const ScoreProblem& problem) {
     one.deviation = test.covariance(j, sizes).diagonal().cwiseMax(0.0).cwiseSqrt().cwiseProduct(scale);
     const double wider = detectable(result.threshold, power_deviations, one.degrees) / (result.threshold + power_deviations);
     one.detectable = (wider * normal_as_student(result.threshold + power_deviations, freedom[j]) / unit / test.information(j).diagonal().cwiseMax(1e-300).array().sqrt()).matrix().cwiseQuotient(length.segment(first, count));
+    one.alone = z.segment(first, count).cwiseQuotient(length.segment(first, count)), one.drop_alone = z.segment(first, count).cwiseAbs2();
     one.bias = pull * problem.signatures[j].leftCols(sizes);
     result.candidates.push_back(std::move(one));
   }

@@ -60,6 +60,21 @@ class Curves final : public Experiment {
     return *this;
   }
 
+  /// One more candidate, which acts about a moment that is unknown; it is there with this size at this moment.
+  Curves& somewhere(double size, double moment, bool told_where = true) {
+    const auto add = [&](const char* name, double value, double lower, double upper, double step, bool shape) {
+      parameters_.push_back({.info = {.name = name, .unit = "-", .description = "", .lower = lower, .upper = upper, .null_value = value, .shape = shape, .scale = value}, .value = value, .step = step, .prior = 0.0, .free = false});
+    };
+    add("pulse", 0.0, -100.0, 100.0, 1e-4, false), add("moment", 0.5, 0.0, 1.0, 1e-3, true);
+    candidates_.push_back({.name = "pulse", .link = Link::material, .parameters = {9, 10}, .sentence = "pulse", .confused_with = "", .separated_by = "another test", .after = {}});
+    if (told_where) candidates_.back().elsewhere = {{0.05}, {0.2}, {0.35}, {0.65}, {0.8}, {0.95}};
+    std::vector<double> with, without;
+    for (const auto& p : parameters_) without.push_back(p.value);
+    with = without, with[9] = size, with[10] = moment;
+    measured_ += predict(with) - predict(without);
+    return *this;
+  }
+
   /// A parameter is known beforehand.
   Curves& know(std::size_t parameter, double value, double deviation) {
     parameters_[parameter].value = value, parameters_[parameter].prior = deviation;
@@ -125,6 +140,7 @@ class Curves final : public Experiment {
         u += rest_of_gain_ * v[6] * (mark + unlike_twins * s * std::sin(5.0 * k));  // a rest that is nearly that of the twins
         u += (1.0 - std::exp(-0.5 * v[7] * s)) * (k % 2 == 0 ? 2.0 : -2.0) * s;  // not linear in its size
         u += like_drift_ * v[7] * v[7] * s * (k - 2.0);                    // where it is large
+        if (v.size() > 9) u += v[9] * std::exp(-std::pow((s - v[10]) / 0.06, 2)) * (k == 2 ? 1.0 : -0.5);
         y[t * (numbers + 1) + k] = u;
       }
       y[t * (numbers + 1) + numbers] = 30.0 * v[0] * std::tanh(4.0 * s) + 20.0 * v[1] * s + 30.0 * v[6] * std::tanh(4.0 * s) + (records_offset ? v[8] : 0.0);

@@ -385,6 +385,25 @@ TEST(Closing, SeveralEffectsNeedASizeEach) {
   EXPECT_GT(told(small), 1.96);
 }
 
+/// What acts somewhere is looked for at several places, and found between them; from the middle alone no way leads there.
+TEST(Closing, WhatActsSomewhereIsFoundThere) {
+  const Report report = loop_on(Curves(5).somewhere(6.0, 0.74));
+  EXPECT_EQ(report.verdict, Verdict::attributed) << report.sentence;
+  EXPECT_EQ(report.named, std::vector<int>{7}) << report.sentence;
+  EXPECT_NEAR(report.final.fit.values[9], 6.0, 1.0);
+  EXPECT_NEAR(report.final.fit.values[10], 0.74, 0.01);
+  const auto& declared = report.declared;
+  const auto place = std::find(declared.others.begin(), declared.others.end(), 7) - declared.others.begin();
+  ASSERT_LT(place, std::ssize(declared.others));
+  const Score& score = declared.scores.candidates[static_cast<std::size_t>(place)];
+  ASSERT_EQ(score.alone.size(), 7);  // where it is declared, then elsewhere
+  Eigen::Index best = 0;
+  EXPECT_GT(score.drop_alone.maxCoeff(&best), 2.0 * score.drop_alone[0]);
+  EXPECT_EQ(best, 5);  // 0.8
+  const Report at_the_middle = loop_on(Curves(5).somewhere(6.0, 0.74, false));
+  EXPECT_NE(at_the_middle.named, std::vector<int>{7}) << at_the_middle.sentence;
+}
+
 /// Alone the kink takes 1.9 of its 4, with the other effect 4.6: beyond what it may be.
 TEST(Closing, AnEffectAddedEarlierStaysWithinItsBounds) {
   Curves experiment(5, {{Curves::kink, 4.0}, {Curves::curved, 6.0}});

@@ -92,6 +92,7 @@ class Effect {
     Link link;
     std::vector<Quantity> quantities;
     std::string sentence, confused_with, separated_by;
+    std::vector<std::vector<double>> elsewhere{};  ///< of one that acts somewhere: Candidate::elsewhere
   };
   using Values = std::span<const double>;
 

@@ -37,6 +37,8 @@ struct Score {
   Eigen::VectorXd size;      ///< estimate of its parameters - null value [k]
   Eigen::VectorXd deviation; ///< standard deviation of these under the null [k]
   Eigen::VectorXd detectable;///< MDE: sizes that are found with 80 % probability, each alone [k], then of the size with the other shapes [columns]
+  Eigen::VectorXd alone;     ///< size by each of its marks alone, as if noise were white [columns]
+  Eigen::VectorXd drop_alone;///< of the residual's square by each [columns]
   Eigen::MatrixXd bias;      ///< shift of the free parameters per unit of size if it is left out [p x k]
   [[nodiscard]] bool visible() const { return visibility >= least_visibility || shown_by_prior; }
 };

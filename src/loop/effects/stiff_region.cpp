@@ -1,4 +1,4 @@
-// A region that is weaker or stronger than the rest: a weld, a defect, a hard spot.
+// A region that is weaker or stronger than the rest: a weld, a defect, a hard spot. Its place and its size are unknown.
 #include <cmath>
 
 #include "effects.hpp"
@@ -9,37 +9,29 @@ namespace {
 
 class StiffRegion final : public Effect {
  public:
-  [[nodiscard]] Description describe(const Scene& scene) const override {
+  [[nodiscard]] Description describe(const Scene&) const override {
+    const auto shape = [](const char* name, const char* description, double usual, double lower, double upper) {
+      return Quantity{.name = name, .unit = "-", .description = description, .null = usual, .step = 1e-3, .lower = lower, .upper = upper, .shape = true, .scale = usual};
+    };
     Description description{.name = "stiff or soft region",
-            .link = Link::material,
-            .quantities = {},
-            .sentence = "a part of the specimen is softer or stiffer than the rest",
-            .confused_with = "taper, hole radius",
-            .separated_by = "the other face, hardness"};
-    for (int k = 0; k < places; ++k)
-      description.quantities.push_back({.name = "region_" + std::to_string(k + 1), .unit = "-", .description = place_of(scene, k), .step = 5e-3, .size = 0.05, .lower = -0.6, .upper = 2.0});
+                            .link = Link::material,
+                            .quantities = {{.name = "region", .unit = "-", .description = "how much stronger than the rest its middle is, by 1 + region exp(-(r/radius)^2)", .step = 5e-3, .size = 0.05, .lower = -0.6, .upper = 2.0},
+                                           shape("region_x", "its middle, 0 at the left and 1 at the right end of the surface", 0.5, 0.0, 1.0),
+                                           shape("region_y", "its middle, 0 at the lower and 1 at the upper end of the surface", 0.5, 0.0, 1.0),
+                                           shape("region_radius", "over the smaller side of the surface", 0.2, 0.03, 1.0)},
+                            .sentence = "a part of the specimen is softer or stiffer than the rest",
+                            .confused_with = "taper, hole radius",
+                            .separated_by = "the other face, hardness"};
+    for (double y : {1.0 / 6.0, 0.5, 5.0 / 6.0})
+      for (double x : {0.25, 0.75}) description.elsewhere.push_back({x, y, 0.2});
     return description;
   }
   [[nodiscard]] double section(Values values, const Scene& scene, const Eigen::Vector3d& point) const override {
-    double factor = 1.0;
-    for (int k = 0; k < places; ++k) {
-      const Eigen::Vector2d centre = middle_of(scene, k);
-      const double r = (point.head<2>() - centre).norm() / (0.2 * (scene.high - scene.low).minCoeff());
-      factor += values[static_cast<std::size_t>(k)] * std::exp(-r * r);
-    }
-    return factor;
+    const Eigen::Vector2d middle = scene.low + Eigen::Vector2d(values[1], values[2]).cwiseProduct(scene.high - scene.low);
+    const double r = (point.head<2>() - middle).norm() / (values[3] * (scene.high - scene.low).minCoeff());
+    return 1.0 + values[0] * std::exp(-r * r);
   }
   [[nodiscard]] bool changes_simulation(const Scene&) const override { return true; }
-
- private:
-  static constexpr int columns = 2, rows = 3, places = columns * rows;
-  static Eigen::Vector2d middle_of(const Scene& scene, int k) {
-    return {scene.low[0] + scene.span(0) * (k % columns + 0.5) / columns, scene.low[1] + scene.span(1) * (k / columns + 0.5) / rows};
-  }
-  static std::string place_of(const Scene& scene, int k) {
-    const Eigen::Vector2d at = middle_of(scene, k);
-    return "relative strength about x = " + std::to_string(at[0]).substr(0, 5) + ", y = " + std::to_string(at[1]).substr(0, 5);
-  }
 };
 
 }  // namespace
