@@ -188,18 +188,20 @@ void Appraisal::trace(Model& model) const {
   const auto signatures = marks(experiment_, model.ground->weight, model.fit.values, model.others);
   ScoreProblem problem = problem_of(model, prior);
   std::vector<int> kept;
-  std::vector<Eigen::MatrixXd> signatures_of_kept;
+  std::vector<Mark> marks_of_kept;
   for (std::size_t i = 0; i < signatures.size(); ++i) {
     const Eigen::MatrixXd signature = signatures[i].columns(rows_, Eigen::all);
     if (signature.norm() == 0.0) {
       model.untested.push_back({model.others[i], why_without(signatures[i])});
       continue;
     }
-    problem.signatures.push_back(stacked(signature, Eigen::MatrixXd::Zero(prior.residual.size(), signature.cols())));
+    const auto with_prior = [&](const Eigen::MatrixXd& columns) { return stacked(columns, Eigen::MatrixXd::Zero(prior.residual.size(), columns.cols())); };
+    problem.signatures.push_back(with_prior(signature));
+    problem.elsewhere.push_back(signatures[i].elsewhere.size() > 0 ? with_prior(signatures[i].elsewhere(rows_, Eigen::all)) : Eigen::MatrixXd(problem.residual.size(), 0));
     const auto& its = candidate(model.others[i]).parameters;
     problem.sizes.push_back(static_cast<int>(std::count_if(its.begin(), its.end(), [&](int j) { return !experiment_.parameters()[static_cast<std::size_t>(j)].info.shape; })));
     kept.push_back(model.others[i]);
-    signatures_of_kept.push_back(signatures[i].columns);
+    marks_of_kept.push_back(signatures[i]);
   }
   model.scores = score(problem);
   // A mark that stays below the noise at every size that the candidate may have consists of it (an undisturbed strip has no mesh error: what a finer mesh
@@ -208,7 +210,8 @@ void Appraisal::trace(Model& model) const {
     if (within_reach(kept[i], model.scores.candidates[i], model)) continue;
     model.untested.push_back({kept[i], "no size within its bounds would be found", model.scores.candidates[i]});
     const auto place = static_cast<std::ptrdiff_t>(i);
-    kept.erase(kept.begin() + place), signatures_of_kept.erase(signatures_of_kept.begin() + place), problem.signatures.erase(problem.signatures.begin() + place), problem.sizes.erase(problem.sizes.begin() + place);
+    kept.erase(kept.begin() + place), marks_of_kept.erase(marks_of_kept.begin() + place), problem.signatures.erase(problem.signatures.begin() + place), problem.sizes.erase(problem.sizes.begin() + place);
+    problem.elsewhere.erase(problem.elsewhere.begin() + place);
   }
   if (kept.size() < model.scores.candidates.size()) model.scores = score(problem);
   if (model.added.empty()) model.baselines = baselines(problem);
@@ -216,7 +219,7 @@ void Appraisal::trace(Model& model) const {
   for (std::size_t i = 0; i < kept.size(); ++i) hold_within_bounds(model.scores.candidates[i], kept[i], model);
   for (std::size_t i = 0; i < kept.size(); ++i)
     if (Score& one = model.scores.candidates[i]; one.z > model.scores.threshold && one.z < 2.0 * model.scores.threshold && !one.shown_by_prior)
-      one.contradicted = contradicted(one, signatures_of_kept[i], model, prior);
+      one.contradicted = contradicted(one, marks_of_kept[i], model, prior);
 }
 
 /// Whether a candidate is in the model, or of a parameter that is free already.
@@ -229,10 +232,16 @@ bool Appraisal::is_in(int k, const Model& model) const {
 /// Whether the held-out residual grows by the candidate's size, |r - v| > |r| with v the change of the prediction there, the free parameters giving way. It has to be one that noise does
 /// not hide (|v|^2 one standard deviation of v^T n or more, n the null). For a score just beyond the limit: half of the false ones fail and, of those that are there, few; far beyond, the
 /// linear size may be off by more than noise.
-bool Appraisal::contradicted(const Score& one, const Eigen::MatrixXd& signature, const Model& model, const Known& prior) const {
-  const Eigen::MatrixXd J = model.fit.sensitivity(held_rows_, Eigen::all);
-  const Eigen::VectorXd r = model.fit.residual(held_rows_), v = (signature(held_rows_, Eigen::seqN(0, one.size.size())) - J * one.bias) * one.size;
-  const Eigen::MatrixXd pull = pull_of(model, prior);
+bool Appraisal::contradicted(const Score& one, const Mark& mark, const Model& model, const Known& prior) const {
+  const Eigen::MatrixXd J = model.fit.sensitivity(held_rows_, Eigen::all), pull = pull_of(model, prior);
+  Eigen::MatrixXd signature = mark.columns.leftCols(one.size.size());
+  Eigen::VectorXd size = one.size;
+  if (Eigen::Index best = 0; one.drop_there.size() > 0) {
+    one.drop_there.maxCoeff(&best);
+    signature = mark.elsewhere.middleCols(best * size.size(), size.size()), size = one.size_there.col(best);
+  }
+  const Eigen::MatrixXd bias = pull * stacked(signature(rows_, Eigen::all), Eigen::MatrixXd::Zero(prior.residual.size(), signature.cols()));
+  const Eigen::VectorXd r = model.fit.residual(held_rows_), v = (signature(held_rows_, Eigen::all) - J * bias) * size;
   const Eigen::MatrixXd& null = model.ground->null;
   const Eigen::VectorXd n = null(held_rows_, Eigen::all).transpose() * v - (pull * stacked(null(rows_, Eigen::all), prior.null)).transpose() * (J.transpose() * v);
   return v.squaredNorm() > std::sqrt(n.squaredNorm() / static_cast<double>(n.size())) && 2.0 * v.dot(r) < v.squaredNorm();

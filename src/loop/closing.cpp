@@ -195,21 +195,21 @@ class Loop {
   /// Where an effect that acts somewhere is identified from: the three places whose marks explain most, with the sizes that they ask for.
   std::vector<std::vector<double>> elsewhere(const Model& at, std::size_t i) const {
     const Candidate& its = candidate(at.others[i]);
-    if (its.elsewhere.empty()) return {};
     const Score& score = at.scores.candidates[i];
-    std::vector<Shapes> places{{}};  // where it is declared to be
-    for (auto& one : other_shapes(experiment_.parameters(), its, at.fit.values)) places.push_back(std::move(one));
-    std::vector<Eigen::Index> order(places.size());
+    std::vector<Eigen::Index> order(its.elsewhere.size());
     for (std::size_t k = 0; k < order.size(); ++k) order[k] = static_cast<Eigen::Index>(k);
-    std::stable_sort(order.begin(), order.end(), [&](Eigen::Index a, Eigen::Index b) { return score.drop_alone[a] > score.drop_alone[b]; });
-    const auto size = static_cast<std::size_t>(its.parameters.front());
-    const auto& info = experiment_.parameters()[size].info;
-    const double margin = 0.05 * (info.upper - info.lower);
+    std::stable_sort(order.begin(), order.end(), [&](Eigen::Index a, Eigen::Index b) { return score.drop_there[a] > score.drop_there[b]; });
     std::vector<std::vector<double>> starts;
     for (std::size_t k = 0; k < std::min<std::size_t>(3, order.size()); ++k) {
       std::vector<double>& start = starts.emplace_back(at.fit.values);
-      start[size] = std::clamp(start[size] + score.alone[order[k]], info.lower + margin, info.upper - margin);
-      for (const auto& [j, value] : places[static_cast<std::size_t>(order[k])]) start[static_cast<std::size_t>(j)] = value;
+      Eigen::Index size = 0;
+      std::size_t shape = 0;
+      for (int j : its.parameters) {
+        const auto& info = experiment_.parameters()[static_cast<std::size_t>(j)].info;
+        auto& value = start[static_cast<std::size_t>(j)];
+        const double margin = 0.05 * (info.upper - info.lower);
+        value = info.shape ? its.elsewhere[static_cast<std::size_t>(order[k])][shape++] : std::clamp(value + score.size_there(size++, order[k]), info.lower + margin, info.upper - margin);
+      }
     }
     return starts;
   }

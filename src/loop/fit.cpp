@@ -103,21 +103,36 @@ Linear secant(const Linear& from, const Eigen::VectorXd& step, Eigen::VectorXd r
 }  // namespace
 
 std::vector<Shapes> other_shapes(const std::vector<Parameter>& parameters, const Candidate& candidate, const std::vector<double>& values) {
-  std::vector<int> shapes;
-  for (int j : candidate.parameters)
-    if (parameters[static_cast<std::size_t>(j)].info.shape) shapes.push_back(j);
   std::vector<Shapes> all;
-  for (const auto& place : candidate.elsewhere) {
-    auto& one = all.emplace_back();
-    for (std::size_t i = 0; i < shapes.size(); ++i) one.emplace_back(shapes[i], place[i]);
-  }
-  for (int j : candidate.elsewhere.empty() ? shapes : std::vector<int>{}) {
+  for (int j : candidate.elsewhere.empty() ? candidate.parameters : std::vector<int>{}) {
     const auto& info = parameters[static_cast<std::size_t>(j)].info;
+    if (!info.shape) continue;
     const double value = values[static_cast<std::size_t>(j)], usual = info.scale > 0.0 ? info.scale : 1.0;
     for (double other : {value != 0.0 ? value / 8.0 : usual / 3.0, value != 0.0 ? 8.0 * value : usual}) all.push_back({{j, std::clamp(other, info.lower, info.upper)}});
   }
   return all;
 }
+
+namespace {
+
+/// The few directions that hold nearly all of what the marks at many places are beside those in `columns` [N x any].
+Eigen::MatrixXd directions_beside(const Eigen::MatrixXd& columns, Eigen::MatrixXd places) {
+  const auto unit = [](Eigen::MatrixXd& all) {
+    for (auto column : all.colwise()) column /= std::max(column.norm(), 1e-300);
+  };
+  unit(places);
+  const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(columns);
+  const Eigen::MatrixXd Q = qr.householderQ() * Eigen::MatrixXd::Identity(columns.rows(), qr.rank());
+  places -= Q * (Q.transpose() * places);
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(places.transpose() * places);
+  const Eigen::Index count = places.cols();
+  Eigen::Index kept = 0;
+  double left = eigen.eigenvalues().cwiseMax(0.0).sum();
+  for (; kept < std::min<Eigen::Index>(9, count) && left > 0.1 * static_cast<double>(count); ++kept) left -= eigen.eigenvalues()[count - 1 - kept];
+  return places * eigen.eigenvectors().rightCols(kept);
+}
+
+}  // namespace
 
 std::vector<Mark> marks(Experiment& experiment, const Weight& weight, const std::vector<double>& values, const std::vector<int>& candidates) {
   struct Column {
@@ -127,36 +142,35 @@ std::vector<Mark> marks(Experiment& experiment, const Weight& weight, const std:
   std::vector<std::vector<double>> sets;
   std::vector<std::vector<Column>> columns;
   const auto& parameters = experiment.parameters();
+  const auto place_of = [](int j) { return static_cast<std::size_t>(j); };
   for (int k : candidates) {
     auto& its = columns.emplace_back();
     const auto& candidate = experiment.candidates()[static_cast<std::size_t>(k)];
-    std::vector<double> present = values;  // every size a step from null
-    double step_of_sizes = 1.0;
-    for (int j : candidate.parameters) {
-      const auto& p = parameters[static_cast<std::size_t>(j)];
-      if (p.info.shape) continue;
-      step_of_sizes = signed_step(p, values[static_cast<std::size_t>(j)]);
-      present[static_cast<std::size_t>(j)] += step_of_sizes;
-    }
-    for (int j : candidate.parameters) {
-      const auto i = static_cast<std::size_t>(j);
-      const auto& p = parameters[i];
-      if (p.info.shape) continue;
-      const double step = signed_step(p, values[i]);
-      sets.push_back(values);
-      sets.back()[i] += step;
+    std::vector<int> sizes, shapes;
+    for (int j : candidate.parameters) (parameters[place_of(j)].info.shape ? shapes : sizes).push_back(j);
+    const auto add = [&](std::vector<double> set, const std::vector<int>& moved) {
+      double step = 1.0;
+      for (int j : moved) step = signed_step(parameters[place_of(j)], values[place_of(j)]), set[place_of(j)] += step;
+      sets.push_back(std::move(set));
       its.push_back({sets.size(), step});
+    };
+    for (int j : sizes) add(values, {j});
+    for (const Shapes& other : other_shapes(parameters, candidate, values)) {  // every size a step from null
+      std::vector<double> set = values;
+      for (const auto& [j, shape] : other) set[place_of(j)] = shape;
+      add(std::move(set), sizes);
     }
-    for (const Shapes& shapes : other_shapes(parameters, candidate, values)) {
-      sets.push_back(present);
-      for (const auto& [j, shape] : shapes) sets.back()[static_cast<std::size_t>(j)] = shape;
-      its.push_back({sets.size(), step_of_sizes});
+    for (const auto& place : candidate.elsewhere) {
+      std::vector<double> set = values;
+      for (std::size_t i = 0; i < shapes.size(); ++i) set[place_of(shapes[i])] = place[i];
+      for (int j : sizes) add(set, {j});
     }
   }
   const auto residuals = experiment.residuals_near(values, sets);
   const Eigen::VectorXd& here = residuals.front();
   std::vector<Mark> result;
-  for (const auto& its : columns) {
+  for (std::size_t i = 0; i < columns.size(); ++i) {
+    const auto& its = columns[i];
     auto& mark = result.emplace_back(Eigen::MatrixXd::Zero(here.size(), static_cast<Eigen::Index>(its.size())));
     for (std::size_t c = 0; c < its.size(); ++c) {
       const auto& moved = residuals[its[c].moved];
@@ -165,6 +179,14 @@ std::vector<Mark> marks(Experiment& experiment, const Weight& weight, const std:
       else if ((here - moved).norm() > experiment.round_off())
         mark.columns.col(static_cast<Eigen::Index>(c)) = weight((here - moved) / its[c].step);
     }
+    const auto& candidate = experiment.candidates()[static_cast<std::size_t>(candidates[i])];
+    if (candidate.elsewhere.empty()) continue;
+    const auto sizes = std::count_if(candidate.parameters.begin(), candidate.parameters.end(), [&](int j) { return !parameters[place_of(j)].info.shape; });
+    const Eigen::MatrixXd here_and_there = std::move(mark.columns), own = here_and_there.leftCols(sizes);
+    mark.elsewhere = here_and_there.rightCols(here_and_there.cols() - sizes);
+    const Eigen::MatrixXd others = directions_beside(own, mark.elsewhere);
+    mark.columns.resize(own.rows(), sizes + others.cols());
+    mark.columns << own, others;
   }
   return result;
 }

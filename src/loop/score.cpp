@@ -195,10 +195,16 @@ Scores score(const ScoreProblem& problem) {
     const Eigen::Index sizes = problem.sizes.empty() ? count : problem.sizes[j];
     const Eigen::VectorXd scale = length.segment(first, sizes).cwiseInverse();
     one.size = test.size(j, sizes, z).cwiseProduct(scale);
+    const Eigen::Index places = problem.elsewhere.empty() ? 0 : problem.elsewhere[j].cols() / sizes;
+    one.size_there.resize(sizes, places), one.drop_there.resize(places);
+    for (Eigen::Index p = 0; p < places; ++p) {
+      const Eigen::MatrixXd there = projected(problem.elsewhere[j].middleCols(p * sizes, sizes));
+      one.size_there.col(p) = there.completeOrthogonalDecomposition().solve(Pr);
+      one.drop_there[p] = (there * one.size_there.col(p)).squaredNorm();
+    }
     one.deviation = test.covariance(j, sizes).diagonal().cwiseMax(0.0).cwiseSqrt().cwiseProduct(scale);
     const double wider = detectable(result.threshold, power_deviations, one.degrees) / (result.threshold + power_deviations);
     one.detectable = (wider * normal_as_student(result.threshold + power_deviations, freedom[j]) / unit / test.information(j).diagonal().cwiseMax(1e-300).array().sqrt()).matrix().cwiseQuotient(length.segment(first, count));
-    one.alone = z.segment(first, count).cwiseQuotient(length.segment(first, count)), one.drop_alone = z.segment(first, count).cwiseAbs2();
     one.bias = pull * problem.signatures[j].leftCols(sizes);
     result.candidates.push_back(std::move(one));
   }

@@ -34,7 +34,8 @@ struct Candidate {
   std::string separated_by;     ///< the measurement that would tell it from these
   std::string after;            ///< a candidate without which it would be that one itself; empty: none
   std::string formula_for{};    ///< the function of the model that it is one formula for, of which a test shows the course alone; empty: it is a thing of its own
-  /// Values of all its shapes that are as likely as the usual ones [any][shapes]: places, of an effect that acts somewhere. A mark for each; it is identified from the best. Empty: a part and a multiple of each shape.
+  /// Values of all its shapes that are as likely [any][shapes]: places or moments, of an effect that acts somewhere or from some time on. It is looked for at all of them, and identified from the
+  /// best. Empty: a part and a multiple of each shape.
   std::vector<std::vector<double>> elsewhere{};
 };
 

@@ -51,17 +51,19 @@ struct Fit {
 
 /// Shapes (ParameterInfo::shape) of a candidate, as parameter and value.
 using Shapes = std::vector<std::pair<int, double>>;
-/// What else they may be: those of Candidate::elsewhere; else one of them at an eighth or eight times of its value (from 0, at a third of its usual size or that), the others as they are.
+/// What else they may be: one of them at an eighth or eight times of its value (from 0, at a third of its usual size or that), the others as they are. None, where the candidate says where else it may act.
 [[nodiscard]] std::vector<Shapes> other_shapes(const std::vector<Parameter>& parameters, const Candidate& candidate, const std::vector<double>& values);
 
 /// What a candidate changes in the prediction.
 struct Mark {
-  Eigen::MatrixXd columns;  ///< whitened [N x columns]; zero where the model could not be computed
-  int failed = 0;           ///< columns of which it could not
+  Eigen::MatrixXd columns;      ///< whitened [N x columns]; zero where the model could not be computed
+  int failed = 0;               ///< columns of which it could not
+  Eigen::MatrixXd elsewhere{};  ///< d(predicted)/d(sizes) at each place of Candidate::elsewhere, whitened [N x sizes places]
 };
 
 /// Marks of candidates at `values`, all simulations side by side: first d(predicted)/d(parameter) of each size, then for each shape
-/// (ParameterInfo::shape), which has no meaning while the sizes are null, the mark of the sizes with two other values of it. Collective.
+/// (ParameterInfo::shape), which has no meaning while the sizes are null, the mark of the sizes with two other values of it; of a candidate that acts somewhere, the few directions that
+/// hold nearly all of its marks at other places. Collective.
 [[nodiscard]] std::vector<Mark> marks(Experiment& experiment, const Weight& weight, const std::vector<double>& values,
                                       const std::vector<int>& candidates);
 

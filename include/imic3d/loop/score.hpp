@@ -18,6 +18,7 @@ struct ScoreProblem {
   Eigen::MatrixXd sensitivity;              ///< d(predicted)/d(free parameters) [N x p], prior rows included
   std::vector<Eigen::MatrixXd> signatures;  ///< of each candidate: d(predicted)/d(its sizes), then with other shapes [N x columns]
   std::vector<int> sizes;                   ///< of each candidate: the columns that are sizes [k]; empty: all
+  std::vector<Eigen::MatrixXd> elsewhere{};   ///< of each candidate that acts somewhere: d(predicted)/d(its sizes) at the first place, at the second … [N x k places]; empty: none does
   Eigen::VectorXd freedom;                  ///< degrees of freedom that each number's noise was estimated from [N]; empty: known
   Eigen::MatrixXd null;                     ///< residuals that noise alone makes, before the parameters are fitted [N x draws]
   Eigen::MatrixXd squares;                  ///< the same for the energy; empty: as `null`
@@ -37,8 +38,8 @@ struct Score {
   Eigen::VectorXd size;      ///< estimate of its parameters - null value [k]
   Eigen::VectorXd deviation; ///< standard deviation of these under the null [k]
   Eigen::VectorXd detectable;///< MDE: sizes that are found with 80 % probability, each alone [k], then of the size with the other shapes [columns]
-  Eigen::VectorXd alone;     ///< size by each of its marks alone, as if noise were white [columns]
-  Eigen::VectorXd drop_alone;///< of the residual's square by each [columns]
+  Eigen::MatrixXd size_there;///< size by its mark at each place alone, as if noise were white [k x places]
+  Eigen::VectorXd drop_there;///< of the residual's square by each [places]
   Eigen::MatrixXd bias;      ///< shift of the free parameters per unit of size if it is left out [p x k]
   [[nodiscard]] bool visible() const { return visibility >= least_visibility || shown_by_prior; }
 };

@@ -19,7 +19,8 @@ class CameraBump final : public Effect {
                            {.name = "bump_onset", .unit = "-", .description = "when, 0 at the reference and 1 at the last frame", .null = 0.5, .step = 1e-3, .lower = 0.0, .upper = 0.9, .shape = true, .scale = 0.5}},
             .sentence = "the camera was moved during the test",
             .confused_with = "magnification drift",
-            .separated_by = "a fixed mark in the field of view"};
+            .separated_by = "a fixed mark in the field of view",
+            .elsewhere = moments(scene, 0.9, 30)};
   }
   /// In the plane of an image; of one of several cameras: of_one_camera.
   [[nodiscard]] bool applies(const Scene& scene) const override { return scene.components == 2; }

@@ -12,6 +12,14 @@ double begun(const Scene& scene, int t, double onset) {
   return 1.0 / (1.0 + std::exp(-15.0 * since));
 }
 
+std::vector<std::vector<double>> moments(const Scene& scene, double last, Eigen::Index most) {
+  const Eigen::Index frames = scene.time.size(), each = 1 + (frames - 1) / most;
+  std::vector<std::vector<double>> all;
+  for (Eigen::Index t = 0; t < frames; t += each)
+    if (const double between = 0.5 * (scene.clock(t - 1) + scene.clock(t)); between <= last) all.push_back({between});
+  return all;
+}
+
 std::vector<std::shared_ptr<const Effect>> effects() {
   return {coarse_mesh(),  large_increments(), interpolation_bias(), force_gain(), force_offset(),    force_delay(), magnification_drift(), parallax(), lens_distortion(), placement(),
           camera_bump(),  hole_radius(),      hole_offset(),        thickness(),  taper(),           preload(),     residual_stress(),     misalignment(),

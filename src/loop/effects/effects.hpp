@@ -13,6 +13,8 @@ namespace imic3d::loop {
 
 /// What begins at `onset` (0 at the reference, 1 at the last frame) and stays: from 0 to 1 within a good half of a frame.
 [[nodiscard]] double begun(const Scene& scene, int t, double onset);
+/// Onsets between the frames, up to `last` (clock time), `most` at most: Description::elsewhere of what begins at an unknown moment.
+[[nodiscard]] std::vector<std::vector<double>> moments(const Scene& scene, double last, Eigen::Index most);
 
 std::shared_ptr<const Effect> coarse_mesh();
 std::shared_ptr<const Effect> large_increments();

@@ -17,7 +17,8 @@ class GripSlip final : public Effect {
                            {.name = "slip_onset", .unit = "-", .description = "when, 0 at the reference and 1 at the last frame", .null = 0.5, .step = 1e-3, .lower = 0.0, .upper = 1.0, .shape = true, .scale = 0.5}},
             .sentence = "the specimen slips in a grip, on one face more than on the other",
             .confused_with = "misalignment",
-            .separated_by = "a camera on the other face; marks on specimen and jaws"};
+            .separated_by = "a camera on the other face; marks on specimen and jaws",
+            .elsewhere = moments(scene, 1.0, 6)};  // each takes a simulation
   }
   [[nodiscard]] bool applies(const Scene& scene) const override { return !scene.plane && !scene.half; }
   /// Grows linearly from zero where the cameras look.

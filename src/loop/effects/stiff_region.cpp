@@ -22,6 +22,7 @@ class StiffRegion final : public Effect {
                             .sentence = "a part of the specimen is softer or stiffer than the rest",
                             .confused_with = "taper, hole radius",
                             .separated_by = "the other face, hardness"};
+    description.elsewhere.push_back({0.5, 0.5, 0.2});
     for (double y : {1.0 / 6.0, 0.5, 5.0 / 6.0})
       for (double x : {0.25, 0.75}) description.elsewhere.push_back({x, y, 0.2});
     return description;
