@@ -3,6 +3,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <random>
 #include <utility>
@@ -195,16 +196,20 @@ Scores score(const ScoreProblem& problem) {
     const Eigen::Index sizes = problem.sizes.empty() ? count : problem.sizes[j];
     const Eigen::VectorXd scale = length.segment(first, sizes).cwiseInverse();
     one.size = test.size(j, sizes, z).cwiseProduct(scale);
+    one.deviation = test.covariance(j, sizes).diagonal().cwiseMax(0.0).cwiseSqrt().cwiseProduct(scale);
+    const double wider = detectable(result.threshold, power_deviations, one.degrees) / (result.threshold + power_deviations);
+    one.detectable = (wider * normal_as_student(result.threshold + power_deviations, freedom[j]) / unit / test.information(j).diagonal().cwiseMax(1e-300).array().sqrt()).matrix().cwiseQuotient(length.segment(first, count));
     const Eigen::Index places = problem.elsewhere.empty() ? 0 : problem.elsewhere[j].cols() / sizes;
+    double longest = 0.0;
     one.size_there.resize(sizes, places), one.drop_there.resize(places);
     for (Eigen::Index p = 0; p < places; ++p) {
       const Eigen::MatrixXd there = projected(problem.elsewhere[j].middleCols(p * sizes, sizes));
       one.size_there.col(p) = there.completeOrthogonalDecomposition().solve(Pr);
       one.drop_there[p] = (there * one.size_there.col(p)).squaredNorm();
+      longest = std::max(longest, there.norm());
     }
-    one.deviation = test.covariance(j, sizes).diagonal().cwiseMax(0.0).cwiseSqrt().cwiseProduct(scale);
-    const double wider = detectable(result.threshold, power_deviations, one.degrees) / (result.threshold + power_deviations);
-    one.detectable = (wider * normal_as_student(result.threshold + power_deviations, freedom[j]) / unit / test.information(j).diagonal().cwiseMax(1e-300).array().sqrt()).matrix().cwiseQuotient(length.segment(first, count));
+    // Directions that places span have no size: of a single one it is that at the place where it is seen best.
+    if (places > 0) one.detectable.tail(count - sizes).setConstant(sizes == 1 && longest > 0.0 ? (result.threshold + power_deviations) / longest : std::numeric_limits<double>::infinity());
     one.bias = pull * problem.signatures[j].leftCols(sizes);
     result.candidates.push_back(std::move(one));
   }
