@@ -49,8 +49,9 @@ std::string outcome(const json& one) {
   if (!one.contains("tried")) return one["contradicted"].get<bool>() ? "not so in the held-out frames: no more than chance" : one["significant"].get<bool>() ? "not tried" : "";
   const json& tried = one["tried"];
   if (!tried["fitted"].get<bool>()) return "could not be fitted: " + escaped(tried, "objection");
-  const std::string left = tried["sufficient"].get<bool>() ? "nothing is left" : "something is left";
-  return tried["plausible"].get<bool>() ? "plausible; " + left : "not plausible: " + escaped(tried, "objection");
+  if (!tried["plausible"].get<bool>()) return "not plausible: " + escaped(tried, "objection");
+  const std::string objection = escaped(tried, "objection");
+  return "plausible; " + (tried["sufficient"].get<bool>() ? "nothing is left" : objection.empty() ? "something is left" : objection);
 }
 
 std::string candidate_row(const json& one) {

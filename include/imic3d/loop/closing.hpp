@@ -79,9 +79,9 @@ struct Trial {
   int candidate = 0;
   Model model;
   bool visible = true;          ///< κ of its mark is large enough that its score tells of it
-  bool sufficient = false;      ///< nothing significant remains
+  bool sufficient = false;      ///< nothing significant remains, and of several effects each has a size that is told from its null value
   bool plausible = true;        ///< within its bounds, and its size agrees between the blocks of frames
-  std::string objection;        ///< why not
+  std::string objection;        ///< why not plausible, or why not sufficient though nothing remains
   double drop = 0.0;            ///< of chi^2 of the fitted frames, in the weights of the model that it was added to; 0 where it could not be fitted
 };
 
