@@ -187,6 +187,7 @@ void Appraisal::trace(Model& model) const {
   }
   const auto signatures = marks(experiment_, model.ground->weight, model.fit.values, model.others);
   ScoreProblem problem = problem_of(model, prior);
+  problem.held_out.residual = model.fit.residual(held_rows_), problem.held_out.sensitivity = model.fit.sensitivity(held_rows_, Eigen::all);
   std::vector<int> kept;
   std::vector<Mark> marks_of_kept;
   for (std::size_t i = 0; i < signatures.size(); ++i) {
@@ -197,7 +198,9 @@ void Appraisal::trace(Model& model) const {
     }
     const auto with_prior = [&](const Eigen::MatrixXd& columns) { return stacked(columns, Eigen::MatrixXd::Zero(prior.residual.size(), columns.cols())); };
     problem.signatures.push_back(with_prior(signature));
-    problem.elsewhere.push_back(signatures[i].elsewhere.size() > 0 ? with_prior(signatures[i].elsewhere(rows_, Eigen::all)) : Eigen::MatrixXd(problem.residual.size(), 0));
+    const Eigen::MatrixXd none(signatures[i].columns.rows(), 0), &elsewhere = signatures[i].elsewhere.size() > 0 ? signatures[i].elsewhere : none;
+    problem.elsewhere.push_back(with_prior(elsewhere(rows_, Eigen::all)));
+    problem.held_out.elsewhere.emplace_back(elsewhere(held_rows_, Eigen::all));
     const auto& its = candidate(model.others[i]).parameters;
     problem.sizes.push_back(static_cast<int>(std::count_if(its.begin(), its.end(), [&](int j) { return !experiment_.parameters()[static_cast<std::size_t>(j)].info.shape; })));
     kept.push_back(model.others[i]);
@@ -211,7 +214,7 @@ void Appraisal::trace(Model& model) const {
     model.untested.push_back({kept[i], "no size within its bounds would be found", model.scores.candidates[i]});
     const auto place = static_cast<std::ptrdiff_t>(i);
     kept.erase(kept.begin() + place), marks_of_kept.erase(marks_of_kept.begin() + place), problem.signatures.erase(problem.signatures.begin() + place), problem.sizes.erase(problem.sizes.begin() + place);
-    problem.elsewhere.erase(problem.elsewhere.begin() + place);
+    problem.elsewhere.erase(problem.elsewhere.begin() + place), problem.held_out.elsewhere.erase(problem.held_out.elsewhere.begin() + place);
   }
   if (kept.size() < model.scores.candidates.size()) model.scores = score(problem);
   if (model.added.empty()) model.baselines = baselines(problem);

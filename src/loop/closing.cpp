@@ -132,7 +132,7 @@ class Loop {
       }
       try {
         Fit one = fit(experiment_, plain, rows_, free, start);
-        say(fmt::format("  from {:.0f} %: chi {:.3f} after {} iterations", 100.0 * factor, std::sqrt(one.cost / static_cast<double>(rows_.size())), one.iterations));
+        say(fmt::format("  from {:.0f} %: chi {:.3f} after {} iterations", 100.0 * factor, chi(one), one.iterations));
         if (best.values.empty() || one.cost < best.cost) best = std::move(one);
       } catch (const ConvergenceError& error) {
         failure = error.what();
@@ -146,7 +146,7 @@ class Loop {
       const std::vector<double> at = best.values;
       experiment_.learn_bias(at);
       best = fit(experiment_, plain, rows_, free, at);
-      say(fmt::format("  what mesh, correlation and scatter err by is learned: chi {:.3f}", std::sqrt(best.cost / static_cast<double>(rows_.size()))));
+      say(fmt::format("  what mesh, correlation and scatter err by is learned: chi {:.3f}", chi(best)));
     }
     say(fmt::format("null ensemble: {} + {} draws of the noise", options_.draws, experiment_.draws(options_.draws)));
     report_.declared.ground = ground_of(experiment_, best.values, options_.draws);
@@ -163,15 +163,36 @@ class Loop {
     });
   }
 
+  double chi(const Fit& fit) const { return std::sqrt(fit.cost / static_cast<double>(rows_.size())); }
+
+  /// Identifies a model from `start`. What acts somewhere stays there, and has its size alone, where that leaves no more than `noise` (chi): of a moment between two frames that are
+  /// fitted these say no more, and it would go astray.
+  Fit identified(const Weight& weight, const std::vector<int>& added, std::vector<double> start, double noise) const {
+    const std::vector<int> free = free_of(added);
+    std::vector<int> held = free;
+    for (int k : added)
+      if (!candidate(k).elsewhere.empty()) std::erase_if(held, [&](int j) { return experiment_.parameters()[static_cast<std::size_t>(j)].info.shape && std::count(candidate(k).parameters.begin(), candidate(k).parameters.end(), j) > 0; });
+    if (held.size() < free.size()) {
+      Fit there = fit(experiment_, weight, rows_, held, start);
+      if (chi(there) < noise) {
+        Fit all = fit(experiment_, weight, rows_, free, there.values, {.max_iterations = 0});
+        all.converged = there.converged, all.iterations = there.iterations;
+        return all;
+      }
+      start = std::move(there.values);
+    }
+    return fit(experiment_, weight, rows_, free, start);
+  }
+
   /// A model that is another one than that under which the ground was laid: what it errs by, and what noise leaves, is found anew.
-  void settle(Model& model) const {
+  void settle(Model& model, double noise) const {
     experiment_.learn_bias(model.fit.values);
     const Weight weight = model.ground->weight;
     const std::vector<double> at = model.fit.values;
-    model.fit = fit(experiment_, weight, rows_, model.fit.free, at);
+    model.fit = identified(weight, model.added, at, noise);
     if (moved_far(at, model.fit)) experiment_.learn_bias(model.fit.values);
     model.ground = ground_of(experiment_, model.fit.values, options_.draws);
-    model.fit = fit(experiment_, model.ground->weight, rows_, model.fit.free, model.fit.values);
+    model.fit = identified(model.ground->weight, model.added, model.fit.values, noise);
   }
 
   void announce(const Model& model, const std::string& what) const {
@@ -192,7 +213,15 @@ class Loop {
     const auto& its = candidate(k).parameters;
     return std::any_of(its.begin(), its.end(), [&](int j) { return experiment_.parameters()[static_cast<std::size_t>(j)].info.shape; });
   }
-  /// Where an effect that acts somewhere is identified from: the three places whose marks explain most, with the sizes that they ask for.
+  /// The declared values of the parameters that the declared model has free.
+  void as_declared(std::vector<double>& values) const {
+    for (int j : free_of({}))
+      if (const Parameter& p = experiment_.parameters()[static_cast<std::size_t>(j)]; !p.info.null_value) values[static_cast<std::size_t>(j)] = p.value;
+  }
+  static bool far(const Model& at) { return at.misfit.fitted > 2.0 * at.misfit.null_fitted; }
+
+  /// Where an effect that acts somewhere is identified from: the three places whose marks explain most, with the sizes that they ask for; where the misfit is large the best one
+  /// with the declared parameters too, which what is missing has bent.
   std::vector<std::vector<double>> elsewhere(const Model& at, std::size_t i) const {
     const Candidate& its = candidate(at.others[i]);
     const Score& score = at.scores.candidates[i];
@@ -211,11 +240,12 @@ class Loop {
         value = info.shape ? its.elsewhere[static_cast<std::size_t>(order[k])][shape++] : std::clamp(value + score.size_there(size++, order[k]), info.lower + margin, info.upper - margin);
       }
     }
+    if (far(at) && !starts.empty()) as_declared(starts.emplace_back(starts.front()));
     return starts;
   }
 
   /// An effect of the law without a shape, looked for where the misfit is large.
-  bool from_afar(const Model& at, int k) const { return candidate(k).link == Link::material && !shaped(k) && at.misfit.fitted > 2.0 * at.misfit.null_fitted; }
+  bool from_afar(const Model& at, int k) const { return candidate(k).link == Link::material && !shaped(k) && far(at); }
 
   Round try_candidates(const Model& at) {
     const std::vector<Score>& scores = at.scores.candidates;
@@ -272,8 +302,7 @@ class Loop {
       const bool bent = from_afar(at, trial.candidate);
       for (double factor : bent ? std::vector<double>{1.0, 3.0} : std::vector<double>{}) {
         std::vector<double> start = starts.front();
-        for (int j : free_of({}))
-          if (const Parameter& p = experiment_.parameters()[static_cast<std::size_t>(j)]; !p.info.null_value) start[static_cast<std::size_t>(j)] = p.value;
+        as_declared(start);
         for (int j : its) {
           const auto k = static_cast<std::size_t>(j);
           const Parameter& p = experiment_.parameters()[k];
@@ -285,10 +314,10 @@ class Loop {
       bool fitted = false;
       for (const auto& start : starts) {
         try {
-          Fit one = fit(experiment_, at.ground->weight, rows_, free_of(trial.model.added), start);
+          Fit one = identified(at.ground->weight, trial.model.added, start, at.misfit.null_fitted);
           if (!fitted || one.cost < trial.model.fit.cost) trial.model.fit = std::move(one);
           fitted = true;
-          const bool down_to_noise = std::sqrt(trial.model.fit.cost / static_cast<double>(rows_.size())) < at.misfit.null_fitted;
+          const bool down_to_noise = chi(trial.model.fit) < at.misfit.null_fitted;
           if (trial.model.fit.converged && trial.model.fit.cost < at.fit.cost && (!(with_shape || bent) || down_to_noise)) break;
         } catch (const ConvergenceError& error) {
           trial.model.message = error.what();
@@ -303,7 +332,7 @@ class Loop {
       if (at.ground->learned && trial.model.fit.cost < 0.7 * at.fit.cost) {
         Model settled = trial.model;
         try {
-          settle(settled);
+          settle(settled, at.misfit.null_fitted);
           trial.model = std::move(settled);
         } catch (const ConvergenceError& error) {
           experiment_.put_back(at.ground->learned);
@@ -342,7 +371,7 @@ class Loop {
       std::vector<double> start = at.fit.values;
       for (int j : candidate(needless).parameters) start[static_cast<std::size_t>(j)] = experiment_.parameters()[static_cast<std::size_t>(j)].value;
       try {
-        without.fit = fit(experiment_, at.ground->weight, rows_, free_of(without.added), start);
+        without.fit = identified(at.ground->weight, without.added, start, at.misfit.null_fitted);
         appraisal_.judge(without);
       } catch (const ConvergenceError& error) {
         say(fmt::format("without {}: {}", candidate(needless).name, error.what()));

@@ -108,6 +108,16 @@ class Projection {
 
 }  // namespace
 
+namespace {
+/// What a size at a place takes off the square of the held-out residual, the parameters giving way.
+double drop_held_out(const ScoreProblem& problem, std::size_t j, Eigen::Index place, const Eigen::VectorXd& size, const Eigen::MatrixXd& pull) {
+  if (problem.held_out.residual.size() == 0) return 0.0;
+  const Eigen::VectorXd shift = pull * (problem.elsewhere[j].middleCols(place * size.size(), size.size()) * size);
+  const Eigen::VectorXd v = problem.held_out.elsewhere[j].middleCols(place * size.size(), size.size()) * size - problem.held_out.sensitivity * shift;
+  return problem.held_out.residual.squaredNorm() - (problem.held_out.residual - v).squaredNorm();
+}
+}  // namespace
+
 Scores score(const ScoreProblem& problem) {
   const Eigen::Index N = problem.residual.size();
   const auto families = problem.signatures.size();
@@ -205,7 +215,7 @@ Scores score(const ScoreProblem& problem) {
     for (Eigen::Index p = 0; p < places; ++p) {
       const Eigen::MatrixXd there = projected(problem.elsewhere[j].middleCols(p * sizes, sizes));
       one.size_there.col(p) = there.completeOrthogonalDecomposition().solve(Pr);
-      one.drop_there[p] = (there * one.size_there.col(p)).squaredNorm();
+      one.drop_there[p] = (there * one.size_there.col(p)).squaredNorm() + drop_held_out(problem, j, p, one.size_there.col(p), pull);
       longest = std::max(longest, there.norm());
     }
     // Directions that places span have no size: of a single one it is that at the place where it is seen best.

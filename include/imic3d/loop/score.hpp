@@ -19,6 +19,12 @@ struct ScoreProblem {
   std::vector<Eigen::MatrixXd> signatures;  ///< of each candidate: d(predicted)/d(its sizes), then with other shapes [N x columns]
   std::vector<int> sizes;                   ///< of each candidate: the columns that are sizes [k]; empty: all
   std::vector<Eigen::MatrixXd> elsewhere{};   ///< of each candidate that acts somewhere: d(predicted)/d(its sizes) at the first place, at the second … [N x k places]; empty: none does
+  /// The same of data that are not fitted: where frames that are fitted do not tell places or moments apart, these do.
+  struct {
+    Eigen::VectorXd residual;                ///< [held out]
+    Eigen::MatrixXd sensitivity;             ///< [held out x p]
+    std::vector<Eigen::MatrixXd> elsewhere;  ///< of each candidate [held out x k places]
+  } held_out{};
   Eigen::VectorXd freedom;                  ///< degrees of freedom that each number's noise was estimated from [N]; empty: known
   Eigen::MatrixXd null;                     ///< residuals that noise alone makes, before the parameters are fitted [N x draws]
   Eigen::MatrixXd squares;                  ///< the same for the energy; empty: as `null`
@@ -39,7 +45,7 @@ struct Score {
   Eigen::VectorXd deviation; ///< standard deviation of these under the null [k]
   Eigen::VectorXd detectable;///< MDE: sizes that are found with 80 % probability, each alone [k], then of the size with the other shapes [columns]; of one that acts somewhere, where it is seen best
   Eigen::MatrixXd size_there;///< size by its mark at each place alone, as if noise were white [k x places]
-  Eigen::VectorXd drop_there;///< of the residual's square by each [places]
+  Eigen::VectorXd drop_there;///< of the residual's square by each, held-out data included [places]
   Eigen::MatrixXd bias;      ///< shift of the free parameters per unit of size if it is left out [p x k]
   [[nodiscard]] bool visible() const { return visibility >= least_visibility || shown_by_prior; }
 };
