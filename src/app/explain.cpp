@@ -275,7 +275,10 @@ std::vector<loop::Candidate> candidates_of(const loop::FieldExperiment& experime
                             .after = {}});
   }
   // How an effect acts is as declared: what is looked for is its size.
-  for (auto& one : candidates) one.elsewhere.clear(), std::erase_if(one.parameters, [&](int j) { return experiment.parameters()[static_cast<std::size_t>(j)].info.shape; });
+  for (auto& one : candidates) {
+    one.elsewhere.clear();
+    std::erase_if(one.parameters, [&](int j) { return experiment.parameters()[static_cast<std::size_t>(j)].info.shape; });
+  }
   return candidates;
 }
 

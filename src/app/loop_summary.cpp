@@ -80,21 +80,22 @@ class Summary {
   void add_sizes(json& one, int k, const loop::Model& model, const loop::Score& score) const {
     const auto& its = candidate(k).parameters;
     const auto sizes = std::count_if(its.begin(), its.end(), [&](int j) { return !parameter(j).info.shape; });
+    Eigen::Index other = sizes;
     for (std::size_t c = 0; c < its.size(); ++c) {
       const auto& info = parameter(its[c]).info;
-      if (info.shape) continue;
+      if (info.shape) {
+        if (!candidate(k).elsewhere.empty()) continue;  // looked for at many places
+        for (double value : loop::other_shapes(parameter(its[c]), model.fit.values[static_cast<std::size_t>(its[c])])) {
+          if (sizes == 1 && std::isfinite(score.detectable[other])) one["with_other_shapes"].push_back({{"parameter", info.name}, {"value", value}, {"detectable", score.detectable[other]}});
+          ++other;
+        }
+        continue;
+      }
       const auto column = static_cast<Eigen::Index>(c);
       const double size = score.size[column], deviation = score.deviation[column], detectable = score.detectable[column], usual = info.scale > 0.0 ? info.scale : 1.0;
       one["sizes"].push_back({{"parameter", info.name}, {"unit", info.unit}, {"size", size}, {"standard_deviation", deviation}, {"interval", deviation > 0.0 ? json{size - 1.96 * deviation, size + 1.96 * deviation} : json()}, {"detectable", detectable},
                               {"shift_of_parameters_at_detectable_size", shift(model, score, column, detectable)}, {"usual_size", usual}, {"usual_size_is_unit", !(info.scale > 0.0)},
                               {"shift_of_parameters_at_usual_size", shift(model, score, column, usual)}});
-    }
-    Eigen::Index column = sizes;
-    for (const auto& shapes : loop::other_shapes(experiment_.parameters(), candidate(k), model.fit.values)) {
-      json with = json::object();
-      for (const auto& [j, value] : shapes) with[parameter(j).info.name] = value;
-      if (sizes == 1 && std::isfinite(score.detectable[column])) one["with_other_shapes"].push_back({{"shapes", with}, {"detectable", score.detectable[column]}});
-      ++column;
     }
   }
 

@@ -45,13 +45,21 @@ std::string sizes_of(const json& effect) {
   return sizes.size() <= many ? lines : lines + fmt::format("<br>(of {})", sizes.size());
 }
 
+}  // namespace
+
+std::string left_after(const json& trial) {
+  const std::string objection = escaped(trial, "objection");
+  if (!trial["plausible"].get<bool>()) return "not plausible: " + objection;
+  return trial["sufficient"].get<bool>() ? "nothing is left" : objection.empty() ? "something is left" : objection;
+}
+
+namespace {
+
 std::string outcome(const json& one) {
   if (!one.contains("tried")) return one["contradicted"].get<bool>() ? "not so in the held-out frames: no more than chance" : one["significant"].get<bool>() ? "not tried" : "";
   const json& tried = one["tried"];
   if (!tried["fitted"].get<bool>()) return "could not be fitted: " + escaped(tried, "objection");
-  if (!tried["plausible"].get<bool>()) return "not plausible: " + escaped(tried, "objection");
-  const std::string objection = escaped(tried, "objection");
-  return "plausible; " + (tried["sufficient"].get<bool>() ? "nothing is left" : objection.empty() ? "something is left" : objection);
+  return (tried["plausible"].get<bool>() ? "plausible; " : "") + left_after(tried);
 }
 
 std::string candidate_row(const json& one) {

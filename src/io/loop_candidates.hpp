@@ -12,6 +12,9 @@ namespace imic3d::io {
 /// Names in a row; "none" of none.
 [[nodiscard]] std::string joined(const nlohmann::json& names);
 
+/// What a trial leaves, or why it is not plausible.
+[[nodiscard]] std::string left_after(const nlohmann::json& trial);
+
 /// The candidates under a model, the largest score first: size with its interval, predicted and achieved drop, what came of the trial.
 [[nodiscard]] std::string candidate_table(const nlohmann::json& model);
 

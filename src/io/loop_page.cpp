@@ -104,11 +104,11 @@ std::string largest_score(const json& trial) {
 }
 
 std::string trial_row(const json& trial) {
-  const std::string name = escaped(trial, "candidate"), objection = escaped(trial, "objection");
-  if (!trial.contains("chi")) return fmt::format("<tr><td>{}</td><td>–</td><td>–</td><td>–</td><td>–</td><td class=\"words\">could not be fitted: {}</td></tr>\n", name, objection);
+  const std::string name = escaped(trial, "candidate");
+  if (!trial.contains("chi")) return fmt::format("<tr><td>{}</td><td>–</td><td>–</td><td>–</td><td>–</td><td class=\"words\">could not be fitted: {}</td></tr>\n", name, escaped(trial, "objection"));
   const json& energy = trial["omnibus"];
   return fmt::format("<tr><td>{}</td><td>{}</td><td>{}</td><td>{:+.1f} (limit {:.1f})</td><td>{}</td><td class=\"words\">{}</td></tr>\n", name, shown(trial["chi"]["fitted"], 4), shown(trial["chi"]["held_out"], 4), energy["deviations"].get<double>(),
-                     energy["threshold"].get<double>(), largest_score(trial), !trial["plausible"].get<bool>() ? "not plausible: " + objection : trial["sufficient"].get<bool>() ? "nothing is left" : objection.empty() ? "something is left" : objection);
+                     energy["threshold"].get<double>(), largest_score(trial), left_after(trial));
 }
 
 std::string rounds(const json& summary) {

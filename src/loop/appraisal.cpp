@@ -234,7 +234,7 @@ bool Appraisal::is_in(int k, const Model& model) const {
 
 /// Whether the held-out residual grows by the candidate's size, |r - v| > |r| with v the change of the prediction there, the free parameters giving way. It has to be one that noise does
 /// not hide (|v|^2 one standard deviation of v^T n or more, n the null). For a score just beyond the limit: half of the false ones fail and, of those that are there, few; far beyond, the
-/// linear size may be off by more than noise.
+/// linear size may be off by more than noise. Of one that acts somewhere: at the place that explains most of what is fitted.
 bool Appraisal::contradicted(const Score& one, const Mark& mark, const Model& model, const Known& prior) const {
   const Eigen::MatrixXd J = model.fit.sensitivity(held_rows_, Eigen::all), pull = pull_of(model, prior);
   Eigen::MatrixXd signature = mark.columns.leftCols(one.size.size());

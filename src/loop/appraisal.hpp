@@ -18,6 +18,7 @@ class Appraisal {
 
   /// Of all data, those that are fitted, and the others.
   [[nodiscard]] const std::vector<Eigen::Index>& fitted_rows() const { return rows_; }
+  [[nodiscard]] const std::vector<Eigen::Index>& held_out_rows() const { return held_rows_; }
 
   /// Covariance, misfit, energy of a model whose fit and ground are there; the scores of all other candidates, whose marks take most of the time, where the energy does not say already that something is
   /// left. Collective.

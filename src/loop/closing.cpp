@@ -164,35 +164,38 @@ class Loop {
   }
 
   double chi(const Fit& fit) const { return std::sqrt(fit.cost / static_cast<double>(rows_.size())); }
+  double chi_held_out(const Fit& fit) const {
+    const auto& rows = appraisal_.held_out_rows();
+    return Eigen::VectorXd(fit.residual(rows)).norm() / std::sqrt(static_cast<double>(std::max<std::size_t>(1, rows.size())));
+  }
+  /// Square of the residual. Frames that are fitted leave places or moments alike between which a held-out frame lies: that one tells them apart.
+  double cost(const Fit& fit, bool held_out_too) const { return fit.cost + (held_out_too ? Eigen::VectorXd(fit.residual(appraisal_.held_out_rows())).squaredNorm() : 0.0); }
 
-  /// Identifies a model from `start`. What acts somewhere stays there, and has its size alone, where that leaves no more than `noise` (chi): of a moment between two frames that are
-  /// fitted these say no more, and it would go astray.
-  Fit identified(const Weight& weight, const std::vector<int>& added, std::vector<double> start, double noise) const {
+  /// Identifies a model from `start`. What acts somewhere stays there, and has its size alone, unless setting it free takes more off chi^2 than chance would (10 a number): of a moment between
+  /// two frames that are fitted these say no more, and it would go astray.
+  Fit identified(const Weight& weight, const std::vector<int>& added, const std::vector<double>& start) const {
     const std::vector<int> free = free_of(added);
     std::vector<int> held = free;
     for (int k : added)
       if (!candidate(k).elsewhere.empty()) std::erase_if(held, [&](int j) { return experiment_.parameters()[static_cast<std::size_t>(j)].info.shape && std::count(candidate(k).parameters.begin(), candidate(k).parameters.end(), j) > 0; });
-    if (held.size() < free.size()) {
-      Fit there = fit(experiment_, weight, rows_, held, start);
-      if (chi(there) < noise) {
-        Fit all = fit(experiment_, weight, rows_, free, there.values, {.max_iterations = 0});
-        all.converged = there.converged, all.iterations = there.iterations;
-        return all;
-      }
-      start = std::move(there.values);
-    }
-    return fit(experiment_, weight, rows_, free, start);
+    if (held.size() == free.size()) return fit(experiment_, weight, rows_, free, start);
+    const Fit there = fit(experiment_, weight, rows_, held, start);
+    Fit all = fit(experiment_, weight, rows_, free, there.values);
+    if (there.cost - all.cost > 10.0 * static_cast<double>(free.size() - held.size())) return all;
+    all = fit(experiment_, weight, rows_, free, there.values, {.max_iterations = 0});
+    all.converged = there.converged, all.iterations = there.iterations;
+    return all;
   }
 
   /// A model that is another one than that under which the ground was laid: what it errs by, and what noise leaves, is found anew.
-  void settle(Model& model, double noise) const {
+  void settle(Model& model) const {
     experiment_.learn_bias(model.fit.values);
     const Weight weight = model.ground->weight;
     const std::vector<double> at = model.fit.values;
-    model.fit = identified(weight, model.added, at, noise);
+    model.fit = identified(weight, model.added, at);
     if (moved_far(at, model.fit)) experiment_.learn_bias(model.fit.values);
     model.ground = ground_of(experiment_, model.fit.values, options_.draws);
-    model.fit = identified(model.ground->weight, model.added, model.fit.values, noise);
+    model.fit = identified(model.ground->weight, model.added, model.fit.values);
   }
 
   void announce(const Model& model, const std::string& what) const {
@@ -220,14 +223,15 @@ class Loop {
   }
   static bool far(const Model& at) { return at.misfit.fitted > 2.0 * at.misfit.null_fitted; }
 
-  /// Where an effect that acts somewhere is identified from: the three places whose marks explain most, with the sizes that they ask for; where the misfit is large the best one
+  /// Where an effect that acts somewhere is identified from: the three places whose marks explain most, of what is fitted and what is held out, with the sizes that they ask for; where the misfit is large the best one
   /// with the declared parameters too, which what is missing has bent.
   std::vector<std::vector<double>> elsewhere(const Model& at, std::size_t i) const {
     const Candidate& its = candidate(at.others[i]);
     const Score& score = at.scores.candidates[i];
     std::vector<Eigen::Index> order(its.elsewhere.size());
     for (std::size_t k = 0; k < order.size(); ++k) order[k] = static_cast<Eigen::Index>(k);
-    std::stable_sort(order.begin(), order.end(), [&](Eigen::Index a, Eigen::Index b) { return score.drop_there[a] > score.drop_there[b]; });
+    const Eigen::VectorXd drop = score.drop_there + score.drop_there_held_out;
+    std::stable_sort(order.begin(), order.end(), [&](Eigen::Index a, Eigen::Index b) { return drop[a] > drop[b]; });
     std::vector<std::vector<double>> starts;
     for (std::size_t k = 0; k < std::min<std::size_t>(3, order.size()); ++k) {
       std::vector<double>& start = starts.emplace_back(at.fit.values);
@@ -312,12 +316,13 @@ class Loop {
       }
       starts.push_back(at.fit.values);
       bool fitted = false;
+      const bool somewhere = !candidate(trial.candidate).elsewhere.empty();
       for (const auto& start : starts) {
         try {
-          Fit one = identified(at.ground->weight, trial.model.added, start, at.misfit.null_fitted);
-          if (!fitted || one.cost < trial.model.fit.cost) trial.model.fit = std::move(one);
+          Fit one = identified(at.ground->weight, trial.model.added, start);
+          if (!fitted || cost(one, somewhere) < cost(trial.model.fit, somewhere)) trial.model.fit = std::move(one);
           fitted = true;
-          const bool down_to_noise = chi(trial.model.fit) < at.misfit.null_fitted;
+          const bool down_to_noise = chi(trial.model.fit) < at.misfit.null_fitted && !(somewhere && chi_held_out(trial.model.fit) > at.misfit.null_held_out);
           if (trial.model.fit.converged && trial.model.fit.cost < at.fit.cost && (!(with_shape || bent) || down_to_noise)) break;
         } catch (const ConvergenceError& error) {
           trial.model.message = error.what();
@@ -332,7 +337,7 @@ class Loop {
       if (at.ground->learned && trial.model.fit.cost < 0.7 * at.fit.cost) {
         Model settled = trial.model;
         try {
-          settle(settled, at.misfit.null_fitted);
+          settle(settled);
           trial.model = std::move(settled);
         } catch (const ConvergenceError& error) {
           experiment_.put_back(at.ground->learned);
@@ -371,7 +376,7 @@ class Loop {
       std::vector<double> start = at.fit.values;
       for (int j : candidate(needless).parameters) start[static_cast<std::size_t>(j)] = experiment_.parameters()[static_cast<std::size_t>(j)].value;
       try {
-        without.fit = identified(at.ground->weight, without.added, start, at.misfit.null_fitted);
+        without.fit = identified(at.ground->weight, without.added, start);
         appraisal_.judge(without);
       } catch (const ConvergenceError& error) {
         say(fmt::format("without {}: {}", candidate(needless).name, error.what()));

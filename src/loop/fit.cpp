@@ -102,15 +102,10 @@ Linear secant(const Linear& from, const Eigen::VectorXd& step, Eigen::VectorXd r
 
 }  // namespace
 
-std::vector<Shapes> other_shapes(const std::vector<Parameter>& parameters, const Candidate& candidate, const std::vector<double>& values) {
-  std::vector<Shapes> all;
-  for (int j : candidate.elsewhere.empty() ? candidate.parameters : std::vector<int>{}) {
-    const auto& info = parameters[static_cast<std::size_t>(j)].info;
-    if (!info.shape) continue;
-    const double value = values[static_cast<std::size_t>(j)], usual = info.scale > 0.0 ? info.scale : 1.0;
-    for (double other : {value != 0.0 ? value / 8.0 : usual / 3.0, value != 0.0 ? 8.0 * value : usual}) all.push_back({{j, std::clamp(other, info.lower, info.upper)}});
-  }
-  return all;
+std::array<double, 2> other_shapes(const Parameter& shape, double value) {
+  const double usual = shape.info.scale > 0.0 ? shape.info.scale : 1.0;
+  const double low = value != 0.0 ? value / 8.0 : usual / 3.0, high = value != 0.0 ? 8.0 * value : usual;
+  return {std::clamp(low, shape.info.lower, shape.info.upper), std::clamp(high, shape.info.lower, shape.info.upper)};
 }
 
 namespace {
@@ -155,11 +150,12 @@ std::vector<Mark> marks(Experiment& experiment, const Weight& weight, const std:
       its.push_back({sets.size(), step});
     };
     for (int j : sizes) add(values, {j});
-    for (const Shapes& other : other_shapes(parameters, candidate, values)) {  // every size a step from null
-      std::vector<double> set = values;
-      for (const auto& [j, shape] : other) set[place_of(j)] = shape;
-      add(std::move(set), sizes);
-    }
+    for (int j : candidate.elsewhere.empty() ? shapes : std::vector<int>{})
+      for (double shape : other_shapes(parameters[place_of(j)], values[place_of(j)])) {  // every size a step from null
+        std::vector<double> set = values;
+        set[place_of(j)] = shape;
+        add(std::move(set), sizes);
+      }
     for (const auto& place : candidate.elsewhere) {
       std::vector<double> set = values;
       for (std::size_t i = 0; i < shapes.size(); ++i) set[place_of(shapes[i])] = place[i];

@@ -209,17 +209,19 @@ Scores score(const ScoreProblem& problem) {
     one.deviation = test.covariance(j, sizes).diagonal().cwiseMax(0.0).cwiseSqrt().cwiseProduct(scale);
     const double wider = detectable(result.threshold, power_deviations, one.degrees) / (result.threshold + power_deviations);
     one.detectable = (wider * normal_as_student(result.threshold + power_deviations, freedom[j]) / unit / test.information(j).diagonal().cwiseMax(1e-300).array().sqrt()).matrix().cwiseQuotient(length.segment(first, count));
-    const Eigen::Index places = problem.elsewhere.empty() ? 0 : problem.elsewhere[j].cols() / sizes;
+    const Eigen::Index places = problem.elsewhere.empty() || sizes == 0 ? 0 : problem.elsewhere[j].cols() / sizes;
     double longest = 0.0;
-    one.size_there.resize(sizes, places), one.drop_there.resize(places);
+    one.size_there.resize(sizes, places), one.drop_there.resize(places), one.drop_there_held_out.resize(places);
     for (Eigen::Index p = 0; p < places; ++p) {
       const Eigen::MatrixXd there = projected(problem.elsewhere[j].middleCols(p * sizes, sizes));
       one.size_there.col(p) = there.completeOrthogonalDecomposition().solve(Pr);
-      one.drop_there[p] = (there * one.size_there.col(p)).squaredNorm() + drop_held_out(problem, j, p, one.size_there.col(p), pull);
+      one.drop_there[p] = (there * one.size_there.col(p)).squaredNorm();
+      one.drop_there_held_out[p] = drop_held_out(problem, j, p, one.size_there.col(p), pull);
       longest = std::max(longest, there.norm());
     }
-    // Directions that places span have no size: of a single one it is that at the place where it is seen best.
-    if (places > 0) one.detectable.tail(count - sizes).setConstant(sizes == 1 && longest > 0.0 ? (result.threshold + power_deviations) / longest : std::numeric_limits<double>::infinity());
+    // The directions that places span have no size of their own. A single size is found where it is seen best (as if noise were white).
+    if (places > 0) one.detectable.tail(count - sizes).setConstant(std::numeric_limits<double>::infinity());
+    if (places > 0 && sizes == 1 && longest > 0.0) one.detectable[0] = wider * normal_as_student(result.threshold + power_deviations, freedom[j]) / unit / longest;
     one.bias = pull * problem.signatures[j].leftCols(sizes);
     result.candidates.push_back(std::move(one));
   }

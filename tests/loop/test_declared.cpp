@@ -26,6 +26,16 @@ TEST(Declared, AKnownEffectIsInThePrediction) {
   EXPECT_NEAR(with.unwhitened(declared(with)).second.cwiseAbs().maxCoeff(), 0.0, 0.05);
 }
 
+/// A region's place is nothing without its size.
+TEST(Declared, ShapesAloneAreNoCandidate) {
+  Strip strip(0.0);
+  const FieldExperiment without = strip.experiment();
+  EXPECT_TRUE(is_candidate(without, "stiff or soft region"));
+  strip.model.effects = {{.effect = "stiff_or_soft_region", .quantity = "region", .value = 0.1, .lower = {}, .upper = {}}};
+  const FieldExperiment with = strip.experiment();
+  EXPECT_FALSE(is_candidate(with, "stiff or soft region"));
+}
+
 /// In space it is simulated: the strip is no bar, but nearly one.
 TEST(Declared, AThickerStripCarriesMore) {
   Strip strip(0.0);

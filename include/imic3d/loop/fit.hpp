@@ -49,10 +49,8 @@ struct Fit {
 [[nodiscard]] Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::Index>& rows, const std::vector<int>& free,
                       std::vector<double> start, const FitOptions& options = {});
 
-/// Shapes (ParameterInfo::shape) of a candidate, as parameter and value.
-using Shapes = std::vector<std::pair<int, double>>;
-/// What else they may be: one of them at an eighth or eight times of its value (from 0, at a third of its usual size or that), the others as they are. None, where the candidate says where else it may act.
-[[nodiscard]] std::vector<Shapes> other_shapes(const std::vector<Parameter>& parameters, const Candidate& candidate, const std::vector<double>& values);
+/// Other values of a shape (ParameterInfo::shape): an eighth and eight times of `value`; from 0, a third of its usual size and that.
+[[nodiscard]] std::array<double, 2> other_shapes(const Parameter& shape, double value);
 
 /// What a candidate changes in the prediction.
 struct Mark {
