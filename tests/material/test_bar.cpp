@@ -1,4 +1,6 @@
 // The material point under mixed control, against closed forms and its derivatives against differences of the path.
+#include <numeric>
+
 #include "effect_cases.hpp"
 #include "imic3d/material/bar.hpp"
 
@@ -128,6 +130,32 @@ TEST(Bar, StepsAreShortWhereTheyMustBeAndLongAgain) {
   const BarResponse straight = pull_bar(*make_law({.hardening = "voce"}), testing::voce_parameters(), history);
   EXPECT_NEAR(r.kirchhoff[2] / straight.kirchhoff[2], 1.0, 1e-9);
   RecordProperty("asked", law.asked);
+}
+
+/// With an exponent near null the overstress is there at once: where the stress is just above the yield stress the rate is 1e-30, and less.
+TEST(Bar, ViscosityWithASmallExponentIsFollowedFromItsOnset) {
+  for (double exponent : {0.1, 0.0574, 0.03, 0.01}) {
+    const double overstress = 131.0;
+    const auto c = testing::with_effects("viscosity", {"viscosity"}, {overstress, exponent});
+    std::vector<int> free(c.parameters.size());
+    std::iota(free.begin(), free.end(), 0);
+    const auto plain = testing::voce_parameters();
+    for (double rate : {1e-4, 1.0, 500.0}) {
+      // Rows so near each other that some lie just beyond the onset, then to 10 % strain.
+      const double yield = plain[2] / plain[0];
+      BarHistory history{.time = Eigen::VectorXd(140), .strain = Eigen::VectorXd(140)};
+      history.strain << Eigen::VectorXd::LinSpaced(80, 0.99 * yield, 1.05 * yield), Eigen::VectorXd::LinSpaced(60, 1.06 * yield, 0.1);
+      history.time = history.strain / rate;
+      const BarResponse r = pull_bar(*c.made().law, c.parameters, history, free);
+      ASSERT_EQ(r.rows, 140) << "m " << exponent << ", rate " << rate;
+      EXPECT_TRUE(r.derivatives.allFinite()) << "m " << exponent << ", rate " << rate;
+      // sigma_y(p) + eta p'^m
+      const Eigen::Index last = 139;
+      const double p = r.plastic_strain[last], speed = (p - r.plastic_strain[last - 1]) / (history.time[last] - history.time[last - 1]);
+      const double hardened = pull_bar(*make_law({.hardening = "voce"}), plain, {.time = history.time.tail(2), .strain = Eigen::Vector2d(0.0, p + r.kirchhoff[last] / plain[0])}).kirchhoff[1];
+      EXPECT_NEAR(r.kirchhoff[last] / (hardened + overstress * std::pow(speed, exponent)), 1.0, 0.02) << "m " << exponent << ", rate " << rate;
+    }
+  }
 }
 
 /// 1 + C ln(1 + p'/rate_0) below zero: no yield stress is left, and a viscous stress on top of none is no metal's.

@@ -94,6 +94,10 @@ struct ExtendedJ2 {
       if (doubling == 60) return false;
     const auto root = bracketed_newton(residual, 0.0, upper, value(at.trial_stress()));
     if (!root) return false;
+    if (*root < negligible) {  // a viscous overstress of small exponent holds all of the excess
+      at.finish(elastic, result);
+      return true;
+    }
     if (const auto there = plain.flow(Dual<1>(*root)); !there || !(value(there->q) > 0.0))
       return false;  // no strength left
     // A rate that takes the whole yield stress away: what would remain is the viscous stress of a fluid, and several rates for one stress.

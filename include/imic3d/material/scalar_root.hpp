@@ -28,9 +28,18 @@ class ParameterValues {
   std::size_t size_;
 };
 
+/// A root between null and this is found no closer.
+inline constexpr double negligible = 1e-100;
+
+/// A value within ]lower, upper[ for a search of a root whose size is not known either: the geometric mean where the ends are of one sign and apart, a thousandth of the upper one where the lower one is null, else the mean.
+inline double between(double lower, double upper) noexcept {
+  if (lower == 0.0 && upper > 0.0) return 1e-3 * upper;
+  return lower > 0.0 && upper > 4.0 * lower ? std::sqrt(lower) * std::sqrt(upper) : 0.5 * (lower + upper);
+}
+
 /// Root of `residual`, a function of a Dual<1> that is positive at `lower` and negative at `upper`, to a few units in
 /// the last place or to the noise of the residual, `scale` times a few epsilon. Newton from `lower`; a step that leaves
-/// the bracket or does not shorten it enough is replaced by a bisection. No value where there is no root in between.
+/// the bracket or does not shorten it enough is replaced by a bisection (`between`: a root may be 1e-40 of the bracket). No value where there is no root in between.
 template <class Residual>
 std::optional<double> bracketed_newton(const Residual& residual, double lower, double upper, double scale) noexcept {
   constexpr double epsilon = std::numeric_limits<double>::epsilon();
@@ -45,7 +54,8 @@ std::optional<double> bracketed_newton(const Residual& residual, double lower, d
     (r.value > 0.0 ? lower : upper) = x;
     // The first step may come from an infinite slope; later ones must halve what the last one did.
     if (!(next > lower && next < upper) || (iteration > 3 && std::abs(next - x) > 0.5 * last_step)) {
-      next = 0.5 * (lower + upper);
+      next = between(lower, upper);
+      if (lower == 0.0 && next < negligible) return next;
       if (iteration == 0 || next == lower || next == upper) {
         const Dual<1> at_upper = residual(Dual<1>::variable(upper, 0));
         if (!(at_upper.value <= 0.0)) return std::nullopt;
