@@ -42,7 +42,8 @@ inline std::vector<EffectCase> effect_cases() {
                        {"kinematic", "kinematic_2", "kinematic_3", "hill", "viscosity", "rate", "heating", "voce_term",
                         "plateau", "damage", "pressure", "voce_term_2", "power_term"},
                        {20e3, 150,  3e3,  12,  60e3, 1200, 1.2,  0.85, 1.1,  25,   80,  0.4,
-                        0.02, 1e-3, 2e-4, 0.3, 60,   40,   5e-4, 1.5,  4e-4, 0.15, 0.08, 30, 60, 0.04, 2e-4})};
+                        0.02, 1e-3, 2e-4, 0.3, 60,   40,   5e-4, 1.5,  4e-4, 0.15, 0.08, 30, 60, 0.04, 2e-4}),
+          with_effects("viscosity of a small exponent", {"viscosity"}, {80, 0.03})};
 }
 
 /// The law of a choice with every effect at its null value.
