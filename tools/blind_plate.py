@@ -324,7 +324,8 @@ def main():
                 suite.trial("outside", name, "-", planted, 1 + seed)
         for pair in PAIRS:
             for seed in seeds(" + ".join(pair)):
-                suite.trial("pair", " + ".join(pair), "-", {EFFECTS[n][0]: EFFECTS[n][1] for n in pair}, 1 + seed)
+                at_ten = {EFFECTS[n][0]: min(10.0 * detectable[n], EFFECTS[n][2]) for n in pair}
+                suite.trial("pair", " + ".join(pair), "10", at_ten, 1 + seed)
     suite.report()
     if options.reduced:
         suite.fail_unless_right()
