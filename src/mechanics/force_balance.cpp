@@ -39,12 +39,12 @@ void ForceBalance::attach_near_null_space() {
 void ForceBalance::start(std::span<const double> parameters, const OpticalTerm* optical, int directions) {
   parameters_ = parameters;
   optical_ = optical;
-  if (optical_ != nullptr) assemble_optical_stiffness();
+  optical_laid_out_ = false;
   assembler_.start(directions);
   IMIC3D_PETSC(VecSet(u_, 0.0));
 }
 
-/// On the pattern of the tangent, each rank its own rows; 0 where a degree is constrained, which keeps its identity.
+/// On the pattern of the tangent, which has been assembled (a duplicate of one that has not does not know the other ranks' columns), each rank its own rows; 0 where a degree is constrained, which keeps its identity.
 void ForceBalance::assemble_optical_stiffness() {
   const auto& constrained = assembler_.constrained_owned();
   const auto held = flags(static_cast<std::size_t>(numbering_.natural_size()), constrained_);
@@ -167,7 +167,11 @@ bool ForceBalance::assemble_tangent() {
   return assembler_.assemble(u_, time_increment_, parameters_, force_, missing_, lifting_);
 }
 
-void ForceBalance::add_optical_stiffness() { IMIC3D_PETSC(MatAXPY(assembler_.tangent(), 1.0, optical_stiffness_, SAME_NONZERO_PATTERN)); }
+void ForceBalance::add_optical_stiffness() {
+  if (!optical_laid_out_) assemble_optical_stiffness();
+  optical_laid_out_ = true;
+  IMIC3D_PETSC(MatAXPY(assembler_.tangent(), 1.0, optical_stiffness_, SAME_NONZERO_PATTERN));
+}
 
 bool ForceBalance::evaluate_virgin(const Eigen::VectorXd& U, std::span<const double> parameters, bool with_tangent) {
   assembler_.start();

@@ -75,10 +75,17 @@ class Bar {
         for (int i = 0; i < 3; ++i) dofs.insert(3 * node + i);
     if (case_.choice.plane_stress) std::erase_if(dofs, [](int dof) { return dof % 3 == 2; });
     dofs_.assign(dofs.begin(), dofs.end());
-    // Weak images that see x of every node, elsewhere than the forces take it.
+    // Weak images that see x of every node, and of neighbours together, elsewhere than the forces take it.
     const Eigen::Index size = 3 * mesh_.nodes.rows();
+    std::vector<Eigen::Triplet<double>> entries;
+    for (Eigen::Index i = 0; i < size; i += 3) entries.emplace_back(i, i, 50.0);
+    for (Eigen::Index cell = 0; cell < mesh_.cells.rows(); ++cell)
+      for (int corner = 0; corner < 3; ++corner) {
+        const int a = 3 * mesh_.cells(cell, corner), b = 3 * mesh_.cells(cell, corner + 1);
+        entries.emplace_back(a, b, 5.0), entries.emplace_back(b, a, 5.0);
+      }
     optical_.stiffness.resize(size, size);
-    for (Eigen::Index i = 0; i < size; i += 3) optical_.stiffness.insert(i, i) = 50.0;
+    optical_.stiffness.setFromTriplets(entries.begin(), entries.end());
     const Eigen::VectorXd stretch = 0.04 * mesh_.nodes.reshaped<Eigen::RowMajor>();
     // Between two frames on the way from one to the next: images that jump back at the beginning of a frame unload all of the bar.
     const auto seen = [stretch](int frame, double fraction) -> Eigen::VectorXd {
@@ -277,6 +284,14 @@ TEST(Sensitivities, UnderForces) {
 TEST(Sensitivities, UnderForcesAndImages) {
   expect_derivatives({mesh::CellType::hex8, Driven::by_images, power});
   expect_derivatives({mesh::CellType::quad4, Driven::by_images, power});
+}
+
+/// The first series of a solver: the images couple nodes of this rank with those of others.
+TEST(Sensitivities, ImagesSeeNodesOfOtherRanks) {
+  Bar bar(mesh::CellType::hex8, Driven::by_images, power);
+  const Path path = bar.pull(power.parameters);
+  EXPECT_EQ(path.status.frames, 4) << path.status.message;
+  EXPECT_GT(path.plastic_strain.maxCoeff(), 1e-3);
 }
 
 /// Two grids, the corners solved by MUMPS (an option) or by GAMG (where there is no memory), or GAMG alone (linear elements): the same path and derivatives as by MUMPS alone.
