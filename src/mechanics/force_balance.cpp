@@ -39,7 +39,7 @@ void ForceBalance::attach_near_null_space() {
 void ForceBalance::start(std::span<const double> parameters, const OpticalTerm* optical, int directions) {
   parameters_ = parameters;
   optical_ = optical;
-  optical_laid_out_ = false;
+  optical_stiffness_.reset();
   assembler_.start(directions);
   IMIC3D_PETSC(VecSet(u_, 0.0));
 }
@@ -168,8 +168,7 @@ bool ForceBalance::assemble_tangent() {
 }
 
 void ForceBalance::add_optical_stiffness() {
-  if (!optical_laid_out_) assemble_optical_stiffness();
-  optical_laid_out_ = true;
+  if (optical_stiffness_.get() == nullptr) assemble_optical_stiffness();
   IMIC3D_PETSC(MatAXPY(assembler_.tangent(), 1.0, optical_stiffness_, SAME_NONZERO_PATTERN));
 }
 

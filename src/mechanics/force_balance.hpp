@@ -88,7 +88,6 @@ class ForceBalance {
   Assembler assembler_;
   Numbering numbering_;
   PetscOwner<Mat, MatDestroy> optical_stiffness_;  // as the tangent; of the run
-  bool optical_laid_out_ = false;
   OwnedVec u_, optical_force_, force_, external_, residual_, missing_, lifting_, prescribed_;
   // Of the run and of the increment at hand.
   std::span<const double> parameters_;
