@@ -253,116 +253,135 @@ class Loop {
 
   Round try_candidates(const Model& at) {
     const std::vector<Score>& scores = at.scores.candidates;
-    std::vector<std::size_t> order, doubtful;
+    const auto is_in = [](const std::vector<std::size_t>& list, std::size_t i) { return std::find(list.begin(), list.end(), i) != list.end(); };
+    std::vector<std::size_t> waiting, doubtful;
     for (std::size_t i = 0; i < at.others.size(); ++i)
-      if (stands_out(at, scores[i])) order.push_back(i);
+      if (stands_out(at, scores[i])) waiting.push_back(i);
     for (std::size_t i = 0; i < at.others.size(); ++i)
-      if (!stands_out(at, scores[i]) && (order.empty() ? beyond_limit(at, scores[i]) : scores[i].z > at.scores.threshold)) doubtful.push_back(i);
-    for (auto* list : {&order, &doubtful}) {
-      std::sort(list->begin(), list->end(), [&](std::size_t a, std::size_t b) { return scores[a].z > scores[b].z; });
-      // As many as are asked for, and all that are as good as the best within their noise.
-      std::size_t kept = std::min(list->size(), static_cast<std::size_t>(options_.rivals));
-      while (kept < list->size() && scores[(*list)[kept]].z >= scores[list->front()].z - 1.0) ++kept;
-      list->resize(kept);
-    }
+      if (!stands_out(at, scores[i]) && (waiting.empty() ? beyond_limit(at, scores[i]) : scores[i].z > at.scores.threshold)) doubtful.push_back(i);
+    for (auto* list : {&waiting, &doubtful}) std::sort(list->begin(), list->end(), [&](std::size_t a, std::size_t b) { return scores[a].z > scores[b].z; });
+    // As many as are asked for, and all that are as good as the best within their noise.
+    const auto taken_from = [&](std::vector<std::size_t>& list) {
+      std::size_t count = std::min(list.size(), static_cast<std::size_t>(options_.rivals));
+      while (count < list.size() && scores[list[count]].z >= scores[list.front()].z - 1.0) ++count;
+      const auto end = list.begin() + static_cast<std::ptrdiff_t>(count);
+      const std::vector<std::size_t> taken(list.begin(), end);
+      list.erase(list.begin(), end);
+      return taken;
+    };
+    const std::vector<std::size_t> seen = taken_from(waiting);
+    doubtful = taken_from(doubtful);
     // Far from the truth the linear score says nothing of an effect whose mark changes with its size: it may be that of a negative one.
-    const std::size_t near = order.size();
+    std::vector<std::size_t> afar;
     for (std::size_t i = 0; i < at.others.size(); ++i)
-      if (from_afar(at, at.others[i]) && scores[i].visible() && std::find(order.begin(), order.end(), i) == order.end()) order.push_back(i);
+      if (from_afar(at, at.others[i]) && scores[i].visible() && !is_in(seen, i)) afar.push_back(i);
+    std::erase_if(waiting, [&](std::size_t i) { return is_in(afar, i); });
     // An invisible effect, or one that the held-out frames speak against, whose score is as large as those of all others, within their noise, may be what is there: it is named where it suffices, after those.
-    std::erase_if(doubtful, [&](std::size_t i) { return !order.empty() && (scores[i].z < scores[order.front()].z - 1.0 || std::find(order.begin(), order.end(), i) != order.end()); });
-    const std::size_t seen = order.size();
-    order.insert(order.end(), doubtful.begin(), doubtful.end());
+    std::erase_if(doubtful, [&](std::size_t i) { return is_in(afar, i) || (!seen.empty() && scores[i].z < scores[seen.front()].z - 1.0); });
+
     Round round;
-    std::size_t seen_in_set = 0;
-    for (std::size_t place = 0; place < order.size(); ++place) {
-      // An effect of the law that only the large misfit asks for: not where the test itself, its record or its cameras explain all of it.
-      if (place >= near && place < seen && std::any_of(round.set.begin(), round.set.end(), [&](int k) { return candidate(k).link != Link::material; })) continue;
-      const std::size_t i = order[place];
-      Trial trial;
-      experiment_.put_back(at.ground->learned);
-      trial.model.ground = at.ground;
-      trial.candidate = at.others[i];
-      trial.visible = place < seen;
-      trial.model.added = at.added;
-      trial.model.added.push_back(trial.candidate);
-      // From the size that the score predicts (next to the null value where a shape decides what it is, for three of its values), and
-      // from the null value; the best one stands.
-      const auto& its = candidate(trial.candidate).parameters;
-      const bool with_shape = shaped(trial.candidate);
-      std::vector<std::vector<double>> starts = elsewhere(at, i);
-      for (double factor : !starts.empty() ? std::vector<double>{} : with_shape ? std::vector<double>{1.0, 8.0, 0.125} : std::vector<double>{1.0}) {
-        std::vector<double>& start = starts.emplace_back(at.fit.values);
-        for (std::size_t k = 0; k < its.size(); ++k) {
-          const auto j = static_cast<std::size_t>(its[k]);
-          const Parameter& p = experiment_.parameters()[j];
-          const double margin = std::isfinite(p.info.upper - p.info.lower) ? 0.05 * (p.info.upper - p.info.lower) : p.step;
-          const double size = with_shape ? p.step : at.scores.candidates[i].size[static_cast<Eigen::Index>(k)];
-          const double wanted = !p.info.shape ? start[j] + size : start[j] != 0.0 ? factor * start[j] : factor < 1.0 ? 0.0 : factor * p.info.scale / 8.0;
-          start[j] = std::clamp(wanted, p.info.lower + margin, p.info.upper - margin);
-        }
-      }
-      // What is missing bends the declared parameters, and no way may lead from there to where it is: from their declared values too.
-      const bool bent = from_afar(at, trial.candidate);
-      for (double factor : bent ? std::vector<double>{1.0, 3.0} : std::vector<double>{}) {
-        std::vector<double> start = starts.front();
-        as_declared(start);
-        for (int j : its) {
-          const auto k = static_cast<std::size_t>(j);
-          const Parameter& p = experiment_.parameters()[k];
-          start[k] = std::clamp(at.fit.values[k] + factor * (start[k] - at.fit.values[k]), p.info.lower, p.info.upper);
-        }
-        starts.push_back(std::move(start));
-      }
-      starts.push_back(at.fit.values);
-      bool fitted = false;
-      const bool somewhere = !candidate(trial.candidate).elsewhere.empty();
-      for (const auto& start : starts) {
-        try {
-          Fit one = identified(at.ground->weight, trial.model.added, start);
-          if (!fitted || cost(one, somewhere) < cost(trial.model.fit, somewhere)) trial.model.fit = std::move(one);
-          fitted = true;
-          const bool down_to_noise = chi(trial.model.fit) < at.misfit.null_fitted && !(somewhere && chi_held_out(trial.model.fit) > at.misfit.null_held_out);
-          if (trial.model.fit.converged && trial.model.fit.cost < at.fit.cost && (!(with_shape || bent) || down_to_noise)) break;
-        } catch (const ConvergenceError& error) {
-          trial.model.message = error.what();
-        }
-      }
-      if (!fitted) {
-        trial.plausible = false;
-        trial.objection = trial.model.message;
-        round.trials.push_back(std::move(trial));
-        continue;
-      }
-      if (at.ground->learned && trial.model.fit.cost < 0.7 * at.fit.cost) {
-        Model settled = trial.model;
-        try {
-          settle(settled);
-          trial.model = std::move(settled);
-        } catch (const ConvergenceError& error) {
-          experiment_.put_back(at.ground->learned);
-          say(fmt::format("    with {}: {}", candidate(trial.candidate).name, error.what()));
-        }
-      }
-      try {
-        appraisal_.judge(trial.model);
-        judge(trial, at);
-        announce(trial.model, "with " + candidate(trial.candidate).name);
-      } catch (const ConvergenceError& error) {
-        trial.model.others.clear();  // without scores
-        trial.plausible = false;
-        trial.objection = error.what();
-      }
-      if (!trial.plausible) say("    not plausible: " + trial.objection);
-      if (trial.sufficient && trial.plausible) round.set.push_back(trial.candidate), seen_in_set += trial.visible ? 1 : 0;
-      round.trials.push_back(std::move(trial));
+    for (std::size_t i : seen) try_out(round, at, i, true);
+    for (std::size_t i : afar) {
+      // Only the large misfit asks for it: not where the test itself, its record or its cameras explain all of it.
+      if (std::any_of(round.set.begin(), round.set.end(), [&](int k) { return candidate(k).link != Link::material; })) break;
+      try_out(round, at, i, true);
     }
+    for (std::size_t i : doubtful) try_out(round, at, i, false);
+    // Of two effects together a third that is like both may have the larger score, and help nothing: before no known effect explains it, all beyond the limit have their turn.
+    while (choose(round, at) == nullptr && !waiting.empty())
+      for (std::size_t i : taken_from(waiting)) try_out(round, at, i, true);
+    // The earlier link first where the data do not tell, invisible effects behind.
+    const auto place = [&](int k) {
+      const auto trial = std::find_if(round.trials.begin(), round.trials.end(), [k](const Trial& one) { return one.candidate == k; });
+      return std::pair(!trial->visible, candidate(k).link);
+    };
+    std::stable_sort(round.set.begin(), round.set.end(), [&](int a, int b) { return place(a) < place(b); });
     experiment_.put_back(at.ground->learned);
-    // The earlier link first where the data do not tell.
-    const auto first_invisible = round.set.begin() + static_cast<std::ptrdiff_t>(seen_in_set);
-    for (const auto& [first, last] : {std::pair(round.set.begin(), first_invisible), std::pair(first_invisible, round.set.end())})
-      std::stable_sort(first, last, [&](int a, int b) { return candidate(a).link < candidate(b).link; });
     return round;
+  }
+
+  /// Where a candidate without places is identified from: from the size that the score predicts (next to the null value where a shape decides what it is, for three of its values), with the declared parameters
+  /// too where what is missing bends these, and from the null value.
+  std::vector<std::vector<double>> starts_of(const Model& at, std::size_t i) const {
+    const auto& its = candidate(at.others[i]).parameters;
+    const bool with_shape = shaped(at.others[i]);
+    std::vector<std::vector<double>> starts = elsewhere(at, i);
+    for (double factor : !starts.empty() ? std::vector<double>{} : with_shape ? std::vector<double>{1.0, 8.0, 0.125} : std::vector<double>{1.0}) {
+      std::vector<double>& start = starts.emplace_back(at.fit.values);
+      for (std::size_t k = 0; k < its.size(); ++k) {
+        const auto j = static_cast<std::size_t>(its[k]);
+        const Parameter& p = experiment_.parameters()[j];
+        const double margin = std::isfinite(p.info.upper - p.info.lower) ? 0.05 * (p.info.upper - p.info.lower) : p.step;
+        const double size = with_shape ? p.step : at.scores.candidates[i].size[static_cast<Eigen::Index>(k)];
+        const double wanted = !p.info.shape ? start[j] + size : start[j] != 0.0 ? factor * start[j] : factor < 1.0 ? 0.0 : factor * p.info.scale / 8.0;
+        start[j] = std::clamp(wanted, p.info.lower + margin, p.info.upper - margin);
+      }
+    }
+    // What is missing bends the declared parameters, and no way may lead from there to where it is: from their declared values too.
+    for (double factor : from_afar(at, at.others[i]) ? std::vector<double>{1.0, 3.0} : std::vector<double>{}) {
+      std::vector<double> start = starts.front();
+      as_declared(start);
+      for (int j : its) {
+        const auto k = static_cast<std::size_t>(j);
+        const Parameter& p = experiment_.parameters()[k];
+        start[k] = std::clamp(at.fit.values[k] + factor * (start[k] - at.fit.values[k]), p.info.lower, p.info.upper);
+      }
+      starts.push_back(std::move(start));
+    }
+    starts.push_back(at.fit.values);
+    return starts;
+  }
+
+  /// Identifies `at` with its candidate `i` added, judges what that leaves, and puts it into the round.
+  void try_out(Round& round, const Model& at, std::size_t i, bool visible) {
+    Trial trial;
+    experiment_.put_back(at.ground->learned);
+    trial.model.ground = at.ground;
+    trial.candidate = at.others[i];
+    trial.visible = visible;
+    trial.model.added = at.added;
+    trial.model.added.push_back(trial.candidate);
+    const bool several_ways = shaped(trial.candidate) || from_afar(at, trial.candidate), somewhere = !candidate(trial.candidate).elsewhere.empty();
+    bool fitted = false;
+    for (const auto& start : starts_of(at, i)) {
+      try {
+        Fit one = identified(at.ground->weight, trial.model.added, start);
+        if (!fitted || cost(one, somewhere) < cost(trial.model.fit, somewhere)) trial.model.fit = std::move(one);
+        fitted = true;
+        const bool down_to_noise = chi(trial.model.fit) < at.misfit.null_fitted && !(somewhere && chi_held_out(trial.model.fit) > at.misfit.null_held_out);
+        if (trial.model.fit.converged && trial.model.fit.cost < at.fit.cost && (!several_ways || down_to_noise)) break;
+      } catch (const ConvergenceError& error) {
+        trial.model.message = error.what();
+      }
+    }
+    if (!fitted) {
+      trial.plausible = false;
+      trial.objection = trial.model.message;
+      round.trials.push_back(std::move(trial));
+      return;
+    }
+    if (at.ground->learned && trial.model.fit.cost < 0.7 * at.fit.cost) {
+      Model settled = trial.model;
+      try {
+        settle(settled);
+        trial.model = std::move(settled);
+      } catch (const ConvergenceError& error) {
+        experiment_.put_back(at.ground->learned);
+        say(fmt::format("    with {}: {}", candidate(trial.candidate).name, error.what()));
+      }
+    }
+    try {
+      appraisal_.judge(trial.model);
+      judge(trial, at);
+      announce(trial.model, "with " + candidate(trial.candidate).name);
+    } catch (const ConvergenceError& error) {
+      trial.model.others.clear();  // without scores
+      trial.plausible = false;
+      trial.objection = error.what();
+    }
+    if (!trial.plausible) say("    not plausible: " + trial.objection);
+    if (trial.sufficient && trial.plausible) round.set.push_back(trial.candidate);
+    round.trials.push_back(std::move(trial));
   }
 
   /// An effect that helped before another one sufficed may be needed no more: what is left without it tells.

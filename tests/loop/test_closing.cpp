@@ -355,6 +355,22 @@ TEST(Closing, RivalsAsGoodAsTheBestAreTried) {
   EXPECT_EQ(report.set.size(), 2U);
 }
 
+/// Where those with the largest scores help nothing, the others beyond the limit have their turn before it is said that no known effect helps.
+TEST(Closing, OthersBeyondTheLimitAreTriedWhereTheBestDoNotHelp) {
+  LoopOptions one_rival = options;
+  one_rival.rivals = 1;
+  Curves experiment(5, {{Curves::drift, 5.0}, {Curves::offset, 20.0}});
+  experiment.bound(Curves::drift, 2.0);  // less than there is
+  const Report report = close_loop(experiment, one_rival);
+  ASSERT_GE(report.rounds.size(), 1U);
+  const auto& trials = report.rounds[0].trials;
+  EXPECT_EQ(trials.front().candidate, static_cast<int>(Curves::drift));
+  EXPECT_FALSE(trials.front().plausible);
+  EXPECT_TRUE(std::any_of(trials.begin(), trials.end(), [](const Trial& one) { return one.candidate == Curves::offset; }));
+  EXPECT_EQ(report.named, std::vector<int>{Curves::offset}) << report.sentence;
+  EXPECT_EQ(report.verdict, Verdict::unexplained) << report.sentence;
+}
+
 TEST(Closing, TwoEffectsAreFoundOneAfterTheOther) {
   const Report report = loop_on(Curves(5, {{Curves::drift, 5.0}, {Curves::offset, 20.0}}));
   EXPECT_EQ(report.verdict, Verdict::attributed) << report.sentence;
