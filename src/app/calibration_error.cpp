@@ -10,6 +10,7 @@
 #include <random>
 
 #include "imic3d/core/error.hpp"
+#include "imic3d/core/linear.hpp"
 #include "imic3d/imaging/calibration.hpp"
 #include "rig.hpp"
 
@@ -87,9 +88,9 @@ Uncertainty uncertainty(const io::Case& test, const Rig& rig) {
   // Numbers of such different size are scaled to a correlation before the decomposition.
   const Eigen::VectorXd scale = covariance.diagonal().cwiseSqrt().unaryExpr([](double s) { return s > 0.0 ? s : 1.0; });
   const Eigen::MatrixXd correlation = scale.cwiseInverse().asDiagonal() * covariance * scale.cwiseInverse().asDiagonal();
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> axes(0.5 * (correlation + correlation.transpose()));
-  const Index uncertain = (axes.eigenvalues().array() > 1e-12).count();  // the last ones: ascending
-  result.root = scale.asDiagonal() * axes.eigenvectors().rightCols(uncertain) * axes.eigenvalues().tail(uncertain).cwiseSqrt().asDiagonal();
+  const SymmetricEigen axes = symmetric_eigen(0.5 * (correlation + correlation.transpose()));
+  const Index uncertain = (axes.values.array() > 1e-12).count();  // the last ones: ascending
+  result.root = scale.asDiagonal() * axes.vectors.rightCols(uncertain) * axes.values.tail(uncertain).cwiseSqrt().asDiagonal();
   return result;
 }
 
@@ -108,7 +109,7 @@ Cameras placed(const mesh::Mesh& surface, const Cameras& truth, Cameras wrong, c
         slope.rightCols<3>() = J;
         H += slope.transpose() * slope, b += slope.transpose() * (truth[c]->project(X) - wrong[c]->project(X));
       }
-    const Eigen::VectorXd step = Eigen::CompleteOrthogonalDecomposition<Eigen::MatrixXd>(H).solve(b);
+    const Eigen::VectorXd step = least_squares(H, b);
     const Eigen::Matrix3d turned = turn(step.head<3>());
     const imaging::Pose motion{turned, middle - turned * middle + step.tail<3>()};
     for (std::size_t c = 0; c < wrong.size(); ++c)
@@ -173,7 +174,7 @@ Eigen::VectorXd error_of(const mesh::Mesh& surface, const Cameras& truth, const 
         J.middleRows<2>(2 * c) = wrong[static_cast<std::size_t>(c)]->jacobian(x).leftCols(components);
         miss.segment<2>(2 * c) = seen.segment<2>(2 * c) - wrong[static_cast<std::size_t>(c)]->project(x);
       }
-      found += Eigen::CompleteOrthogonalDecomposition<Eigen::MatrixXd>(J).solve(miss);
+      found += least_squares(J, miss);
     }
     error.segment(components * i, components) = found - u;
   }
@@ -208,7 +209,7 @@ std::vector<Eigen::MatrixXd> calibration_errors(const Observation& observation, 
   Eigen::MatrixXd white(draws, uncertain);
   for (double& value : white.reshaped()) value = normal(random);
   if (draws >= uncertain)
-    white = std::sqrt(draws) * Eigen::MatrixXd(Eigen::HouseholderQR<Eigen::MatrixXd>(white).householderQ() * Eigen::MatrixXd::Identity(draws, uncertain));
+    white = std::sqrt(draws) * orthonormal(white);
   std::vector<Eigen::MatrixXd> errors(static_cast<std::size_t>(draws), Eigen::MatrixXd::Zero(U.rows(), U.cols()));
   Index column = 0;
   for (std::size_t k = 0; k < observation.faces.size(); ++k) {

@@ -11,6 +11,7 @@
 #include <numbers>
 
 #include "imic3d/core/error.hpp"
+#include "imic3d/core/linear.hpp"
 #include "imic3d/core/log.hpp"
 #include "imic3d/correlation/smoothing.hpp"
 
@@ -158,12 +159,12 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
     // Less what a clamped specimen does between two pictures: it moves and strains uniformly.
     Eigen::MatrixXd affine(face.nodes.rows(), 3);
     affine << Eigen::VectorXd::Ones(face.nodes.rows()), face.nodes.leftCols<2>();
-    const Eigen::LDLT<Eigen::MatrixXd> normal(affine.transpose() * (squares->M * affine));
-    data.noise_at_rest = [squares, affine, normal, followed](const Eigen::MatrixXd& U) {
+    const Eigen::MatrixXd weighted = squares->M * affine, motion = solve_symmetric(affine.transpose() * weighted, weighted.transpose());
+    data.noise_at_rest = [squares, affine, motion, followed](const Eigen::MatrixXd& U) {
       double sum = 0.0;
       for (const auto& frame : U.colwise()) {
         const Points u = columns_of(frame);
-        const Eigen::MatrixXd rest = u - affine * normal.solve(affine.transpose() * (squares->M * u));
+        const Eigen::MatrixXd rest = u - affine * (motion * u);
         sum += rest.cwiseProduct(squares->M * rest).sum() / (2.0 * std::max(1.0, followed - 3.0));
       }
       return std::sqrt(sum / static_cast<double>(U.cols()) / 2.0);  // of the frame; the reference has as much

@@ -11,6 +11,7 @@
 #include "imic3d/app/output.hpp"
 #include "imic3d/app/program.hpp"
 #include "imic3d/app/simulation.hpp"
+#include "imic3d/core/linear.hpp"
 #include "imic3d/core/log.hpp"
 #include "imic3d/imaging/calibration.hpp"
 #include "imic3d/imaging/placement.hpp"
@@ -177,7 +178,7 @@ void err_alone(const PlantedEffects& planted, const std::string& name, VirtualCa
     for (Eigen::Index i = 0; i < motion.rows(); ++i) motion.row(i) = (camera.camera->project(now(i, t)) - camera.camera->project(now(i, 0))).transpose();
     const loop::Pixels beyond = planted.pixels_beyond(sight, surface, static_cast<int>(t) - 1, motion);
     for (Eigen::Index i = 0; i < motion.rows(); ++i)
-      camera.displacement.col(t).segment<3>(3 * i) += camera.camera->jacobian(now(i, t)).completeOrthogonalDecomposition().solve(beyond.row(i).transpose());
+      camera.displacement.col(t).segment<3>(3 * i) += least_squares(camera.camera->jacobian(now(i, t)), beyond.row(i).transpose());
   }
 }
 

@@ -4,6 +4,8 @@
 #include <algorithm>
 #include <vector>
 
+#include "imic3d/core/linear.hpp"
+
 namespace imic3d {
 
 Eigen::VectorXd bounded_step(const Eigen::MatrixXd& H, const Eigen::VectorXd& g, const Eigen::VectorXd& low, const Eigen::VectorXd& high, double damping) {
@@ -16,7 +18,7 @@ Eigen::VectorXd bounded_step(const Eigen::MatrixXd& H, const Eigen::VectorXd& g,
     Eigen::MatrixXd matrix = scale.asDiagonal() * H(open, open) * scale.asDiagonal();
     matrix.diagonal().array() += damping;
     const Eigen::VectorXd right = (g - H * step)(open);
-    const Eigen::VectorXd wanted = scale.cwiseProduct(matrix.ldlt().solve(scale.cwiseProduct(right)));
+    const Eigen::VectorXd wanted = scale.cwiseProduct(solve_symmetric(matrix, scale.cwiseProduct(right)).col(0));
     std::ptrdiff_t worst = -1;
     double excess = 1.0;
     for (std::size_t i = 0; i < open.size(); ++i) {

@@ -8,6 +8,7 @@
 #include <cmath>
 
 #include "imic3d/core/error.hpp"
+#include "imic3d/core/linear.hpp"
 #include "imic3d/correlation/smoothing.hpp"
 
 namespace imic3d::correlation {
@@ -122,9 +123,7 @@ Eigen::VectorXd Cameras::displacement(const std::vector<std::optional<InImage>>&
         J.middleRows<2>(2 * c) = camera.camera().jacobian(x).leftCols(dofs);
       }
       if (!miss.allFinite()) break;
-      Eigen::CompleteOrthogonalDecomposition<Eigen::MatrixXd> solver;
-      solver.setThreshold(1e-6);
-      const Eigen::VectorXd step = solver.compute(J).solve(miss);
+      const Eigen::VectorXd step = least_squares(J, miss, 1e-6);
       u += step;
       if ((J * step).norm() < 1e-6) break;
     }
@@ -146,8 +145,7 @@ std::vector<int> Cameras::hardly_seen(const Eigen::SparseMatrix<double>& M) cons
   std::vector<double> ratio, largest;  // of the eigenvalues of the node's block: the least to the largest
   for (int node = 0; node < nodes(); ++node) {
     const Eigen::Index first = static_cast<Eigen::Index>(node) * dofs;
-    const Eigen::MatrixXd block = Eigen::MatrixXd(M.block(first, first, dofs, dofs));
-    const Eigen::VectorXd values = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(block).eigenvalues();
+    const Eigen::VectorXd values = symmetric_eigen(M.block(first, first, dofs, dofs)).values;
     largest.push_back(values[dofs - 1]);
     ratio.push_back(values[dofs - 1] > 0.0 ? values[0] / values[dofs - 1] : 0.0);
   }

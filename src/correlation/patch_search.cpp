@@ -4,6 +4,7 @@
 #include <cmath>
 #include <random>
 
+#include "imic3d/core/linear.hpp"
 #include "imic3d/imaging/patch_match.hpp"
 
 namespace imic3d::correlation {
@@ -24,7 +25,7 @@ Affine fit(const std::vector<Found>& found, const std::vector<std::size_t>& chos
     places.row(static_cast<Eigen::Index>(i)) << 1.0, f.reference.x(), f.reference.y();
     misses.row(static_cast<Eigen::Index>(i)) = f.miss.transpose();
   }
-  return places.colPivHouseholderQr().solve(misses);
+  return least_squares(places, misses);
 }
 
 Eigen::Vector2d at(const Affine& affine, const Eigen::Vector2d& place) {
@@ -46,7 +47,7 @@ Quadratic fit_squares(const std::vector<Found>& found, const std::vector<std::si
     places.row(static_cast<Eigen::Index>(i)) = squares(found[chosen[i]].reference);
     misses.row(static_cast<Eigen::Index>(i)) = found[chosen[i]].miss.transpose();
   }
-  return places.colPivHouseholderQr().solve(misses);
+  return least_squares(places, misses);
 }
 
 }  // namespace

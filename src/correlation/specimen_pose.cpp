@@ -12,6 +12,7 @@
 
 #include "bilinear.hpp"
 #include "imic3d/core/error.hpp"
+#include "imic3d/core/linear.hpp"
 #include "imic3d/correlation/smoothing.hpp"
 #include "imic3d/imaging/bspline.hpp"
 #include "imic3d/imaging/patch_match.hpp"
@@ -66,7 +67,7 @@ Pose fit_points(const PinholeCamera& camera, Pose pose, std::span<const PlacedPo
       H += slope.transpose() * slope;
       b += slope.transpose() * (Eigen::Vector2d(p.column, p.row) - eye.project(X));
     }
-    const Eigen::VectorXd step = (free.transpose() * H * free).ldlt().solve(free.transpose() * b);
+    const Eigen::VectorXd step = solve_symmetric(free.transpose() * H * free, free.transpose() * b);
     if (!step.allFinite()) break;
     const Six d = free * step;
     pose = moved(pose, d);
@@ -92,13 +93,12 @@ Pose pose_from_points(std::span<const RigView> views, std::span<const PlacedPoin
     mesh_side.row(static_cast<Eigen::Index>(k)) << points[k].x, points[k].y, 1.0;
     image_side.row(static_cast<Eigen::Index>(k)) << points[k].column, points[k].row;
   }
-  const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> solver(mesh_side);
-  const Eigen::MatrixXd affine = solver.solve(image_side);  // [3 x 2]
+  const Eigen::MatrixXd affine = least_squares(mesh_side, image_side);  // [3 x 2]
   const Eigen::Matrix2d A = affine.topRows<2>().transpose();
   const double area = A.determinant();
   const double size = (mesh_side.leftCols<2>().colwise().maxCoeff() - mesh_side.leftCols<2>().colwise().minCoeff()).norm();
   const Eigen::MatrixXd centred = mesh_side.leftCols<2>().rowwise() - mesh_side.leftCols<2>().colwise().mean();
-  if (Eigen::JacobiSVD<Eigen::MatrixXd>(centred).singularValues()[1] < 1e-3 * size)
+  if (singular_values(centred)[1] < 1e-3 * size)
     throw InputError(std::string(place) + ".points", "points on a line", wanted);
   if (area > 0.0)
     throw InputError(std::string(place) + ".points", "a mirrored mesh: its z axis, x cross y, points away from the cameras",
@@ -272,7 +272,7 @@ class Scene {
           H(6 * c + k, 6 * c + k) += held, b[6 * c + k] -= held * change[k];
         }
       }
-      const Eigen::VectorXd step = H.ldlt().solve(b);
+      const Eigen::VectorXd step = solve_symmetric(H, b);
       if (!step.allFinite()) throw InputError(place, "the images do not hold the specimen's pose", "speckle that the cameras share");
       pose = moved(pose, step.head<6>());
       for (std::size_t c = 1; cameras && c < rig.size(); ++c) {
@@ -397,14 +397,14 @@ class Scene {
     for (const Eigen::Vector3d& one : best) mean += one / static_cast<double>(best.size());
     Eigen::Matrix3d scatter = Eigen::Matrix3d::Zero();
     for (const Eigen::Vector3d& one : best) scatter += (one - mean) * (one - mean).transpose();
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(scatter);
-    Eigen::Vector3d z = axes.eigenvectors().col(0);
+    const SymmetricEigen axes = symmetric_eigen(scatter);
+    Eigen::Vector3d z = axes.vectors.col(0);
     if (z[2] < 0.0) z = -z;
     result.matched = static_cast<int>(best.size());
-    result.plane_rms = std::sqrt(axes.eigenvalues()[0] / static_cast<double>(best.size()));
+    result.plane_rms = std::sqrt(axes.values[0] / static_cast<double>(best.size()));
     // Turn z = e_z to the normal and lift the plane; then glide in it to the points.
     Pose change;
-    change.rotation = Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d::UnitZ(), z).toRotationMatrix();
+    change.rotation = Eigen::AngleAxisd(std::acos(std::min(1.0, z[2])), Eigen::Vector3d::UnitZ().cross(z).stableNormalized()).toRotationMatrix();
     change.translation = z * z.dot(mean);
     pose = fit_points(rig[first], pose * change, points_, in_plane_movements(false));
   }

@@ -9,6 +9,7 @@
 
 #include "imic3d/core/bounded_step.hpp"
 #include "imic3d/core/error.hpp"
+#include "imic3d/core/linear.hpp"
 
 namespace imic3d::identification {
 
@@ -246,7 +247,7 @@ CurveFit fit(const CurveSet& set, const std::vector<ParameterInfo>& information,
   const Eigen::VectorXd scale = J.colwise().norm().cwiseInverse();
   const Eigen::MatrixXd scaled = J * scale.asDiagonal();
   const Eigen::MatrixXd inverse = scale.asDiagonal() *
-                                  (scaled.transpose() * scaled).completeOrthogonalDecomposition().pseudoInverse() *
+                                  pseudo_inverse(scaled.transpose() * scaled) *
                                   scale.asDiagonal();
   result.noise_covariance(open, open) = inverse;
   // Rows of one bar err together: each bar of a group is off by the group's scatter, the same all along.

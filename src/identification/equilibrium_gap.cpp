@@ -10,6 +10,7 @@
 #include <optional>
 
 #include "imic3d/core/error.hpp"
+#include "imic3d/core/linear.hpp"
 
 namespace imic3d::identification {
 
@@ -202,7 +203,7 @@ EquilibriumGapResult equilibrium_gap(Communicator world, const Specimen& specime
         of_frames += S.transpose() * (M * S);
         common += S;
       }
-      const Eigen::MatrixXd inverse = matrix.ldlt().solve(Eigen::MatrixXd::Identity(unknowns, unknowns));
+      const Eigen::MatrixXd inverse = solve_symmetric(matrix, Eigen::MatrixXd::Identity(unknowns, unknowns));
       auto& covariance = result.stage.covariance;
       covariance.image = std::pow(options.noise_model.image / m0, 2) * inverse *
                          (of_frames + common.transpose() * (M * common) / options.noise_model.references) * inverse;
@@ -213,7 +214,7 @@ EquilibriumGapResult equilibrium_gap(Communicator world, const Specimen& specime
 
     // The first step brings the displacement alone: from U = 0 the gap says nothing of the parameters.
     Eigen::VectorXd step = Eigen::VectorXd::Zero(unknowns);
-    if (iteration > 0) step = matrix.ldlt().solve(right);
+    if (iteration > 0) step = solve_symmetric(matrix, right);
     double shortened = 1.0;
     for (Eigen::Index j = 0; j < unknowns; ++j) {
       const auto k = static_cast<std::size_t>(stage.free[static_cast<std::size_t>(j)]);

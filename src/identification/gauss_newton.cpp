@@ -11,6 +11,7 @@
 
 #include "imic3d/core/bounded_step.hpp"
 #include "imic3d/core/error.hpp"
+#include "imic3d/core/linear.hpp"
 
 namespace imic3d::identification {
 
@@ -316,7 +317,7 @@ Covariance covariance(ForwardModel& model, const ImageData& images, const Linear
                       const Stage& stage, const GaussNewtonOptions& options, const std::vector<double>& parameters) {
   const auto unknowns = normal.right.size();
   const NoiseModel& noise = options.noise_model;
-  const Eigen::MatrixXd inverse = normal.matrix.ldlt().solve(Eigen::MatrixXd::Identity(unknowns, unknowns));
+  const Eigen::MatrixXd inverse = solve_symmetric(normal.matrix, Eigen::MatrixXd::Identity(unknowns, unknowns));
   const double w = 1.0 / (2.0 * images.noise * images.noise), v = has_force(options.functional) ? 1.0 / (options.force_noise * options.force_noise) : 0.0;
   std::vector<int> frames;
   for (int t : stage.frames)

@@ -2,6 +2,7 @@
 #include <Eigen/Dense>
 #include <Eigen/Geometry>
 
+#include "imic3d/core/linear.hpp"
 #include "imic3d/identification/gauss_newton.hpp"
 
 namespace imic3d::identification {
@@ -38,8 +39,7 @@ void fit_rigid_motion(const Specimen& specimen, Control control, const Eigen::Sp
       const Eigen::MatrixXd modes = rigid_modes(specimen, control, path.surface.col(t));
       if (modes.cols() == 0) return;
       const Eigen::MatrixXd weighted = M * modes;
-      const Eigen::MatrixXd normal = modes.transpose() * weighted;
-      const Eigen::VectorXd motion = normal.ldlt().solve(weighted.transpose() * (dic.col(t) - path.surface.col(t)));
+      const Eigen::VectorXd motion = solve_symmetric(modes.transpose() * weighted, weighted.transpose() * (dic.col(t) - path.surface.col(t)));
       if (!through) {
         path.surface.col(t) += modes * motion;
         continue;

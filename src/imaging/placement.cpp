@@ -9,6 +9,7 @@
 #include <numbers>
 #include <opencv2/imgproc.hpp>
 
+#include "imic3d/core/linear.hpp"
 #include "outline.hpp"
 
 namespace imic3d::imaging {
@@ -49,7 +50,7 @@ void describe(const PlaneMap& map, bool flip, Placement& placement) {
   const double sign = flip ? -1.0 : 1.0;
   placement.rotation =
       std::atan2(-map.linear(1, 0) - sign * map.linear(0, 1), sign * map.linear(0, 0) - map.linear(1, 1)) / degree;
-  const Vector2d magnifications = map.linear.jacobiSvd().singularValues();
+  const Vector2d magnifications = singular_values(map.linear);
   placement.eccentricity = 2.0 * (magnifications[0] - magnifications[1]) / magnifications.sum();
 }
 
@@ -85,12 +86,10 @@ Placement place_by_points(std::span<const std::array<double, 4>> points, bool fl
     const double rotation = std::atan2(z.x() * w.y() - z.y() * w.x(), z.dot(w));
     map.linear = similarity(z.norm() / w.norm(), rotation, flip);
   } else {
-    const Eigen::JacobiSVD<Eigen::MatrixX2d> svd(from, Eigen::ComputeThinU | Eigen::ComputeThinV);
-    const Eigen::JacobiSVD<Eigen::MatrixX2d> svd_to(to);
-    if (svd.singularValues()[1] <= 1e-6 * svd.singularValues()[0] ||
-        svd_to.singularValues()[1] <= 1e-6 * svd_to.singularValues()[0])
+    const auto on_a_line = [](const Eigen::VectorXd& extent) { return extent[1] <= 1e-6 * extent[0]; };
+    if (on_a_line(singular_values(from)) || on_a_line(singular_values(to)))
       throw InputError("place.points", "points that lie on one line", "two points, or three that span a triangle");
-    map.linear = svd.solve(to).transpose();
+    map.linear = least_squares(from, to).transpose();
   }
   map.offset = centre_pixel - map.linear * centre;
 
@@ -392,17 +391,17 @@ Fit step(const cv::Mat1f& image, const CoarseImage& classes, const std::vector<O
   if (fit.agreeing < 2 * unknowns) return fit;
   fit.rms = std::sqrt(squares / fit.agreeing);
   fit.median = quantile(distances, 0.5);
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(matrix / weights);
+  const SymmetricEigen eigen = symmetric_eigen(matrix / weights);
   // Even where the scale is known: edges that would leave it free (one corner of the specimen) are no evidence of a
   // place.
-  fit.stiffness = std::min(freedom == Freedom::affine ? 1.0 : eigen.eigenvalues()[0],
-                           Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d>(of_similarity / weights).eigenvalues()[0]);
+  fit.stiffness = std::min(freedom == Freedom::affine ? 1.0 : eigen.values[0],
+                           symmetric_eigen(of_similarity / weights).values[0]);
   // A movement that the edges leave free is not made.
   Eigen::VectorXd update = Eigen::VectorXd::Zero(unknowns);
   for (Eigen::Index i = 0; i < unknowns; ++i)
-    if (eigen.eigenvalues()[i] > 1e-4)
+    if (eigen.values[i] > 1e-4)
       update +=
-          eigen.eigenvectors().col(i) * (eigen.eigenvectors().col(i).dot(right / weights) / eigen.eigenvalues()[i]);
+          eigen.vectors.col(i) * (eigen.vectors.col(i).dot(right / weights) / eigen.values[i]);
   Matrix2d change = Matrix2d::Identity();
   if (freedom == Freedom::affine) {
     change(0, 0) += update[2] / radius;

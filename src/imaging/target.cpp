@@ -8,6 +8,8 @@
 #include <opencv2/features2d.hpp>
 #include <opencv2/imgproc.hpp>
 
+#include "imic3d/core/linear.hpp"
+
 namespace imic3d::imaging {
 
 std::vector<Eigen::Vector3d> Target::points() const {
@@ -165,7 +167,7 @@ Crossing crossing(const Image& image, const Eigen::Vector2d& start, const Eigen:
       H += J * J.transpose(), g += J * r;
     }
     H.diagonal() *= 1.0 + 1e-6;
-    const Vector9 step = H.ldlt().solve(g);
+    const Vector9 step = solve_symmetric(H, g);
     if (!step.allFinite()) return {start, 0.0};
     p += step.cwiseMax(-1.0 * Vector9(1, 1, 0.2, 0.2, 1e9, 1e9, 1e9, 1e9, 0.5)).cwiseMin(Vector9(1, 1, 0.2, 0.2, 1e9, 1e9, 1e9, 1e9, 0.5));
     p[8] = std::clamp(p[8], sharpest, reach);

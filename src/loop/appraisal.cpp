@@ -11,6 +11,7 @@
 #include <tuple>
 
 #include "imic3d/core/error.hpp"
+#include "imic3d/core/linear.hpp"
 #include "imic3d/loop/effect.hpp"
 #include "imic3d/loop/statistics.hpp"
 
@@ -22,7 +23,6 @@ Eigen::MatrixXd stacked(const Eigen::MatrixXd& above, const Eigen::MatrixXd& bel
   all << above, below;
   return all;
 }
-Eigen::MatrixXd inverse_of(const Eigen::MatrixXd& J) { return J.completeOrthogonalDecomposition().pseudoInverse(); }
 
 std::string why_without(const Mark& mark) {
   if (mark.failed > 0) return "the model could not be computed with it";
@@ -83,7 +83,7 @@ Appraisal::Known Appraisal::known(const Model& model) const {
 }
 
 /// What a residual of the fitted rows and of what is known beforehand moves the free parameters by [free x rows].
-Eigen::MatrixXd Appraisal::pull_of(const Model& model, const Known& prior) const { return inverse_of(stacked(model.fit.sensitivity(rows_, Eigen::all), prior.sensitivity)); }
+Eigen::MatrixXd Appraisal::pull_of(const Model& model, const Known& prior) const { return pseudo_inverse(stacked(model.fit.sensitivity(rows_, Eigen::all), prior.sensitivity)); }
 
 /// What the free parameters, fitted to draws of the null, leave of these.
 Eigen::MatrixXd Appraisal::left_by_fit(const Eigen::MatrixXd& draws, const Model& model, const Eigen::MatrixXd& pull, const Known& prior) const {
@@ -139,7 +139,7 @@ std::pair<double, double> Appraisal::left_out(const Eigen::MatrixXd& r, const Ei
   std::vector<Eigen::Index> others, those;
   for (Eigen::Index i : rows_) (chosen(experiment_.data()[static_cast<std::size_t>(i)]) ? those : others).push_back(i);
   if (those.empty()) return {0.0, 0.0};
-  const Eigen::MatrixXd pull = inverse_of(stacked(J(others, Eigen::all), prior.sensitivity));
+  const Eigen::MatrixXd pull = pseudo_inverse(stacked(J(others, Eigen::all), prior.sensitivity));
   const auto left = [&](const Eigen::MatrixXd& rows, const Eigen::MatrixXd& of_prior) { return Eigen::MatrixXd(rows(those, Eigen::all) - J(those, Eigen::all) * (pull * stacked(rows(others, Eigen::all), of_prior))); };
   const auto scale = 1.0 / std::sqrt(static_cast<double>(those.size()));
   return {scale * left(r, prior.residual).norm(), quantile(scale * left(null, prior.null).colwise().norm().transpose(), 0.95)};
@@ -302,7 +302,7 @@ std::optional<int> without_size(const Experiment& experiment, const Model& model
     }
     const Eigen::Map<const Eigen::VectorXd> size(sizes.data(), std::ssize(sizes));
     const Eigen::MatrixXd covariance = model.covariance(places, places);
-    if (size.size() > 0 && chi_squared_tail(size.dot(covariance.completeOrthogonalDecomposition().solve(size)), static_cast<int>(size.size())) > 0.05) return k;
+    if (size.size() > 0 && chi_squared_tail(size.dot(least_squares(covariance, size).col(0)), static_cast<int>(size.size())) > 0.05) return k;
   }
   return std::nullopt;
 }

@@ -11,6 +11,7 @@
 
 #include "declared.hpp"
 #include "imic3d/core/error.hpp"
+#include "imic3d/core/linear.hpp"
 #include "imic3d/loop/law_effects.hpp"
 #include "imic3d/loop/statistics.hpp"
 
@@ -481,7 +482,7 @@ Eigen::MatrixXd CurveExperiment::bars_like_these(int draws, double grown, unsign
     for (double& x : g) x = normal(random);
     return g;
   };
-  const Eigen::MatrixXd root = scatter_.covariance.size() > 0 ? Eigen::MatrixXd(grown * scatter_.covariance.llt().matrixL().toDenseMatrix()) : Eigen::MatrixXd();
+  const Eigen::MatrixXd root = scatter_.covariance.size() > 0 ? Eigen::MatrixXd(grown * cholesky(scatter_.covariance)) : Eigen::MatrixXd();
   Eigen::MatrixXd result(static_cast<Eigen::Index>(bins_.size()), draws);
   for (auto raw : result.colwise()) {
     for (std::size_t k = 0; k < bars_.size(); ++k) {
@@ -495,7 +496,7 @@ Eigen::MatrixXd CurveExperiment::bars_like_these(int draws, double grown, unsign
       const auto& coefficients = scatter_.coefficients.at(group);
       const double together = std::sqrt(correlation_beyond_cubics(group)), apart = std::sqrt(1.0 - together * together);
       for (const auto& bar : bars) {
-        const auto shares = [&]() -> Eigen::VectorXd { return drawn(static_cast<Eigen::Index>(bars.size())) / std::sqrt(static_cast<double>(bars.size())); };
+        const auto shares = [&drawn, count = static_cast<double>(bars.size())]() -> Eigen::VectorXd { return drawn(static_cast<Eigen::Index>(count)) / std::sqrt(count); };
         const Eigen::VectorXd share = shares();
         for (std::size_t i = 0; i < bar.rows.size(); ++i) {
           double sum = 0.0;

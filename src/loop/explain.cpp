@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "imic3d/core/linear.hpp"
 #include "imic3d/loop/statistics.hpp"
 
 namespace imic3d::loop {
@@ -12,8 +13,8 @@ Explanation explain(const Eigen::VectorXd& difference, const Eigen::MatrixXd& co
                     int most) {
   const auto p = difference.size();
   const auto k = static_cast<Eigen::Index>(sizes.size());
-  const Eigen::LLT<Eigen::MatrixXd> factor(covariance);
-  const auto white = [&](const Eigen::MatrixXd& x) -> Eigen::MatrixXd { return factor.matrixL().solve(x); };
+  const Eigen::MatrixXd whitened_by = inverse_cholesky(covariance);
+  const auto white = [&](const Eigen::MatrixXd& x) -> Eigen::MatrixXd { return whitened_by * x; };
   Explanation result;
   result.size = Eigen::VectorXd::Zero(k);
   result.tangent = Eigen::MatrixXd::Zero(p, k);
@@ -54,7 +55,7 @@ Explanation explain(const Eigen::VectorXd& difference, const Eigen::MatrixXd& co
     Eigen::VectorXd move;
     for (bool again = true; again;) {
       again = false;
-      move = white(open).completeOrthogonalDecomposition().solve(white(difference - shift).col(0));
+      move = least_squares(white(open), white(difference - shift));
       for (Eigen::Index j = 0; j < k; ++j) {
         if (!((at[j] >= high[j] && move[j] > 0.0) || (at[j] <= low[j] && move[j] < 0.0))) continue;
         open.col(j).setZero();

@@ -7,6 +7,7 @@
 
 #include "imic3d/core/bounded_step.hpp"
 #include "imic3d/core/error.hpp"
+#include "imic3d/core/linear.hpp"
 
 namespace imic3d::loop {
 
@@ -35,7 +36,7 @@ Weight::Weight(const std::vector<Datum>& data, const Eigen::MatrixXd& null, int 
     if (sum.isZero(0.0)) sum = count * Eigen::MatrixXd::Identity(rows, rows);
     const double share = static_cast<double>(rows) / (static_cast<double>(rows) + count);
     const Eigen::MatrixXd covariance = (1.0 - share) * sum / count + share * Eigen::MatrixXd::Identity(rows, rows);
-    blocks_.emplace_back(first, covariance.llt().matrixL().solve(Eigen::MatrixXd::Identity(rows, rows)));
+    blocks_.emplace_back(first, inverse_cholesky(covariance));
   }
 }
 
@@ -116,15 +117,14 @@ Eigen::MatrixXd directions_beside(const Eigen::MatrixXd& columns, Eigen::MatrixX
     for (auto column : all.colwise()) column /= std::max(column.norm(), 1e-300);
   };
   unit(places);
-  const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(columns);
-  const Eigen::MatrixXd Q = qr.householderQ() * Eigen::MatrixXd::Identity(columns.rows(), qr.rank());
+  const Eigen::MatrixXd Q = orthonormal(columns);
   places -= Q * (Q.transpose() * places);
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(places.transpose() * places);
+  const SymmetricEigen eigen = symmetric_eigen(places.transpose() * places);
   const Eigen::Index count = places.cols();
   Eigen::Index kept = 0;
-  double left = eigen.eigenvalues().cwiseMax(0.0).sum();
-  for (; kept < std::min<Eigen::Index>(9, count) && left > 0.1 * static_cast<double>(count); ++kept) left -= eigen.eigenvalues()[count - 1 - kept];
-  return places * eigen.eigenvectors().rightCols(kept);
+  double left = eigen.values.cwiseMax(0.0).sum();
+  for (; kept < std::min<Eigen::Index>(9, count) && left > 0.1 * static_cast<double>(count); ++kept) left -= eigen.values[count - 1 - kept];
+  return places * eigen.vectors.rightCols(kept);
 }
 
 }  // namespace

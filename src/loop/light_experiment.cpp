@@ -10,6 +10,7 @@
 #include <random>
 
 #include "imic3d/core/error.hpp"
+#include "imic3d/core/linear.hpp"
 #include "imic3d/loop/statistics.hpp"
 #include "declared.hpp"
 
@@ -157,10 +158,10 @@ void LightExperiment::make_whitening() {
       w.deviation.col(t) = (tails * frame.spread.array()).sqrt() / unit;
     }
     // Symmetric roots: each number stays that of its cell.
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(optics.G.diagonal().cwiseSqrt().cwiseInverse().asDiagonal() * optics.G * optics.G.diagonal().cwiseSqrt().cwiseInverse().asDiagonal());
-    const double floor = 1e-8 * eigen.eigenvalues().maxCoeff();
-    const Eigen::VectorXd root = (eigen.eigenvalues().array() > floor).select(eigen.eigenvalues().array().max(floor).rsqrt(), 0.0);
-    w.of_linear = eigen.eigenvectors() * root.asDiagonal() * eigen.eigenvectors().transpose() * optics.G.diagonal().cwiseSqrt().cwiseInverse().asDiagonal() / optics.noise;
+    const SymmetricEigen eigen = symmetric_eigen(optics.G.diagonal().cwiseSqrt().cwiseInverse().asDiagonal() * optics.G * optics.G.diagonal().cwiseSqrt().cwiseInverse().asDiagonal());
+    const double floor = 1e-8 * eigen.values.maxCoeff();
+    const Eigen::VectorXd root = (eigen.values.array() > floor).select(eigen.values.array().max(floor).rsqrt(), 0.0);
+    w.of_linear = eigen.vectors * root.asDiagonal() * eigen.vectors.transpose() * optics.G.diagonal().cwiseSqrt().cwiseInverse().asDiagonal() / optics.noise;
     Eigen::MatrixXd fitted = Eigen::MatrixXd::Zero(optics.R.cols(), 4);  // offset and gain of a frame, the gain's slopes
     for (Eigen::Index c = 0; c < cells; ++c) {
       const Eigen::Vector2d at = optics.middle[static_cast<std::size_t>(c)] - cameras_[k].scene.middle();
@@ -168,7 +169,7 @@ void LightExperiment::make_whitening() {
       for (int a = 0; a < 2; ++a) fitted(6 * c, 2 + a) = optics.mean[c] * at[a], fitted(6 * c + 1, 2 + a) = at[a], fitted(6 * c + 2 + a, 2 + a) = optics.mean[c], fitted(6 * c + 4 + a, 2 + a) = 1.0;
     }
     w.of_fitted = w.of_linear * (optics.R * fitted);
-    const Eigen::MatrixXd Q = Eigen::HouseholderQR<Eigen::MatrixXd>(w.of_fitted.leftCols(2)).householderQ() * Eigen::MatrixXd::Identity(w.of_fitted.rows(), 2);
+    const Eigen::MatrixXd Q = orthonormal(w.of_fitted.leftCols(2));
     w.kept = Eigen::MatrixXd::Identity(w.of_fitted.rows(), w.of_fitted.rows()) - Q * Q.transpose();
     if (optics.gain_and_offset_fitted) w.of_linear = (w.kept * w.of_linear).eval();
     // A frame of more noise scatters more in all its numbers: by its places' median mean square over the expected one, where that is off by more than the level is known to.
@@ -332,10 +333,10 @@ double LightExperiment::share_of_gain_and_offset(bool gradient) const {
   for (std::size_t k = 0; k < cameras_.size(); ++k) {
     const Eigen::Index rows = linear(k), marks = gradient ? 4 : 2;
     if (rows == 0 || (cameras_[k].optics.gain_and_offset_fitted && !gradient)) continue;
-    const Eigen::MatrixXd Q = Eigen::ColPivHouseholderQR<Eigen::MatrixXd>(whitening_[k]->of_fitted.leftCols(marks)).householderQ() * Eigen::MatrixXd::Identity(rows, marks);
+    const Eigen::MatrixXd Q = orthonormal(whitening_[k]->of_fitted.leftCols(marks));
     for (Eigen::Index t = 0; t < static_cast<Eigen::Index>(frames_.size()); ++t) {
       const Eigen::VectorXd of_frame = r.segment(t * z_.size() / static_cast<Eigen::Index>(frames_.size()) + whitening_[k]->first_row, rows);
-      all += of_frame.squaredNorm(), taken += (Q.transpose() * of_frame).squaredNorm() - static_cast<double>(marks), count += static_cast<double>(rows);
+      all += of_frame.squaredNorm(), taken += (Q.transpose() * of_frame).squaredNorm() - static_cast<double>(Q.cols()), count += static_cast<double>(rows);
     }
   }
   const double excess = all - count;

@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 
+#include "imic3d/core/linear.hpp"
 #include "imic3d/imaging/bspline.hpp"
 #include "imic3d/imaging/low_pass.hpp"
 
@@ -282,7 +283,7 @@ void LightStatistics::take_off_own_motion(std::vector<float>& residual) const {
         const Eigen::Vector2d at = X * shape_functions(q.xi[p], q.eta[p]);
         const Eigen::Vector<double, degree> polynomial(1.0, at[0], at[1], at[0] * at[0], at[0] * at[1], at[1] * at[1]);
         Slopes slopes;
-        slopes << static_cast<double>(q.fx[p]) * polynomial, static_cast<double>(q.fy[p]) * polynomial;
+        slopes.head<degree>() = static_cast<double>(q.fx[p]) * polynomial, slopes.tail<degree>() = static_cast<double>(q.fy[p]) * polynomial;
         visit(residual[p], slopes);
       }
     }
@@ -290,7 +291,7 @@ void LightStatistics::take_off_own_motion(std::vector<float>& residual) const {
   Eigen::Matrix<double, 2 * degree, 2 * degree> normal = Eigen::Matrix<double, 2 * degree, 2 * degree>::Zero();
   Slopes right = Slopes::Zero();
   each_pixel([&](float grey, const Slopes& slopes) { normal.noalias() += slopes * slopes.transpose(), right += grey * slopes; });
-  const Slopes motion = normal.completeOrthogonalDecomposition().solve(right);
+  const Slopes motion = least_squares(normal, right);
   each_pixel([&](float& grey, const Slopes& slopes) { grey -= static_cast<float>(slopes.dot(motion)); });
 }
 

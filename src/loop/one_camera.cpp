@@ -4,6 +4,8 @@
 #include <cmath>
 #include <utility>
 
+#include "imic3d/core/linear.hpp"
+
 namespace imic3d::loop {
 
 Sight::Sight(std::string name, const imaging::Camera& seen_by, const mesh::Mesh& surface, const Eigen::Vector2d& image_centre)
@@ -43,7 +45,7 @@ class OfOneCamera final : public Effect {
     for (Eigen::Index i = 0; i < answer_.rows(); ++i) {
       Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
       for (const Sight& sight : sights) normal += sight.slope(i).transpose() * sight.slope(i);
-      Eigen::Map<Eigen::Matrix<double, 3, 2>>(answer_.row(i).data()) = normal.completeOrthogonalDecomposition().solve(sight_.slope(i).transpose());
+      Eigen::Map<Eigen::Matrix<double, 3, 2>>(answer_.row(i).data()) = least_squares(normal, sight_.slope(i).transpose());
     }
   }
   [[nodiscard]] Description describe(const Scene&) const override { return effect_->describe(plane_.scene()); }

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "imic3d/core/linear.hpp"
 #include "imic3d/loop/statistics.hpp"
 
 namespace imic3d::loop {
@@ -80,9 +81,14 @@ Remainder remainder_of(const Experiment& experiment, const Leftover& before, con
   const auto frames = static_cast<Eigen::Index>(experiment.frame_numbers().size()), per_frame = after.whitened.size() / frames;
   if (per_frame * frames != after.whitened.size()) return remainder;
   const Eigen::MatrixXd R = after.whitened.reshaped(per_frame, frames);
-  const Eigen::BDCSVD<Eigen::MatrixXd> svd(R, Eigen::ComputeThinU | Eigen::ComputeThinV);
-  remainder.time = svd.singularValues()[0] * svd.matrixV().col(0);
-  remainder.share = std::pow(svd.singularValues()[0], 2) / std::max(1e-300, R.squaredNorm());
+  // The first singular value times its right vector, of the smaller square matrix.
+  if (frames <= per_frame) {
+    const SymmetricEigen modes = symmetric_eigen(R.transpose() * R);
+    remainder.time = std::sqrt(std::max(0.0, modes.values[frames - 1])) * modes.vectors.col(frames - 1);
+  } else {
+    remainder.time = R.transpose() * symmetric_eigen(R * R.transpose()).vectors.col(per_frame - 1);
+  }
+  remainder.share = remainder.time.squaredNorm() / std::max(1e-300, R.squaredNorm());
 
   // The residual on the surface against that of the null draws, whose parameters are fitted too.
   OverNull left = over_null(experiment, after, frames);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "imic3d/core/linear.hpp"
 #include "imic3d/loop/effect.hpp"
 
 namespace imic3d::loop {
@@ -24,7 +25,7 @@ bool find_hole(const mesh::Mesh& quads, Eigen::Vector2d& centre, double& radius)
     A.row(static_cast<Eigen::Index>(i)) << 2.0 * X[0], 2.0 * X[1], 1.0;
     b[static_cast<Eigen::Index>(i)] = X.squaredNorm();
   }
-  const Eigen::Vector3d c = A.colPivHouseholderQr().solve(b);
+  const Eigen::Vector3d c = least_squares(A, b);
   centre = c.head<2>();
   radius = std::sqrt(std::max(0.0, c[2] + centre.squaredNorm()));
   return radius > 0.0;

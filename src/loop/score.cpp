@@ -8,6 +8,7 @@
 #include <random>
 #include <utility>
 
+#include "imic3d/core/linear.hpp"
 #include "imic3d/loop/statistics.hpp"
 
 namespace imic3d::loop {
@@ -30,10 +31,10 @@ class Test {
  public:
   Test(const Eigen::MatrixXd& C, const Eigen::MatrixXd& G, const std::vector<Columns>& columns) : columns_(columns) {
     // Marks that are nearly the same make C nearly singular: directions below 1e-8 of the largest say nothing.
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(C);
-    const double floor = 1e-8 * eigen.eigenvalues().maxCoeff();
-    const Eigen::VectorXd inverse = (eigen.eigenvalues().array() > floor).select(eigen.eigenvalues().array().max(floor).inverse(), 0.0);
-    const Eigen::MatrixXd C_inverse = eigen.eigenvectors() * inverse.asDiagonal() * eigen.eigenvectors().transpose();
+    const SymmetricEigen eigen = symmetric_eigen(C);
+    const double floor = 1e-8 * eigen.values.maxCoeff();
+    const Eigen::VectorXd inverse = (eigen.values.array() > floor).select(eigen.values.array().max(floor).inverse(), 0.0);
+    const Eigen::MatrixXd C_inverse = eigen.vectors * inverse.asDiagonal() * eigen.vectors.transpose();
     for (const auto& [first, count] : columns) {
       weights_.emplace_back(G.middleCols(first, count).transpose() * C_inverse);
       information_.emplace_back(weights_.back() * G.middleCols(first, count));
@@ -65,9 +66,6 @@ class Test {
   [[nodiscard]] const Eigen::MatrixXd& information(std::size_t j) const { return information_[j]; }
 
  private:
-  static Eigen::MatrixXd pseudo_inverse(const Eigen::MatrixXd& matrix) {
-    return matrix.completeOrthogonalDecomposition().pseudoInverse();
-  }
   std::vector<Columns> columns_;
   std::vector<Eigen::MatrixXd> weights_, information_, inverse_;
 };
@@ -96,8 +94,7 @@ class Projection {
   explicit Projection(Eigen::MatrixXd S) : Q_(Eigen::MatrixXd::Zero(S.rows(), 0)) {
     for (auto column : S.colwise()) column /= std::max(column.norm(), 1e-300);
     if (S.cols() == 0) return;
-    const Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr(S);
-    Q_ = qr.householderQ() * Eigen::MatrixXd::Identity(S.rows(), qr.rank());
+    Q_ = orthonormal(S);
   }
   [[nodiscard]] Eigen::MatrixXd operator()(const Eigen::MatrixXd& X) const { return X - Q_ * (Q_.transpose() * X); }
   [[nodiscard]] Eigen::Index rank() const { return Q_.cols(); }
@@ -171,8 +168,8 @@ Scores score(const ScoreProblem& problem) {
 
   // Scores are sums of many numbers: Gaussian, and of Student's t where the noise is an estimate, which is one for all: in a test where it is too small all scores are large. The null of the largest z is that of Gaussian scores of covariance C, judged by a covariance that was itself
   // estimated from as many draws: taken as known, it would be too good for the draws that it was made of, and small tails of few draws say little.
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> eigen(C);
-  const Eigen::MatrixXd root = eigen.eigenvectors() * eigen.eigenvalues().cwiseMax(0.0).cwiseSqrt().asDiagonal();
+  const SymmetricEigen eigen = symmetric_eigen(C);
+  const Eigen::MatrixXd root = eigen.vectors * eigen.values.cwiseMax(0.0).cwiseSqrt().asDiagonal();
   std::mt19937_64 random(1), of_scale(2);
   std::normal_distribution<double> normal;
   const auto drawn = [&](Eigen::Index count) -> Eigen::MatrixXd {
@@ -189,7 +186,7 @@ Scores score(const ScoreProblem& problem) {
   }
   result.threshold = upper_quantile(result.null_largest, problem.level);
 
-  const Eigen::MatrixXd pull = problem.sensitivity.cols() > 0 ? Eigen::MatrixXd(problem.sensitivity.completeOrthogonalDecomposition().pseudoInverse()) : Eigen::MatrixXd(0, N);
+  const Eigen::MatrixXd pull = problem.sensitivity.cols() > 0 ? pseudo_inverse(problem.sensitivity) : Eigen::MatrixXd(0, N);
   double largest = 0.0;
   for (std::size_t j = 0; j < families; ++j) {
     const auto& [first, count] = columns[j];
@@ -201,7 +198,7 @@ Scores score(const ScoreProblem& problem) {
     one.z = student_as_normal(unit * deviations(log_chi_squared_tail(one.statistic, one.degrees)), freedom[j]);
     if (visible[j] != 0) largest = std::max(largest, one.z);
     const Eigen::MatrixXd own = A.middleCols(first, count);
-    const Eigen::VectorXd fitted = own.completeOrthogonalDecomposition().solve(Pr);
+    const Eigen::VectorXd fitted = least_squares(own, Pr);
     one.drop = (own * fitted).squaredNorm();
     const Eigen::Index sizes = problem.sizes.empty() ? count : problem.sizes[j];
     const Eigen::VectorXd scale = length.segment(first, sizes).cwiseInverse();
@@ -214,7 +211,7 @@ Scores score(const ScoreProblem& problem) {
     one.size_there.resize(sizes, places), one.drop_there.resize(places), one.drop_there_held_out.resize(places);
     for (Eigen::Index p = 0; p < places; ++p) {
       const Eigen::MatrixXd there = projected(problem.elsewhere[j].middleCols(p * sizes, sizes));
-      one.size_there.col(p) = there.completeOrthogonalDecomposition().solve(Pr);
+      one.size_there.col(p) = least_squares(there, Pr);
       one.drop_there[p] = (there * one.size_there.col(p)).squaredNorm();
       one.drop_there_held_out[p] = drop_held_out(problem, j, p, one.size_there.col(p), pull);
       longest = std::max(longest, there.norm());
@@ -238,7 +235,7 @@ Baselines baselines(const ScoreProblem& problem) {
     for (Eigen::Index c = 0; c < signature.cols(); ++c)  // what is left of an invisible mark is round-off
       marks.back().col(c) *= marks.back().col(c).norm() > 1e-7 * signature.col(c).norm() ? 1.0 / marks.back().col(c).norm() : 0.0;
   }
-  const auto explained = [&r](const Eigen::MatrixXd& A) { return (A * A.completeOrthogonalDecomposition().solve(r)).squaredNorm(); };
+  const auto explained = [&r](const Eigen::MatrixXd& A) { return (A * least_squares(A, r)).squaredNorm(); };
 
   Baselines result;
   const double energy = r.squaredNorm(), rows = static_cast<double>(r.size());

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <map>
 
+#include "imic3d/core/linear.hpp"
+
 namespace imic3d::loop {
 
 double log_chi_squared_tail(double value, int degrees) {
@@ -71,7 +73,7 @@ Eigen::MatrixXd whitening(const Eigen::MatrixXd& covariance, const std::vector<i
   for (int i = 0; i < count; ++i)
     if (std::find(last.begin(), last.end(), i) == last.end()) order.push_back(i);
   order.insert(order.end(), last.begin(), last.end());
-  const Eigen::MatrixXd inverse = Eigen::MatrixXd(covariance(order, order)).llt().matrixL().solve(Eigen::MatrixXd::Identity(count, count));
+  const Eigen::MatrixXd inverse = inverse_cholesky(covariance(order, order));
   Eigen::MatrixXd result(count, count);
   result(order, order) = inverse;
   return result;

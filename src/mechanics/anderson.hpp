@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "imic3d/core/linear.hpp"
 #include "imic3d/mesh/petsc.hpp"
 
 namespace imic3d::mechanics {
@@ -51,10 +52,7 @@ class Anderson {
       }
       sizes = gram.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
       gram = sizes.asDiagonal() * gram * sizes.asDiagonal();
-      Eigen::CompleteOrthogonalDecomposition<Eigen::MatrixXd> solver;
-      solver.setThreshold(1e-10);
-      solver.compute(gram);
-      const Eigen::VectorXd weights = sizes.asDiagonal() * solver.solve(sizes.asDiagonal() * right);
+      const Eigen::VectorXd weights = sizes.asDiagonal() * least_squares(gram, sizes.asDiagonal() * right, 1e-10);
       for (Eigen::Index j = 0; j < n; ++j) {
         IMIC3D_PETSC(VecAXPY(correction, -weights[j], steps_[static_cast<std::size_t>(j)]));
         IMIC3D_PETSC(VecAXPY(correction, -weights[j], changes_[static_cast<std::size_t>(j)]));

@@ -4,6 +4,7 @@
 
 #include <Eigen/Dense>
 
+#include "imic3d/core/linear.hpp"
 #include "plate.hpp"
 
 namespace imic3d::identification {
@@ -29,8 +30,7 @@ Modes modes_without_energy(mesh::Integration integration, int columns, int rows,
   Eigen::MatrixXd K = Eigen::MatrixXd(tangent) / tangent.diagonal().maxCoeff();
   for (int node : specimen.volume.node_groups.at("back")) K(3 * node + 2, 3 * node + 2) += 1.0;
   const auto zero = [](const Eigen::MatrixXd& A) {
-    const Eigen::VectorXd values = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(A, Eigen::EigenvaluesOnly).eigenvalues();
-    return static_cast<long>((values.array() < 1e-10).count());
+    return static_cast<long>((symmetric_eigen(A).values.array() < 1e-10).count());
   };
   return {zero(K), zero(K + Eigen::MatrixXd(specimen.projection.transpose() * specimen.projection))};
 }

@@ -14,6 +14,7 @@
 #include <random>
 
 #include "imic3d/core/error.hpp"
+#include "imic3d/core/linear.hpp"
 #include "imic3d/imaging/calibrate.hpp"
 
 namespace imic3d::imaging {
@@ -107,7 +108,7 @@ struct Errors {
   Eigen::MatrixXd covariance;
   std::vector<std::string> names;
 
-  [[nodiscard]] double chi_squared() const { return error.dot(covariance.ldlt().solve(error)) / static_cast<double>(error.size()); }
+  [[nodiscard]] double chi_squared() const { return error.dot(solve_symmetric(covariance, error).col(0)) / static_cast<double>(error.size()); }
   [[nodiscard]] Eigen::VectorXd in_deviations() const { return error.cwiseQuotient(covariance.diagonal().cwiseSqrt()); }
 };
 

@@ -1,0 +1,37 @@
+#pragma once
+// Dense linear algebra of small systems, compiled once: each of Eigen's decompositions takes ten seconds of the compiler wherever it stands.
+
+#include <Eigen/Core>
+
+namespace imic3d {
+
+/// X that makes |A X - B| least, that of least norm where A [m x n] leaves it open: complete orthogonal decomposition; singular values
+/// below `threshold` of the largest count as 0 (Eigen's own threshold if 0). B [m x k], X [n x k].
+[[nodiscard]] Eigen::MatrixXd least_squares(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B, double threshold = 0.0);
+
+/// Moore and Penrose's inverse [n x m] of A [m x n].
+[[nodiscard]] Eigen::MatrixXd pseudo_inverse(const Eigen::MatrixXd& A);
+
+/// Orthonormal columns [m x rank] that span those of A [m x n].
+[[nodiscard]] Eigen::MatrixXd orthonormal(const Eigen::MatrixXd& A);
+
+/// Values, ascending, and vectors (columns) of a symmetric matrix, of which the lower triangle is read.
+struct SymmetricEigen {
+  Eigen::VectorXd values;
+  Eigen::MatrixXd vectors;
+};
+[[nodiscard]] SymmetricEigen symmetric_eigen(const Eigen::MatrixXd& A);
+
+/// Singular values, descending.
+[[nodiscard]] Eigen::VectorXd singular_values(const Eigen::MatrixXd& A);
+
+/// A^-1 B of a symmetric matrix (LDL^T, pivoted). Entries that are not finite where A is singular.
+[[nodiscard]] Eigen::MatrixXd solve_symmetric(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B);
+
+/// L of A = L L^T. A is positive definite.
+[[nodiscard]] Eigen::MatrixXd cholesky(const Eigen::MatrixXd& A);
+
+/// L^-1.
+[[nodiscard]] Eigen::MatrixXd inverse_cholesky(const Eigen::MatrixXd& A);
+
+}  // namespace imic3d
