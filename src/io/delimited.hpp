@@ -6,6 +6,7 @@
 #include <map>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace imic3d::io {
@@ -68,6 +69,18 @@ std::optional<Number> parsed(std::string text) {
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
   if (error != std::errc() || end != text.data() + text.size() || text.empty()) return std::nullopt;
   return number;
+}
+
+/// A number of a table whose fields `separator` parts: its decimal sign is the point or, where commas do not part fields, the comma.
+inline std::optional<double> number_in(std::string text, char separator) {
+  if (separator != ',' && text.find('.') == std::string::npos && std::count(text.begin(), text.end(), ',') == 1) text[text.find(',')] = '.';
+  return parsed<double>(std::move(text));
+}
+
+/// A row below the header that gives units: all fields that are not empty are in brackets.
+inline bool are_units(const std::vector<std::string>& fields) {
+  const auto in_brackets = [](const std::string& f) { return f.size() > 1 && ((f.front() == '(' && f.back() == ')') || (f.front() == '[' && f.back() == ']')); };
+  return std::any_of(fields.begin(), fields.end(), in_brackets) && std::all_of(fields.begin(), fields.end(), [&](const std::string& f) { return f.empty() || in_brackets(f); });
 }
 
 }  // namespace imic3d::io

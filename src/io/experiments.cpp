@@ -19,7 +19,7 @@ CurveTable read_curve(const std::filesystem::path& file, const CurveColumns& col
   for (Eigen::Index r = 0; r < rows; ++r) {
     const auto& row = table.rows[static_cast<std::size_t>(r)];
     for (std::size_t i = 0; i < wanted.size(); ++i) {
-      const double value = parsed<double>(row.text[i]).value_or(std::nan(""));
+      const double value = table.number(row, i).value_or(std::nan(""));
       values(r, static_cast<Eigen::Index>(i)) = value;
       if (!std::isfinite(value)) mistakes.push_back(table.mistake(row, i, "a finite number"));
     }

@@ -16,11 +16,11 @@ PointTable read_points(const std::filesystem::path& file, const PointColumns& co
   std::vector<std::array<double, 4>> points;
   std::vector<Mistake> mistakes;
   for (const auto& row : table.rows) {
-    if (wanted.size() > 4 && (row.text[4] == "false" || row.text[4] == "False" || parsed<double>(row.text[4]).value_or(1.0) == 0.0)) continue;
+    if (wanted.size() > 4 && (row.text[4] == "false" || row.text[4] == "False" || table.number(row, 4).value_or(1.0) == 0.0)) continue;
     std::array<double, 4> point{};
     bool known = true;
     for (std::size_t i = 0; i < 4; ++i) {
-      const auto value = parsed<double>(row.text[i]);
+      const auto value = table.number(row, i);
       point[i] = value.value_or(std::nan(""));
       if (std::isfinite(point[i])) continue;
       known = false;

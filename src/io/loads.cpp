@@ -79,6 +79,7 @@ class LoadsReader {
       mistakes_.push_back({fmt::format("{}:{}", file_.string(), line_), "a quote that is not closed", ""});
       return;
     }
+    if (records_.empty() && mistakes_.empty() && are_units(*fields)) return;
     if (fields->size() != header_.size()) {
       mistakes_.push_back({fmt::format("{}:{}", file_.string(), line_), fmt::format("{} fields", fields->size()),
                            fmt::format("{} as in the header", header_.size())});
@@ -119,7 +120,7 @@ class LoadsReader {
   }
 
   std::optional<double> number(const std::string& column, const std::string& text) {
-    const auto value = parsed<double>(text);
+    const auto value = number_in(text, separator_);
     if (value && std::isfinite(*value)) return value;
     mistake(column, text.empty() ? "nothing" : text, "a finite number");
     return std::nullopt;

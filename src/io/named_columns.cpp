@@ -14,29 +14,31 @@ Mistake NamedColumns::mistake(const Row& row, std::size_t column, std::string al
   return {fmt::format("{}:{} column \"{}\"", file.string(), row.line, wanted[column]), row.text[column].empty() ? "nothing" : row.text[column], std::move(allowed)};
 }
 
+std::optional<double> NamedColumns::number(const Row& row, std::size_t column) const { return number_in(row.text[column], separator); }
+
 NamedColumns read_named_columns(const std::filesystem::path& file, const std::vector<std::string>& wanted, const std::string& kind) {
   std::error_code error;
   std::ifstream stream(file);
   if (!stream || std::filesystem::is_directory(file, error)) throw InputError(file.string(), "cannot be read", kind);
 
-  NamedColumns table{file, wanted, {}};
+  NamedColumns table{file, wanted, {}, ','};
   std::vector<std::string> longest;
   std::vector<std::size_t> place;
-  char separator = ',';
   std::string line;
   for (int number = 1; std::getline(stream, line); ++number) {
     if (number == 1 && line.starts_with("\xEF\xBB\xBF")) line.erase(0, 3);
     if (trimmed(line).empty() || trimmed(line).starts_with('#')) continue;
     if (place.empty()) {
-      separator = separator_of(line);
-      const auto header = fields_of(line, separator).value_or(std::vector<std::string>{});
+      table.separator = separator_of(line);
+      const auto header = fields_of(line, table.separator).value_or(std::vector<std::string>{});
       for (const auto& name : wanted)
         if (const auto found = std::find(header.begin(), header.end(), name); found != header.end()) place.push_back(static_cast<std::size_t>(found - header.begin()));
       if (place.size() < wanted.size()) place.clear();
       if (header.size() > longest.size()) longest = header;
       continue;
     }
-    const auto fields = fields_of(line, separator);
+    const auto fields = fields_of(line, table.separator);
+    if (table.rows.empty() && fields && are_units(*fields)) continue;
     auto& row = table.rows.emplace_back(NamedColumns::Row{number, std::vector<std::string>(wanted.size())});
     for (std::size_t i = 0; i < wanted.size(); ++i)
       if (fields && place[i] < fields->size()) row.text[i] = (*fields)[place[i]];

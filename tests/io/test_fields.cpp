@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 
 #include "imic3d/core/error.hpp"
+#include "imic3d/io/experiments.hpp"
 #include "imic3d/io/fields.hpp"
 #include "temporary_folder.hpp"
 
@@ -26,6 +27,18 @@ TEST(Fields, WhatAnotherProgramWritesBeforeTheHeaderIsPassedOver) {
   EXPECT_EQ(table.at(1, 1), 8.0);
   EXPECT_EQ(table.displacement(0, 0), 0.1);
   EXPECT_EQ(table.displacement(1, 1), -0.8);
+}
+
+TEST(Fields, DecimalCommasAndARowOfUnits) {
+  const TemporaryFolder folder;
+  const auto table = read_points(folder.write("a.txt", "made by;hand\nx;y;u;v\n[mm];[mm];[mm];[mm]\n1,5;2;-3e-1;4,0\n"), {});
+  ASSERT_EQ(table.at.rows(), 1);
+  EXPECT_EQ(table.at(0, 0), 1.5);
+  EXPECT_EQ(table.displacement(0, 1), 4.0);
+  const auto curve = read_curve(folder.write("b.csv", "e\ts\n(%)\t(MPa)\n0,0\t0\n0,1\t200\n0.2\t210,5\n"), {.strain = "e", .stress = "s", .time = ""});
+  ASSERT_EQ(curve.strain.size(), 3);
+  EXPECT_EQ(curve.strain[1], 0.1);
+  EXPECT_EQ(curve.stress[2], 210.5);
 }
 
 TEST(Fields, MistakesAreNamedWithLineAndColumn) {

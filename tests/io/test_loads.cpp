@@ -36,6 +36,21 @@ TEST(Loads, AnySeparatorCommentsAndQuotes) {
   }
 }
 
+/// As a testing machine set to German writes it; a comma that parts fields is no decimal sign, not even in quotes, and 1.234,5 is no number.
+TEST(Loads, DecimalCommasAndARowOfUnits) {
+  const TemporaryFolder folder;
+  for (const char* text : {"\xEF\xBB\xBF" "frame;time_s;force_N\r\n;[s];[N]\r\n0;0,0;1,5\r\n1;0,5;-2,5E3\r\n", "\"frame\"\t\"time_s\"\t\"force_N\"\n\"\"\t\"(s)\"\t\"(N)\"\n\"0\"\t\"0\"\t\"1,5\"\n\"1\"\t\"0.5\"\t\"-2500\"\n"}) {
+    const auto records = read_loads(folder.write("loads.csv", text));
+    ASSERT_EQ(records.size(), 2U) << text;
+    EXPECT_EQ(records[0].force, 1.5);
+    EXPECT_EQ(records[1].time, 0.5);
+    EXPECT_EQ(records[1].force, -2500.0);
+  }
+  EXPECT_EQ(mistakes_in("frame,time_s,force_N\n0,0,\"1,5\"\n"), "loads.csv:2 column \"force_N\": 1,5; allowed: a finite number");
+  EXPECT_EQ(mistakes_in("frame;time_s;force_N\n0;0;1.234,5\n"), "loads.csv:2 column \"force_N\": 1.234,5; allowed: a finite number");
+  EXPECT_EQ(mistakes_in("frame;time_s;force_N\n0;0;1\n;[s];[N]\n"), "loads.csv:3 column \"frame\": nothing; allowed: a frame number (an integer from 0)\nloads.csv:3 column \"time_s\": [s]; allowed: a finite number\nloads.csv:3 column \"force_N\": [N]; allowed: a finite number");
+}
+
 TEST(Loads, FilesOfImagesMayBeNamedAndMayBeAbsent) {
   const TemporaryFolder folder;
   const auto file = folder.write("loads.csv", "frame,time_s,force_N,image_file\n0,0,1,\"a, \"\"b\"\".png\"\n4,0,2,\n");

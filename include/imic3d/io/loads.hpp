@@ -24,7 +24,8 @@ struct LoadRecord {
   int line = 0;                 ///< of the file, from 1
 };
 
-/// Reads a table with a header row, separated by comma, semicolon or tab, with quoted fields and `#` comment lines.
+/// Reads a table with a header row, separated by comma, semicolon or tab (then the decimal sign may be a comma), with quoted fields, `#` comment lines
+/// and, below the header, perhaps a row of units in brackets, which is passed over.
 /// Throws InputError with every mistake and its line and column: a column that is not there, something that is not a
 /// finite number, a time that decreases, a frame that comes twice or out of order.
 [[nodiscard]] std::vector<LoadRecord> read_loads(const std::filesystem::path& file, const LoadColumns& columns = {},
