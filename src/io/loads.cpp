@@ -122,13 +122,13 @@ class LoadsReader {
   std::optional<double> number(const std::string& column, const std::string& text) {
     const auto value = number_in(text, separator_);
     if (value && std::isfinite(*value)) return value;
-    mistake(column, text.empty() ? "nothing" : text, "a finite number");
+    mistake(column, text, "a finite number");
     return std::nullopt;
   }
 
   void mistake(const std::string& column, std::string found, std::string allowed) {
     mistakes_.push_back(
-        {fmt::format("{}:{} column \"{}\"", file_.string(), line_, column), std::move(found), std::move(allowed)});
+        {fmt::format("{}:{} column \"{}\"", file_.string(), line_, column), found.empty() ? "nothing" : std::move(found), std::move(allowed)});
   }
 
   [[nodiscard]] std::size_t index_of(const std::string& column) const {
