@@ -15,7 +15,7 @@ h1 { font-size: 1.7em; margin: 0 0 .1em; } h2 { font-size: 1.2em; margin: 2em 0 
 h3 { font-size: 1em; margin: 1.2em 0 .3em; }
 .note { color: #666; margin: 0; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; display: block; max-width: 100%; overflow-x: auto; }
-th, td { padding: .25em .9em; text-align: right; border-bottom: 1px solid #e6e6e6; white-space: nowrap; }
+th, td { padding: .25em .55em; text-align: right; border-bottom: 1px solid #e6e6e6; white-space: nowrap; }
 th { font-weight: 600; color: #444; border-bottom: 1px solid #999; }
 th:first-child, td:first-child { text-align: left; padding-left: 0; }
 td.left, th.left { text-align: left; } td.words { text-align: left; white-space: normal; min-width: 11em; } .dense td, .dense th { padding-right: .4em; } .dense td:first-child { white-space: normal; } tr.held td { color: #7a5a00; }
