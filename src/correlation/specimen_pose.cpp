@@ -404,7 +404,7 @@ class Scene {
     result.plane_rms = std::sqrt(axes.values[0] / static_cast<double>(best.size()));
     // Turn z = e_z to the normal and lift the plane; then glide in it to the points.
     Pose change;
-    change.rotation = Eigen::AngleAxisd(std::acos(std::min(1.0, z[2])), Eigen::Vector3d::UnitZ().cross(z).stableNormalized()).toRotationMatrix();
+    change.rotation = Eigen::AngleAxisd(std::atan2(z.head<2>().norm(), z[2]), Eigen::Vector3d::UnitZ().cross(z).stableNormalized()).toRotationMatrix();
     change.translation = z * z.dot(mean);
     pose = fit_points(rig[first], pose * change, points_, in_plane_movements(false));
   }

@@ -10,8 +10,9 @@
 #include <random>
 #include <utility>
 
-#include "imic3d/core/error.hpp"
 #include "curves.hpp"
+#include "imic3d/core/error.hpp"
+#include "imic3d/core/linear.hpp"
 #include "imic3d/loop/closing.hpp"
 #include "imic3d/loop/recorded.hpp"
 #include "imic3d/loop/statistics.hpp"
@@ -369,6 +370,16 @@ TEST(Closing, OthersBeyondTheLimitAreTriedWhereTheBestDoNotHelp) {
   EXPECT_TRUE(std::any_of(trials.begin(), trials.end(), [](const Trial& one) { return one.candidate == Curves::offset; }));
   EXPECT_EQ(report.named, std::vector<int>{Curves::offset}) << report.sentence;
   EXPECT_EQ(report.verdict, Verdict::unexplained) << report.sentence;
+}
+
+/// Its course over the frames is that of the largest singular value of the whitened residual.
+TEST(Closing, TheRemaindersFirstModeIsTheLargest) {
+  const Report report = loop_on(Curves(2, {}, 4.0));
+  const Eigen::MatrixXd R = report.final.fit.residual.reshaped(numbers + 1, frames);
+  const double largest = singular_values(R)[0];
+  EXPECT_NEAR(report.remainder.share, largest * largest / R.squaredNorm(), 1e-10);
+  EXPECT_NEAR(report.remainder.time.norm(), largest, 1e-9 * largest);
+  EXPECT_NEAR((R * report.remainder.time).norm(), largest * largest, 1e-8 * largest * largest);
 }
 
 TEST(Closing, TwoEffectsAreFoundOneAfterTheOther) {

@@ -1,11 +1,11 @@
 #pragma once
-// Dense linear algebra of small systems, compiled once: each of Eigen's decompositions takes ten seconds of the compiler wherever it stands.
+// Dense linear algebra of small systems, compiled once: wherever one of Eigen's decompositions stands it takes the compiler seconds.
 
 #include <Eigen/Core>
 
 namespace imic3d {
 
-/// X that makes |A X - B| least, that of least norm where A [m x n] leaves it open: complete orthogonal decomposition; singular values
+/// X that makes |A X - B| least, that of least norm where A [m x n] leaves it open: complete orthogonal decomposition; pivots
 /// below `threshold` of the largest count as 0 (Eigen's own threshold if 0). B [m x k], X [n x k].
 [[nodiscard]] Eigen::MatrixXd least_squares(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B, double threshold = 0.0);
 

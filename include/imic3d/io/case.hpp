@@ -191,7 +191,7 @@ struct LoopCase {
   int draws = 100;      ///< of the null ensemble
   int modes = 100;      ///< numbers that the displacement residual of a frame is written in
   int additions = 3;    ///< effects added at most
-  int rivals = 4;       ///< candidates tried in each round
+  int rivals = 4;       ///< candidates tried at a time
   std::vector<std::string> leave_out;            ///< candidates that are not considered
   std::vector<double> starts = {1.0, 0.9, 1.1};  ///< of the identification, relative to the declared values
   std::map<std::string, double> prior;           ///< standard deviation of a declared value as it is known beforehand

@@ -14,7 +14,7 @@ namespace imic3d::loop {
 struct LoopOptions {
   int draws = 100;              ///< of the null ensemble, and as many for the covariance that it is weighed with
   int additions = 3;            ///< effects added at most
-  int rivals = 4;               ///< candidates tried non-linearly in each round
+  int rivals = 4;               ///< candidates tried non-linearly at a time; where none of them helps, the next ones
   std::vector<double> starts = {1.0, 0.9, 1.1};  ///< factors on the free parameters' declared values
   std::vector<std::string> leave_out{};  ///< candidates that are not considered, by their names or as `key_of` writes these
   std::vector<int> held_out;    ///< frames (places in the record) that are never fitted; chosen if empty
