@@ -22,17 +22,6 @@ namespace imic3d::app {
 
 namespace {
 
-/// Of a surface in the plane of x and y [length^2].
-double area_of(const mesh::Mesh& surface) {
-  double area = 0.0;
-  for (Eigen::Index e = 0; e < surface.cells.rows(); ++e) {
-    const Eigen::Vector3d d1 = surface.nodes.row(surface.cells(e, 2)) - surface.nodes.row(surface.cells(e, 0));
-    const Eigen::Vector3d d2 = surface.nodes.row(surface.cells(e, 3)) - surface.nodes.row(surface.cells(e, 1));
-    area += 0.5 * (d1[0] * d2[1] - d1[1] * d2[0]);
-  }
-  return area;
-}
-
 /// How the ranks are shared out over the frames of the correlation and over the simulations.
 void print_groups(int ranks, const io::Case& test, Eigen::Index unknowns, double image_pixels, double mesh_pixels) {
   const auto most_idle = [](const GroupPlan& plan) { return fmt::format("{}, idle up to {:.0f} %", to_text(plan), 100.0 * *std::max_element(plan.idle.begin(), plan.idle.end())); };
@@ -74,7 +63,7 @@ void check_case(const Communicator& world, const io::Case& test, bool loop) {
     const Rig rig = make_rig(test, face.back, surface_of(test, face.back));
     for (const auto& view : rig.views) {
       image_pixels += static_cast<double>(view.reference.width) * view.reference.height;
-      mesh_pixels += area_of(rig.surface) * std::abs(view.camera->jacobian(rig.surface.nodes.colwise().mean().transpose()).leftCols<2>().determinant());
+      mesh_pixels += mesh::plane_area(rig.surface) * std::abs(view.camera->jacobian(rig.surface.nodes.colwise().mean().transpose()).leftCols<2>().determinant());
     }
     if (!world.is_root()) continue;
     if (!simulated) fmt::print("{}\n", test.title);
@@ -100,7 +89,7 @@ void check_case(const Communicator& world, const io::Case& test, bool loop) {
     const auto placed = place_camera(camera, specimen.surface.mesh, reference);
     const double pixel = 1.0 / std::sqrt(std::abs(placed.linear.leftCols<2>().determinant()));
     image_pixels = static_cast<double>(reference.width) * reference.height;
-    mesh_pixels = area_of(specimen.surface.mesh) / (pixel * pixel);
+    mesh_pixels = mesh::plane_area(specimen.surface.mesh) / (pixel * pixel);
     images = fmt::format("{} frames of {} x {} px, {:.6g} {} per pixel, {:.0f} pixels per element", camera.images.size(),
                          reference.width, reference.height, pixel, test.units.length,
                          mesh_pixels / static_cast<double>(specimen.surface.mesh.cells.rows()));

@@ -34,16 +34,6 @@ struct Axes {
   [[nodiscard]] Points displacement(const Points& d) const { return d * linear.transpose(); }
 };
 
-double area_of(const mesh::Mesh& quads) {
-  double area = 0.0;
-  for (Eigen::Index e = 0; e < quads.cells.rows(); ++e) {
-    const auto diagonal = [&](int a, int b) { return Eigen::Vector2d((quads.nodes.row(quads.cells(e, b)) - quads.nodes.row(quads.cells(e, a))).head<2>()); };
-    const Eigen::Vector2d p = diagonal(0, 2), q = diagonal(1, 3);
-    area += 0.5 * std::abs(p.x() * q.y() - p.y() * q.x());
-  }
-  return area;
-}
-
 /// Least squares of one component on the nodes.
 struct LeastSquares {
   Eigen::SparseMatrix<double> N;  // values of the nodes' field at the points [points x nodes]
@@ -85,7 +75,7 @@ Common common_points(const io::FieldsCase& fields, const mesh::Mesh& face) {
   const Eigen::SparseMatrix<double> N = identification::interpolation(face, all);
   // The nearest element serves points off the mesh: such a point is not where its weights say.
   const Points there = N * Points(face.nodes.leftCols<2>());
-  const double tolerance = 1e-6 * std::sqrt(area_of(face));
+  const double tolerance = 1e-6 * std::sqrt(mesh::plane_area(face));
   std::vector<Eigen::Index> inside;
   for (Eigen::Index k = 0; k < all.rows(); ++k)
     if ((there.row(k) - all.row(k)).norm() < tolerance) inside.push_back(k);
@@ -129,7 +119,7 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
   const mesh::Mesh& face = specimen.surface.mesh;
   Common points = common_points(fields, face);
   const auto count = points.at.rows();
-  const double area = area_of(face), distance = std::sqrt(area / static_cast<double>(count));
+  const double area = mesh::plane_area(face), distance = std::sqrt(area / static_cast<double>(count));
   check_cover(points.at, distance, specimen);
 
   auto squares = std::make_shared<LeastSquares>();

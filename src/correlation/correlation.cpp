@@ -21,7 +21,7 @@ std::vector<Eigen::Matrix2d> transport_of(std::vector<Eigen::Matrix2d> F) {
   return F;
 }
 
-double total(const Eigen::VectorXd& values) { return std::accumulate(values.begin(), values.end(), 0.0); }
+double in_order(const Eigen::VectorXd& values) { return std::accumulate(values.begin(), values.end(), 0.0); }
 
 }  // namespace
 
@@ -401,7 +401,7 @@ Evaluation Correlation::evaluate(const imaging::BSpline& g, const Eigen::VectorX
   result.element_squares = Eigen::Map<Eigen::VectorXd>(message.data() + unknowns(), elements());
   result.element_pixels = Eigen::Map<Eigen::VectorXd>(message.data() + unknowns() + elements(), elements());
   result.element_rms = (result.element_squares.array() / result.element_pixels.array().max(1.0)).sqrt();
-  result.squares = total(result.element_squares);
+  result.squares = in_order(result.element_squares);
   result.element_gain = Eigen::Map<Eigen::VectorXd>(message.data() + unknowns() + 2 * elements(), elements());
   result.element_offset = Eigen::Map<Eigen::VectorXd>(message.data() + unknowns() + 3 * elements(), elements());
   // With each element's light taken out, what the images have in common is their detail.

@@ -147,9 +147,9 @@ std::vector<Eigen::Vector3d> ordered(const std::vector<Eigen::Vector3d>& points,
   return all;
 }
 
-class Fit {
+class Adjustment {
  public:
-  Fit(const Target& target, const std::vector<CameraSightings>& sightings, const std::vector<int>& terms)
+  Adjustment(const Target& target, const std::vector<CameraSightings>& sightings, const std::vector<int>& terms)
       : target_(target),
         points_(target.points()),
         sightings_(sightings),
@@ -442,7 +442,7 @@ RigCalibration calibrate_rig(const Target& target, const std::vector<CameraSight
       mistakes.push_back({"camera " + camera.name, "no image of the target at the same time as " + sightings[0].name, "at least 1"});
   }
   if (!mistakes.empty()) throw InputError(mistakes);
-  return Fit(target, sightings, terms).run(terms);
+  return Adjustment(target, sightings, terms).run(terms);
 }
 
 }  // namespace imic3d::imaging

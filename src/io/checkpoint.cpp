@@ -18,7 +18,7 @@ namespace {
 constexpr const char* numbers_group = "numbers/";
 constexpr const char* texts_group = "texts/";
 constexpr const char* kind = "imic3d checkpoint 1";
-constexpr const char* allowed = "a whole checkpoint of this run; without --resume the run starts anew";
+constexpr const char* whole_checkpoint = "a whole checkpoint of this run; without --resume the run starts anew";
 
 /// FNV-1a, of 64 bits, by bytes or by words. Tells accidents, not forgeries.
 class Hash {
@@ -51,13 +51,13 @@ void Checkpoint::put(const std::string& name, const std::string& text) { texts_[
 
 const Eigen::MatrixXd& Checkpoint::matrix(const std::string& name) const {
   const auto found = numbers_.find(name);
-  if (found == numbers_.end()) throw InputError("checkpoint", "no " + name, allowed);
+  if (found == numbers_.end()) throw InputError("checkpoint", "no " + name, whole_checkpoint);
   return found->second;
 }
 
 const std::string& Checkpoint::text(const std::string& name) const {
   const auto found = texts_.find(name);
-  if (found == texts_.end()) throw InputError("checkpoint", "no " + name, allowed);
+  if (found == texts_.end()) throw InputError("checkpoint", "no " + name, whole_checkpoint);
   return found->second;
 }
 
@@ -116,7 +116,7 @@ Checkpoint Checkpoint::read(const std::filesystem::path& path) {
   std::string found = "not a whole checkpoint";
   try {
     const auto file = ResultsFile::open(path);
-    if (!file.has("kind") || file.read_text("kind") != kind) throw InputError(path.string(), "not a checkpoint of this version", allowed);
+    if (!file.has("kind") || file.read_text("kind") != kind) throw InputError(path.string(), "not a checkpoint of this version", whole_checkpoint);
     for (const auto& name : file.names()) {
       if (name.starts_with(numbers_group)) {
         const auto shape = file.shape(name);
@@ -133,7 +133,7 @@ Checkpoint Checkpoint::read(const std::filesystem::path& path) {
   } catch (const std::exception& error) {
     found += fmt::format(" ({})", error.what());
   }
-  throw InputError(path.string(), found, allowed);
+  throw InputError(path.string(), found, whole_checkpoint);
 }
 
 std::map<std::string, std::string> fingerprint(const Case& test, bool of_loop) {

@@ -4,7 +4,6 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
-#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <random>
@@ -293,8 +292,8 @@ Experiment::Doubt LightExperiment::doubt() const {
 }
 
 Eigen::MatrixXd LightExperiment::noise(const std::vector<double>&, int draws) {
-  std::uint64_t seed = 17;  // other draws for another test, the same ones for the same
-  for (double z : z_.head(std::min<Eigen::Index>(64, z_.size()))) seed = 6364136223846793005U * seed + std::bit_cast<std::uint64_t>(z);
+  std::uint64_t seed = 17;  // other draws for another test, the same ones for the same whatever the rounding
+  for (double z : z_.head(std::min<Eigen::Index>(64, z_.size()))) seed = 6364136223846793005U * seed + static_cast<std::uint64_t>(std::llround(1e3 * z));
   std::mt19937_64 random(seed);
   std::normal_distribution<double> normal;
   Eigen::MatrixXd result(z_.size(), draws);

@@ -229,6 +229,16 @@ Surface back_surface(const Mesh& volume) {
   return front_surface(turned);
 }
 
+double plane_area(const Mesh& quads) {
+  double area = 0.0;
+  for (Eigen::Index e = 0; e < quads.cells.rows(); ++e) {
+    const auto diagonal = [&](int a, int b) { return Eigen::Vector2d((quads.nodes.row(quads.cells(e, b)) - quads.nodes.row(quads.cells(e, a))).head<2>()); };
+    const Eigen::Vector2d p = diagonal(0, 2), q = diagonal(1, 3);
+    area += 0.5 * std::abs(p.x() * q.y() - p.y() * q.x());
+  }
+  return area;
+}
+
 std::vector<std::vector<int>> contours(const Mesh& quads) {
   const Cells edges = boundary_facets(quads).nodes;
   std::map<int, std::vector<int>> next;  // a node where two contours touch has two successors

@@ -32,7 +32,7 @@ material:
 simulate: {{clamped: false, centred: true, steps_per_frame: 2, value: [{values}]}}
 output: results
 """)
-    run(sys.argv[1], "simulate", folder / "case.yaml", 2)
+    run(sys.argv[1], "simulate", folder / "case.yaml", 1)
     with h5py.File(folder / "results/results.h5") as file:
         nodes, u = file["mesh/nodes"][:], file["fields/displacement"][1:]
         force = file["frames/force_predicted"][1:]

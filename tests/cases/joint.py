@@ -2,7 +2,7 @@
 """Several tests of one material in one `imic3d loop`: two elastic strips measured as displacement fields, and bars measured as curves, all made from
 formulas with noise. The load cell of the first strip reads 6 % too much: that strip alone cannot show it, the three together do.
 
-Usage: joint.py EXECUTABLE
+Usage: joint.py EXECUTABLE [--ranks 2]
 """
 import json
 import pathlib
@@ -12,7 +12,7 @@ import tempfile
 import numpy
 
 import fields
-from runs import bar, end, figures, left_behind, require, run, same_page
+from runs import bar, end, figures, left_behind, ranks_of, require, run, same_page
 
 GAIN = 1.06
 LAW = "{law: j2, hardening: voce, parameters: {E: 190e3, nu: 0.28, S_y: 2000, S_inf: 2100, b: 10, H: 0}}"  # nothing yields
@@ -60,7 +60,7 @@ def main():
     E = alone["before"]["parameters"]["E"]
     require(abs(E["value"] - GAIN * fields.E) < 4 * E["standard_deviation"] < 0.03 * fields.E, f"its E is that of the load cell: {E['value']:.0f} +- {E['standard_deviation']:.0f}")
 
-    run(program, "loop", folder / "all.yaml", 2)
+    run(program, "loop", folder / "all.yaml", ranks_of(sys.argv))
     result = json.loads((folder / "all/result.json").read_text())
     # A first strip that is thicker is the same thing, and one that is stiffer all over.
     twins = {"force gain (first strip)", "thickness (first strip)"}

@@ -3,7 +3,7 @@
 which one camera could not see, is named; a drift of the magnification of the rear camera is named with its camera. Images of imic3d virtual: longer bar, finer
 mesh, other elements, noise, 8 bits.
 
-Usage: loop_faces.py EXECUTABLE [--stereo] [--few]      --stereo: two pinhole cameras on the back; --few: without the drift
+Usage: loop_faces.py EXECUTABLE [--stereo] [--few] [--ranks 2]      --stereo: two pinhole cameras on the back; --few: without the drift
 """
 import json
 import pathlib
@@ -13,7 +13,7 @@ import tempfile
 import h5py
 import numpy
 
-from runs import bar, end, require, run
+from runs import bar, end, ranks_of, require, run
 
 CAMERAS = {
     "front": "{{name: mono, pixel_size: 0.08, place: {{origin: [65, 170]}}, size: [131, 341]{mono}}}",
@@ -48,7 +48,7 @@ E, NU = 200e3, 0.3
 
 
 def main():
-    program, stereo = sys.argv[1], "--stereo" in sys.argv
+    program, stereo, ranks = sys.argv[1], "--stereo" in sys.argv, ranks_of(sys.argv)
     folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_loop_faces_"))
     bar(folder / "long.msh", -16.0, 16.0, 40, columns=10)
     bar(folder / "bar.msh", -11.0, 11.0, 15, columns=6)
@@ -57,7 +57,7 @@ def main():
     def make(name, seed, effects="{}"):
         cameras = ", ".join(CAMERAS[c].format(mono="", rear="", **{k: v for k, v in LENSES.items()}) for c in seen)
         (folder / f"{name}_virtual.yaml").write_text(VIRTUAL.format(cameras=cameras, name=name, seed=seed, effects=effects))
-        run(program, "virtual", folder / f"{name}_virtual.yaml", 2)
+        run(program, "virtual", folder / f"{name}_virtual.yaml", ranks)
 
     def loop(name, cameras=seen, half="false", effects="{}", status=0, output=None):
         place = ""
@@ -71,7 +71,7 @@ def main():
         declared = ", ".join(CAMERAS[c].format(**text) for c in cameras)
         case = folder / f"{name}_{output or 'loop'}.yaml"
         case.write_text(LOOP.format(half=half, place=place, cameras=declared, name=name, effects=effects, rivals=2 if stereo else 1, output=f"{name}/{output or 'run'}"))
-        said = run(program, "loop", case, 2 if status == 0 else 1, status=status, errors=status != 0)
+        said = run(program, "loop", case, ranks if status == 0 else 1, status=status, errors=status != 0)
         return said if status else json.loads((folder / name / (output or "run") / "result.json").read_text())
 
     def size_of(result, candidate, quantity):

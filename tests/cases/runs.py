@@ -48,6 +48,11 @@ def bar(path, low, high, rows, columns=16, half_width=4.0):
                     f"$Elements\n{len(elements)}\n" + "".join(f"{k} {e}\n" for k, e in enumerate(elements, 1)) + "$EndElements\n")
 
 
+def ranks_of(arguments):
+    """What `--ranks` says; else 2."""
+    return int(arguments[arguments.index("--ranks") + 1]) if "--ranks" in arguments else 2
+
+
 def run(program, command, case, ranks=1, options=(), status=0, errors=False):
     """Runs a command of the program; ends the test if the exit status is another than expected. Returns stdout, or stderr."""
     line = ["mpirun", "--oversubscribe", "-n", str(ranks), program, command, str(case), *options]

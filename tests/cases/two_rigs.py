@@ -1,8 +1,8 @@
 #!/usr/bin/python3
 """Two stereo pairs of pinhole cameras, one on each face: the front's found on the specimen from points, the back's calibrated in the
-specimen's frame. Images, correlation of both faces, identification with all four cameras, on 2 ranks.
+specimen's frame. Images, correlation of both faces, identification with all four cameras.
 
-Usage: two_rigs.py EXECUTABLE
+Usage: two_rigs.py EXECUTABLE [--ranks 2]
 """
 import json
 import math
@@ -14,7 +14,7 @@ import h5py
 import numpy
 from scipy.interpolate import griddata
 
-from runs import end, gmsh, require, run
+from runs import end, gmsh, ranks_of, require, run
 
 SIZE, FOCAL = (420, 440), 7000.0
 VIEWS = {"front_left": ("front", [-85, 0, 391], [0, 0, 0], 0.0), "front_right": ("front", [85, 4, 391], [0, 0, 0], 1.0),
@@ -69,14 +69,14 @@ def calibration(names):
 
 
 def main():
-    program = sys.argv[1]
+    program, ranks = sys.argv[1], ranks_of(sys.argv)
     folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_two_rigs_"))
     gmsh("plate_with_hole", folder / "fine.msh", length=28, size_hole=0.7, size_far=1.8)
     gmsh("plate_with_hole", folder / "coarse.msh", length=20, size_hole=1.4, size_far=3.2)
     views = "".join(f"  - {{name: {name}, model: pinhole, face: {face}, size: {list(SIZE)}, view: {{focal: {FOCAL}, from: {origin}, at: {at}, roll: {roll}}}}}\n"
                     for name, (face, origin, at, roll) in VIEWS.items())
     (folder / "virtual.yaml").write_text(CASE.format(mesh="fine", layers=2, place="", cameras=views, E=198e3, S_y=284) + VIRTUAL)
-    run(program, "virtual", folder / "virtual.yaml", 2)
+    run(program, "virtual", folder / "virtual.yaml", ranks)
     points = json.loads((folder / "made/truth.json").read_text())["place_points"]["front_left"]
     back = [name for name in VIEWS if VIEWS[name][0] == "back"]
     (folder / "back.yaml").write_text(calibration(back))
@@ -91,7 +91,7 @@ def main():
         case = folder / f"{output}.yaml"
         case.write_text(CASE.format(mesh="coarse", layers=1, place=place, cameras=cameras(names, framed), E=185e3, S_y=265) +
                         IDENTIFY.format(output=output))
-        said = run(program, "identify", case, 2, status=status, errors=status != 0)
+        said = run(program, "identify", case, ranks, status=status, errors=status != 0)
         return said if status else json.loads((folder / output / "result.json").read_text())
 
     # Errors against the truth: 0.5 % for the mesh, and four standard deviations of what the images' noise predicts.
@@ -103,7 +103,7 @@ def main():
             require(abs(value - truth) < limit, f"{label}: {name} {100 * (value / truth - 1):+.2f} % (noise {100 * deviation / truth:.2f} %)")
 
     # Both pairs see the face thin towards the hole as the simulation that made the images did.
-    run(program, "dic", folder / "both_rigs.yaml", 2, ["--output", str(folder / "dic")])
+    run(program, "dic", folder / "both_rigs.yaml", ranks, ["--output", str(folder / "dic")])
     with h5py.File(folder / "made/results.h5") as made:
         volume, moved = made["mesh/nodes"][:], made["fields/displacement"][6, :, 2]
     face = numpy.abs(volume[:, 2] - volume[:, 2].max()) < 1e-9

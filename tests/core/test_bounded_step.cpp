@@ -5,7 +5,7 @@
 #include "imic3d/core/bounded_step.hpp"
 
 namespace imic3d {
-namespace {
+namespace test_bounded_step {
 
 const Eigen::MatrixXd H = (Eigen::MatrixXd(3, 3) << 4e6, 1e3, -2.0, 1e3, 3.0, 5e-4, -2.0, 5e-4, 2e-6).finished();
 const Eigen::VectorXd x = Eigen::Vector3d(0.5, -2.0, 700.0), wide = Eigen::VectorXd::Constant(3, 1e9);
@@ -47,5 +47,5 @@ TEST(BoundedStep, DampingIsRelativeToTheDiagonal) {
   EXPECT_NEAR(step[1], 0.5, 1e-12);
 }
 
-}  // namespace
+}  // namespace test_bounded_step
 }  // namespace imic3d

@@ -3,7 +3,7 @@
 #include "imic3d/core/interrupt.hpp"
 
 namespace imic3d {
-namespace {
+namespace test_interrupt {
 
 TEST(Interrupt, ASignalOnOneRankStopsAll) {
   const Communicator world;
@@ -44,5 +44,5 @@ TEST(Interrupt, KeepsItsTypeOnEveryRank) {
   EXPECT_THROW(collectively(world, [&] { if (world.rank() == world.size() - 1) throw Interrupted("SIGTERM"); }), Interrupted);
 }
 
-}  // namespace
+}  // namespace test_interrupt
 }  // namespace imic3d

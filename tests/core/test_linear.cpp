@@ -7,7 +7,7 @@
 #include "imic3d/core/linear.hpp"
 
 namespace imic3d {
-namespace {
+namespace test_linear {
 
 Eigen::MatrixXd drawn(Eigen::Index rows, Eigen::Index columns) {
   std::mt19937_64 random(7);
@@ -63,5 +63,5 @@ TEST(Linear, SymmetricMatrices) {
   EXPECT_LT((inverse_cholesky(H) * L - Eigen::Matrix4d::Identity()).norm(), 1e-12);
 }
 
-}  // namespace
+}  // namespace test_linear
 }  // namespace imic3d

@@ -6,7 +6,7 @@
 #include "imic3d/core/memory.hpp"
 
 namespace imic3d {
-namespace {
+namespace test_memory {
 
 void write(const std::filesystem::path& file, const std::string& text) {
   std::filesystem::create_directories(file.parent_path());
@@ -34,5 +34,5 @@ TEST(Memory, IsSharedByTheRanksOfAMachine) {
   EXPECT_NEAR(share * world.size() / all, 1.0, 0.2) << "all ranks on one machine";
 }
 
-}  // namespace
+}  // namespace test_memory
 }  // namespace imic3d

@@ -7,7 +7,7 @@
 #include "imic3d/core/groups.hpp"
 
 namespace imic3d {
-namespace {
+namespace test_parallel {
 
 TEST(Collectively, AnErrorOnOneRankIsSeenOnAll) {
   const Communicator world;
@@ -75,5 +75,5 @@ TEST(GroupClock, MeasuresWhoWaits) {
   for (std::size_t k = 1; k < times.size(); ++k) EXPECT_GT(times[k].idle, times[k].busy);
 }
 
-}  // namespace
+}  // namespace test_parallel
 }  // namespace imic3d

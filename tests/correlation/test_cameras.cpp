@@ -7,7 +7,7 @@
 #include "stereo_scene.hpp"
 
 namespace imic3d::correlation {
-namespace {
+namespace test_cameras {
 
 using namespace test;
 using imaging::Image;
@@ -263,5 +263,5 @@ TEST(Cameras, PerspectiveInsideAnElement) {
   EXPECT_LT(60.0 * worst, 0.05);
 }
 
-}  // namespace
+}  // namespace test_cameras
 }  // namespace imic3d::correlation

@@ -9,7 +9,7 @@
 #include "speckle.hpp"
 
 namespace imic3d::correlation {
-namespace {
+namespace test_correlation {
 
 using namespace test;
 using imaging::BSpline;
@@ -353,5 +353,5 @@ TEST(Correlation, PixelPassIsFast) {
 #endif
 }
 
-}  // namespace
+}  // namespace test_correlation
 }  // namespace imic3d::correlation

@@ -10,7 +10,7 @@
 #include "speckle.hpp"
 
 namespace imic3d::correlation {
-namespace {
+namespace test_global_dic {
 
 using namespace test;
 using imaging::BSpline;
@@ -409,5 +409,5 @@ TEST(Covariance, InverseTimesManyColumns) {
   EXPECT_LT((M * X - B).norm(), 1e-10 * B.norm());
 }
 
-}  // namespace
+}  // namespace test_global_dic
 }  // namespace imic3d::correlation

@@ -12,7 +12,7 @@
 #include "speckle.hpp"
 
 namespace imic3d::correlation {
-namespace {
+namespace test_measured {
 
 namespace fs = std::filesystem;
 using namespace test;
@@ -174,5 +174,5 @@ TEST(Measured, TensileBarFieldIsWrittenForComparison) {
           << deviation[2 * n + 1] << '\n';
 }
 
-}  // namespace
+}  // namespace test_measured
 }  // namespace imic3d::correlation

@@ -9,7 +9,7 @@
 #include "speckle.hpp"
 
 namespace imic3d::correlation {
-namespace {
+namespace test_measured_stereo {
 
 namespace fs = std::filesystem;
 using namespace test;
@@ -102,5 +102,5 @@ TEST(MeasuredStereo, TriangulationOfEachCameraAloneAgrees) {
   }
 }
 
-}  // namespace
+}  // namespace test_measured_stereo
 }  // namespace imic3d::correlation

@@ -9,7 +9,7 @@
 #include "stereo_scene.hpp"
 
 namespace imic3d::correlation {
-namespace {
+namespace test_pixel_pass {
 
 using namespace test;
 using imaging::BSpline;
@@ -299,5 +299,5 @@ TEST(PixelPass, MatrixIsThePlainOne) {
   }
 }
 
-}  // namespace
+}  // namespace test_pixel_pass
 }  // namespace imic3d::correlation

@@ -8,7 +8,7 @@
 #include "stereo_scene.hpp"
 
 namespace imic3d::correlation {
-namespace {
+namespace test_specimen_pose {
 
 using namespace test;
 using imaging::PinholeCamera;
@@ -132,5 +132,5 @@ TEST(SpecimenPose, MistakesAreExplained) {
   says([&] { (void)find_pose(quads(), seen, given, {}); }, "patches");
 }
 
-}  // namespace
+}  // namespace test_specimen_pose
 }  // namespace imic3d::correlation

@@ -7,7 +7,7 @@
 #include "plate.hpp"
 
 namespace imic3d::identification {
-namespace {
+namespace test_alpha {
 
 using testing::Plate;
 
@@ -81,5 +81,5 @@ TEST(Alpha, TheTruthIsFoundAtEveryAlpha) {
   }
 }
 
-}  // namespace
+}  // namespace test_alpha
 }  // namespace imic3d::identification

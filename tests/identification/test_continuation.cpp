@@ -6,7 +6,7 @@
 #include "plate.hpp"
 
 namespace imic3d::identification {
-namespace {
+namespace test_continuation {
 
 using testing::Plate;
 
@@ -54,5 +54,5 @@ TEST(Continuation, EndsWhereTheStageWouldHave) {
   }
 }
 
-}  // namespace
+}  // namespace test_continuation
 }  // namespace imic3d::identification

@@ -9,7 +9,7 @@
 #include "plate.hpp"
 
 namespace imic3d::identification {
-namespace {
+namespace test_covariance {
 
 using testing::Plate;
 
@@ -82,5 +82,5 @@ TEST(Covariance, OfTheForceDrivenFunctional) { compare(Functional::force_driven,
 TEST(CovarianceNightly, OfTheForceDrivenFunctional) { compare(Functional::force_driven, 400, true); }
 TEST(CovarianceNightly, OfTheDisplacementDrivenFunctional) { compare(Functional::displacement_driven, 400, true); }
 
-}  // namespace
+}  // namespace test_covariance
 }  // namespace imic3d::identification

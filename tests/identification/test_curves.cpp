@@ -10,7 +10,7 @@
 #include "imic3d/identification/curves.hpp"
 
 namespace imic3d::identification {
-namespace {
+namespace test_curves {
 
 const std::vector<double> truth = {200e3, 0.3, 250, 450, 12, 0, 0.015, 1e-3};  // E nu S_y S_inf b H C_rate rate_0
 const std::vector<std::string> rate = {"rate"};
@@ -152,5 +152,5 @@ TEST(Curves, NoiseIsReadFromThePointsAndFromRepetitions) {
   EXPECT_EQ(scatter({&curves[0]}), 0.0);
 }
 
-}  // namespace
+}  // namespace test_curves
 }  // namespace imic3d::identification

@@ -4,7 +4,7 @@
 #include "plate.hpp"
 
 namespace imic3d::identification {
-namespace {
+namespace test_effects {
 
 using testing::Plate;
 
@@ -35,5 +35,5 @@ TEST(Effects, AreFoundFromTheirNullValues) {
     EXPECT_NEAR(parameters[j] / truth[j], 1.0, 1e-4) << law->parameters()[j].name;
 }
 
-}  // namespace
+}  // namespace test_effects
 }  // namespace imic3d::identification

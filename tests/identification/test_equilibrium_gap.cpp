@@ -10,7 +10,7 @@
 #include "plate.hpp"
 
 namespace imic3d::identification {
-namespace {
+namespace test_equilibrium_gap {
 
 /// An elastic sheet of quad4, pulled along y; a tapered strip, so that its strain is not uniform.
 struct Sheet {
@@ -133,5 +133,5 @@ TEST(EquilibriumGap, CovarianceIsTheScatterOfNoiseDraws) {
   EXPECT_LT(std::abs(mean), 4.0 * predicted / std::sqrt(draws));
 }
 
-}  // namespace
+}  // namespace test_equilibrium_gap
 }  // namespace imic3d::identification

@@ -8,7 +8,7 @@
 #include "plate.hpp"
 
 namespace imic3d::identification {
-namespace {
+namespace test_faces {
 
 using testing::Plate;
 
@@ -170,5 +170,5 @@ TEST(Faces, ShareOfTheCalibrationIsWhatWrongCamerasDo) {
   }
 }
 
-}  // namespace
+}  // namespace test_faces
 }  // namespace imic3d::identification

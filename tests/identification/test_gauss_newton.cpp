@@ -6,7 +6,7 @@
 #include "plate.hpp"
 
 namespace imic3d::identification {
-namespace {
+namespace test_gauss_newton {
 
 using testing::Plate;
 
@@ -79,5 +79,5 @@ TEST(GaussNewton, NoiseOfTheReactionIsThatOfSimulatedDraws) {
   for (const Solution& last : model.solutions()) EXPECT_TRUE(last.displacement.empty());
 }
 
-}  // namespace
+}  // namespace test_gauss_newton
 }  // namespace imic3d::identification

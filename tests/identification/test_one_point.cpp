@@ -8,7 +8,7 @@
 #include "plate.hpp"
 
 namespace imic3d::identification {
-namespace {
+namespace test_one_point {
 
 using testing::Plate;
 
@@ -82,5 +82,5 @@ TEST(OnePoint, StabilisedItIsNotDifferentiated) {
   EXPECT_THROW(finds_the_truth(mesh::Integration::one_point_stabilised, {0.0}, Sensitivities::direct), std::invalid_argument);
 }
 
-}  // namespace
+}  // namespace test_one_point
 }  // namespace imic3d::identification

@@ -8,7 +8,7 @@
 #include "plate.hpp"
 
 namespace imic3d::identification {
-namespace {
+namespace test_sensitivities {
 
 using testing::Plate;
 
@@ -166,5 +166,5 @@ TEST(DirectSensitivities, SpareTheSimulationOfAStraightStep) {
   for (const std::size_t j : {0U, 2U}) EXPECT_NEAR(found.parameters[j] / near.parameters[j], 1.0, 0.01 * eta);
 }
 
-}  // namespace
+}  // namespace test_sensitivities
 }  // namespace imic3d::identification

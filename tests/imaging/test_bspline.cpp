@@ -6,7 +6,7 @@
 #include "imic3d/imaging/bspline.hpp"
 
 namespace imic3d::imaging {
-namespace {
+namespace test_bspline {
 
 Image random_image(int width, int height, float largest = 255.0F) {
   Image image(width, height);
@@ -103,5 +103,5 @@ TEST(BSpline, StaysInsideTheImage) {
   EXPECT_NEAR(spline.value(11.0, 8.0), image(11, 8), 1e-3);
 }
 
-}  // namespace
+}  // namespace test_bspline
 }  // namespace imic3d::imaging

@@ -18,7 +18,7 @@
 #include "imic3d/imaging/calibrate.hpp"
 
 namespace imic3d::imaging {
-namespace {
+namespace test_calibrate {
 
 namespace fs = std::filesystem;
 using Pixels = std::vector<Eigen::Vector2d>;
@@ -419,5 +419,5 @@ TEST(Measured, stereo_chessboard) {
   EXPECT_LT(result.rms, 0.12);
 }
 
-}  // namespace
+}  // namespace test_calibrate
 }  // namespace imic3d::imaging

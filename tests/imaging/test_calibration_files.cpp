@@ -18,7 +18,7 @@
 #include "imic3d/imaging/calibration.hpp"
 
 namespace imic3d::imaging {
-namespace {
+namespace test_calibration_files {
 
 namespace fs = std::filesystem;
 
@@ -390,5 +390,5 @@ TEST(Measured, the_cameras_of_VIC3D_look_at_one_specimen) {
   EXPECT_NEAR(std::acos(a.dot(b)) * 180 / M_PI, 18.8, 1.0);
 }
 
-}  // namespace
+}  // namespace test_calibration_files
 }  // namespace imic3d::imaging

@@ -10,7 +10,7 @@
 #include "imic3d/imaging/noise.hpp"
 
 namespace imic3d::imaging {
-namespace {
+namespace test_image {
 
 namespace fs = std::filesystem;
 using ::testing::HasSubstr;
@@ -126,5 +126,5 @@ TEST(Noise, OfStaticFramesIsFoundDespiteQuantisationAndOutliers) {
   EXPECT_THROW((void)noise_of_static_frames(one), InputError);
 }
 
-}  // namespace
+}  // namespace test_image
 }  // namespace imic3d::imaging

@@ -7,7 +7,7 @@
 #include "imic3d/imaging/low_pass.hpp"
 
 namespace imic3d::imaging {
-namespace {
+namespace test_low_pass {
 
 TEST(LowPass, KeepsTheMeanAndAStraightSlope) {
   Image image(60, 50);
@@ -41,5 +41,5 @@ TEST(LowPass, NoiseResponseIsThatOfNoise) {
   }
 }
 
-}  // namespace
+}  // namespace test_low_pass
 }  // namespace imic3d::imaging

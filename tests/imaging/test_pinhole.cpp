@@ -9,7 +9,7 @@
 #include "imic3d/imaging/pinhole.hpp"
 
 namespace imic3d::imaging {
-namespace {
+namespace test_pinhole {
 
 PinholeCamera camera() {
   Intrinsics lens{.fx = 6600.0, .fy = 6610.0, .cx = 955.0, .cy = 645.0, .skew = 0.0,
@@ -108,5 +108,5 @@ TEST(Pinhole, nothing_is_seen_behind_the_camera) {
   EXPECT_FALSE(camera().project({0.0, 0.0, -1000.0}).allFinite());
 }
 
-}  // namespace
+}  // namespace test_pinhole
 }  // namespace imic3d::imaging

@@ -11,7 +11,7 @@
 #include "imic3d/mesh/mesh.hpp"
 
 namespace imic3d::imaging {
-namespace {
+namespace test_placement {
 
 using Eigen::Vector2d;
 using ::testing::HasSubstr;
@@ -215,5 +215,5 @@ TEST(Placement, MeasuredDataPcabsTension) {
   EXPECT_LT((free.camera.offset - known.camera.offset).norm(), 1.0);
 }
 
-}  // namespace
+}  // namespace test_placement
 }  // namespace imic3d::imaging

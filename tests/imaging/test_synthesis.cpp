@@ -11,7 +11,7 @@
 #include "imic3d/imaging/synthesis.hpp"
 
 namespace imic3d::imaging {
-namespace {
+namespace test_synthesis {
 
 using Eigen::Vector2d;
 using ::testing::HasSubstr;
@@ -305,5 +305,5 @@ TEST(Synthesis, WithoutTheSpecimenItsSurroundingsGoOn) {
     for (int x = 10; x < 30; ++x) EXPECT_LT(cleared(x, y), 200.0F) << x << ", " << y;
 }
 
-}  // namespace
+}  // namespace test_synthesis
 }  // namespace imic3d::imaging

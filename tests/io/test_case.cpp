@@ -11,7 +11,7 @@
 #include "temporary_folder.hpp"
 
 namespace imic3d::io {
-namespace {
+namespace test_case {
 
 namespace fs = std::filesystem;
 using ::testing::ElementsAre;
@@ -443,5 +443,5 @@ TEST(CaseFileMeasured, TensionTest) {
   EXPECT_NEAR(test.load(test.index_of(8)).force, 60.81, 1e-9);
 }
 
-}  // namespace
+}  // namespace test_case
 }  // namespace imic3d::io

@@ -13,7 +13,7 @@
 #include "temporary_folder.hpp"
 
 namespace imic3d::io {
-namespace {
+namespace test_checkpoint {
 
 using ::testing::HasSubstr;
 
@@ -190,5 +190,5 @@ TEST(Fingerprint, TellsWhatChangesTheResult) {
   EXPECT_NE(fingerprint(test).at("cameras"), first.at("cameras"));
 }
 
-}  // namespace
+}  // namespace test_checkpoint
 }  // namespace imic3d::io

@@ -6,7 +6,7 @@
 #include "temporary_folder.hpp"
 
 namespace imic3d::io {
-namespace {
+namespace test_fields {
 
 std::string mistakes_in(const std::string& text, const PointColumns& columns = {}) {
   const TemporaryFolder folder;
@@ -51,5 +51,5 @@ TEST(Fields, MistakesAreNamedWithLineAndColumn) {
   EXPECT_EQ(mistakes_in(""), "points.csv: no row with the columns \"x\", \"y\", \"u\", \"v\"; allowed: a table of points with a header row");
 }
 
-}  // namespace
+}  // namespace test_fields
 }  // namespace imic3d::io

@@ -9,7 +9,7 @@
 #include "temporary_folder.hpp"
 
 namespace imic3d {
-namespace {
+namespace test_found {
 
 template <class Read>
 int read_all(const char* kind, const Read& read) {
@@ -71,5 +71,5 @@ TEST(Found, PlainScalarsAreWhatYamlSaysTheyAre) {
   EXPECT_EQ(mistakes.size(), 5U);
 }
 
-}  // namespace
+}  // namespace test_found
 }  // namespace imic3d

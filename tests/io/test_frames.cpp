@@ -5,7 +5,7 @@
 #include "imic3d/io/frames.hpp"
 
 namespace imic3d::io {
-namespace {
+namespace test_frames {
 
 using ::testing::ElementsAre;
 
@@ -38,5 +38,5 @@ TEST(Frames, AreShownInShort) {
   EXPECT_EQ(expand(parse_frames(to_text(many))), many);
 }
 
-}  // namespace
+}  // namespace test_frames
 }  // namespace imic3d::io

@@ -7,7 +7,7 @@
 #include "temporary_folder.hpp"
 
 namespace imic3d::io {
-namespace {
+namespace test_loads {
 
 namespace fs = std::filesystem;
 
@@ -123,5 +123,5 @@ TEST(Loads, MeasuredRecords) {
   EXPECT_TRUE(tension[13].image.empty());
 }
 
-}  // namespace
+}  // namespace test_loads
 }  // namespace imic3d::io

@@ -10,7 +10,7 @@
 #include "temporary_folder.hpp"
 
 namespace imic3d::io {
-namespace {
+namespace test_loop_page {
 
 using nlohmann::json;
 using ::testing::HasSubstr;
@@ -133,5 +133,5 @@ TEST(LoopPage, WhereNothingIsAddedThereIsOneCurve) {
   EXPECT_THAT(page, HasSubstr("This would show what this test cannot see:"));
 }
 
-}  // namespace
+}  // namespace test_loop_page
 }  // namespace imic3d::io

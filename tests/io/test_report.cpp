@@ -11,7 +11,7 @@
 #include "temporary_folder.hpp"
 
 namespace imic3d::io {
-namespace {
+namespace test_report {
 
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
@@ -131,5 +131,5 @@ TEST(Report, OfARunThatHasNothingYet) {
   EXPECT_TRUE(draw_pictures(file, folder.path()).empty());
 }
 
-}  // namespace
+}  // namespace test_report
 }  // namespace imic3d::io

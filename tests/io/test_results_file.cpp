@@ -13,7 +13,7 @@
 #include "temporary_folder.hpp"
 
 namespace imic3d::io {
-namespace {
+namespace test_results_file {
 
 using ::testing::ElementsAre;
 
@@ -131,5 +131,5 @@ TEST(ResultsFile, AKilledRunLeavesEveryFinishedFrame) {
   EXPECT_GT(most, 10U);  // the children did write
 }
 
-}  // namespace
+}  // namespace test_results_file
 }  // namespace imic3d::io

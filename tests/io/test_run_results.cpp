@@ -9,7 +9,7 @@
 #include "temporary_folder.hpp"
 
 namespace imic3d::io {
-namespace {
+namespace test_run_results {
 
 TEST(RunResults, EveryDatasetSaysItsUnitAndWhatItIs) {
   const TemporaryFolder folder;
@@ -73,5 +73,5 @@ TEST(RunResults, TheSummaryHasEveryHeadlineNumberWithItsUnit) {
   EXPECT_THAT(names, ::testing::UnorderedElementsAre("results.h5", "results.xdmf", "result.json"));
 }
 
-}  // namespace
+}  // namespace test_run_results
 }  // namespace imic3d::io

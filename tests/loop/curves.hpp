@@ -16,12 +16,11 @@
 
 namespace imic3d::loop {
 
-constexpr int frames = 40, numbers = 5;
-
 /// Curves with a kink: u_k(t) = p0 phi_k(t) + p1^2 psi_k(t), F(t) = 30 p0 tanh(4 t) + 20 p1 t. All noise is white, but for what an
 /// input noise common to a frame adds to its numbers.
 class Curves final : public Experiment {
  public:
+  static constexpr int frames = 40, numbers = 5;
   enum Effect { drift, kink, twin, twin_again, gain, curved, offset };
 
   explicit Curves(unsigned seed, std::vector<std::pair<int, double>> truth = {}, double unknown = 0.0, unsigned of_null = 5000U, double rest_of_gain = 0.0, double like_drift = 0.0)
@@ -168,8 +167,8 @@ class Curves final : public Experiment {
   double like_drift_;  // what is curved looks so from afar
 };
 
-inline const LoopOptions options{.draws = 200, .additions = 3, .rivals = 4, .starts = {1.0, 0.8}, .held_out = {}};
+inline const LoopOptions usual{.draws = 200, .additions = 3, .rivals = 4, .starts = {1.0, 0.8}, .held_out = {}};
 
-inline Report loop_on(Curves experiment) { return close_loop(experiment, options); }
+inline Report loop_on(Curves experiment) { return close_loop(experiment, usual); }
 
 }  // namespace imic3d::loop

@@ -18,7 +18,7 @@
 #include "imic3d/loop/statistics.hpp"
 
 namespace imic3d::loop {
-namespace {
+namespace test_closing {
 
 /// Kolmogorov's distance of p-values from uniform ones.
 double distance_from_uniform(Eigen::VectorXd p) {
@@ -34,7 +34,7 @@ TEST(Closing, WhatIsDoubtedAsAWholeIsOneDirection) {
   const auto deviation = [](double each, double whole) {
     Curves experiment(5);
     experiment.doubted_each = each, experiment.doubted_whole = whole;
-    return std::sqrt(close_loop(experiment, options).declared.covariance(0, 0));
+    return std::sqrt(close_loop(experiment, usual).declared.covariance(0, 0));
   };
   const double none = deviation(0.0, 0.0), each = deviation(2.0, 0.0), whole = deviation(0.0, 2.0);
   EXPECT_GT(each, 1.1 * none);
@@ -44,7 +44,7 @@ TEST(Closing, WhatIsDoubtedAsAWholeIsOneDirection) {
 
 TEST(Closing, AllCandidatesMayBeLeftOut) {
   Curves experiment(5, {{Curves::kink, 6.0}});
-  LoopOptions none = options;
+  LoopOptions none = usual;
   for (const auto& one : experiment.candidates()) none.leave_out.push_back(one.name);
   const Report report = close_loop(experiment, none);
   EXPECT_EQ(report.verdict, Verdict::unexplained) << report.sentence;
@@ -110,7 +110,7 @@ TEST(Closing, FalseAlarmsStayAtTheirLevel) {
 /// The noise of few draws makes the limit, not the rate: with 30 draws as with 200.
 TEST(Closing, FewDrawsRaiseNoMoreAlarms) {
   int alarms = 0;
-  LoopOptions few = options;
+  LoopOptions few = usual;
   few.draws = 30;
   for (unsigned seed = 1; seed <= 100; ++seed) {
     Curves experiment(seed, {}, 0.0, 7000 + 100 * seed);
@@ -122,7 +122,7 @@ TEST(Closing, FewDrawsRaiseNoMoreAlarms) {
 TEST(Closing, WhatNoSizeWithinItsBoundsWouldShowIsNotTested) {
   Curves wide(1), narrow(1);
   narrow.bound(Curves::kink, 1e-3);
-  const Report all = close_loop(wide, options), fewer = close_loop(narrow, options);
+  const Report all = close_loop(wide, usual), fewer = close_loop(narrow, usual);
   const auto tested = [](const Report& report) { return std::count(report.declared.others.begin(), report.declared.others.end(), Curves::kink) > 0; };
   EXPECT_TRUE(tested(all));
   EXPECT_FALSE(tested(fewer));
@@ -138,7 +138,7 @@ TEST(Closing, WhatCouldNotBeTestedSaysWhy) {
   Curves experiment(1);
   experiment.records_offset = false;
   experiment.within = [](const std::vector<double>& values) { return values[2 + Curves::kink] == 0.0; };
-  LoopOptions without = options;
+  LoopOptions without = usual;
   without.leave_out = {"curved"};
   const Report report = close_loop(experiment, without);
   std::map<int, std::string> reasons;
@@ -242,7 +242,7 @@ TEST(Closing, AWeakPriorShowsTheInvisibleToo) {
 
 TEST(Closing, WhatIsLeftOutIsNotNamed) {
   Curves experiment(1, {{Curves::drift, 5.0}});
-  LoopOptions without = options;
+  LoopOptions without = usual;
   without.leave_out = {"drift"};
   const Report report = close_loop(experiment, without);
   EXPECT_NE(report.verdict, Verdict::nothing_found);
@@ -319,7 +319,7 @@ TEST(Closing, AnInvisibleEffectWithAsLargeAScoreIsInTheSet) {
 
 /// Effects of the law that only a large misfit asks for are tried beside another one of the law, not where a camera explains all of it.
 TEST(Closing, EffectsOfTheLawAreLookedForFromAfarWhereTheTestItselfDoesNotExplainAll) {
-  LoopOptions one_rival = options;
+  LoopOptions one_rival = usual;
   one_rival.rivals = 1;
   const auto trials = [&](int effect) {
     Curves curves(3, {{effect, 30.0}});
@@ -334,7 +334,7 @@ TEST(Closing, EffectsOfTheLawAreLookedForFromAfarWhereTheTestItselfDoesNotExplai
 
 /// From afar a large curved effect looks like drift, and drift is added first; once what is curved is there, nothing is left without drift.
 TEST(Closing, AnEffectThatIsNeededNoMoreIsTakenOutAgain) {
-  LoopOptions one_rival = options;
+  LoopOptions one_rival = usual;
   one_rival.rivals = 1;
   Curves experiment(5, {{Curves::curved, 2.0}}, 0.0, 5000U, 0.0, 1.5);
   const Report report = close_loop(experiment, one_rival);
@@ -348,7 +348,7 @@ TEST(Closing, AnEffectThatIsNeededNoMoreIsTakenOutAgain) {
 
 /// However few are to be tried: those that are as good as the best are not left out.
 TEST(Closing, RivalsAsGoodAsTheBestAreTried) {
-  LoopOptions one_rival = options;
+  LoopOptions one_rival = usual;
   one_rival.rivals = 1;
   Curves experiment(5, {{Curves::twin, 5.0}});
   const Report report = close_loop(experiment, one_rival);
@@ -358,7 +358,7 @@ TEST(Closing, RivalsAsGoodAsTheBestAreTried) {
 
 /// Where those with the largest scores help nothing, the others beyond the limit have their turn before it is said that no known effect helps.
 TEST(Closing, OthersBeyondTheLimitAreTriedWhereTheBestDoNotHelp) {
-  LoopOptions one_rival = options;
+  LoopOptions one_rival = usual;
   one_rival.rivals = 1;
   Curves experiment(5, {{Curves::drift, 5.0}, {Curves::offset, 20.0}});
   experiment.bound(Curves::drift, 2.0);  // less than there is
@@ -375,7 +375,7 @@ TEST(Closing, OthersBeyondTheLimitAreTriedWhereTheBestDoNotHelp) {
 /// Its course over the frames is that of the largest singular value of the whitened residual.
 TEST(Closing, TheRemaindersFirstModeIsTheLargest) {
   const Report report = loop_on(Curves(2, {}, 4.0));
-  const Eigen::MatrixXd R = report.final.fit.residual.reshaped(numbers + 1, frames);
+  const Eigen::MatrixXd R = report.final.fit.residual.reshaped(Curves::numbers + 1, Curves::frames);
   const double largest = singular_values(R)[0];
   EXPECT_NEAR(report.remainder.share, largest * largest / R.squaredNorm(), 1e-10);
   EXPECT_NEAR(report.remainder.time.norm(), largest, 1e-9 * largest);
@@ -435,7 +435,7 @@ TEST(Closing, WhatActsSomewhereIsFoundThere) {
 TEST(Closing, AnEffectAddedEarlierStaysWithinItsBounds) {
   Curves experiment(5, {{Curves::kink, 4.0}, {Curves::curved, 6.0}});
   experiment.bound(Curves::kink, 3.0);
-  const Report report = close_loop(experiment, options);
+  const Report report = close_loop(experiment, usual);
   ASSERT_EQ(report.rounds.size(), 2U);
   ASSERT_EQ(report.rounds[0].set.empty() ? report.named.front() : report.rounds[0].set.front(), static_cast<int>(Curves::kink));
   const auto& trials = report.rounds[1].trials;
@@ -482,7 +482,7 @@ TEST(Fit, EndsAtAWallBeyondWhichTheModelCannotFollow) {
   std::vector<double> start;
   for (const auto& p : experiment.parameters()) start.push_back(p.value);
   start[0] = 9.0, start[1] = 2.5;
-  const auto rows = rows_of_frames(experiment.data(), std::vector<char>(frames, 1));
+  const auto rows = rows_of_frames(experiment.data(), std::vector<char>(Curves::frames, 1));
   const double before = experiment.residuals({start}).front().squaredNorm();
   experiment.series = 0;
   const Fit found = fit(experiment, Weight(experiment.data(), {}), rows, {0, 1}, start);
@@ -496,7 +496,7 @@ TEST(Closing, AModelThatErrsByMoreThanItExplainsIsNotPlausible) {
   for (double bias : {0.1, 10.0}) {
     Curves experiment(4, {{Curves::kink, 4.0}});
     experiment.bias_of_kink = bias;
-    const Report report = close_loop(experiment, options);
+    const Report report = close_loop(experiment, usual);
     ASSERT_FALSE(report.rounds.empty());
     const auto& trials = report.rounds.front().trials;
     const auto trial = std::find_if(trials.begin(), trials.end(), [](const Trial& t) { return t.candidate == Curves::kink; });
@@ -513,14 +513,14 @@ struct Recorded {
   std::deque<Answer> answers;
   Recorded(Curves& experiment, std::deque<Answer> known) : answers(known) {
     RecordedExperiment recorded(experiment, std::move(known), [&](const Answer& answer) { answers.push_back(answer); });
-    report = close_loop(recorded, options);
+    report = close_loop(recorded, usual);
   }
 };
 
 TEST(Closing, WhatAParameterOnItsBoundLeavesIsLeft) {
   Curves experiment(4);
   experiment.limit(0, 1.0, 10.0);  // it is 10.6
-  const Report report = close_loop(experiment, options);
+  const Report report = close_loop(experiment, usual);
   EXPECT_GT(report.declared.misfit.fitted, 1.3 * report.declared.misfit.null_fitted);
   EXPECT_GT(report.declared.scores.omnibus, report.declared.scores.omnibus_threshold);
   EXPECT_NE(report.verdict, Verdict::nothing_found) << report.sentence;
@@ -533,7 +533,7 @@ TEST(Recorded, GoesOnFromWhatWasAnswered) {
     return experiment;
   };
   Curves experiment = made();
-  const Report plain = close_loop(experiment, options);
+  const Report plain = close_loop(experiment, usual);
   const int series = std::exchange(experiment.series, 0);
   ASSERT_GT(plain.rounds.size(), 1U);
   experiment = made();
@@ -560,7 +560,7 @@ TEST(Recorded, AnswersToOtherQuestionsAreNotTaken) {
   other.know(0, 10.0, 5.0), untouched.know(0, 10.0, 5.0);  // its second question is another one
   const Recorded before(one, {});
   const Recorded after(other, before.answers);
-  EXPECT_EQ(after.report.final.fit.values, close_loop(untouched, options).final.fit.values);
+  EXPECT_EQ(after.report.final.fit.values, close_loop(untouched, usual).final.fit.values);
   EXPECT_GT(other.series, untouched.series / 2);
 }
 
@@ -585,5 +585,5 @@ TEST(Closing, HeldOutFramesAreBlocksInside) {
   EXPECT_LT(held.back(), 39);
 }
 
-}  // namespace
+}  // namespace test_closing
 }  // namespace imic3d::loop

@@ -13,7 +13,7 @@
 #include "imic3d/loop/law_effects.hpp"
 
 namespace imic3d::loop {
-namespace {
+namespace test_curve_experiment {
 
 const std::map<std::string, double> truth = {{"E", 200e3}, {"nu", 0.3}, {"S_y", 250.0}, {"S_inf", 420.0}, {"b", 18.0}, {"H", 700.0}};
 
@@ -246,5 +246,5 @@ TEST(CurveExperiment, ALargePlateauIsNamedAlone) {
   EXPECT_NEAR(report.final.fit.values[static_cast<std::size_t>(named.parameters.front())], 0.04, 1e-3);
 }
 
-}  // namespace
+}  // namespace test_curve_experiment
 }  // namespace imic3d::loop

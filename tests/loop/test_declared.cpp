@@ -10,7 +10,7 @@
 #include "strip.hpp"
 
 namespace imic3d::loop {
-namespace {
+namespace test_declared {
 
 using testing::declared, testing::is_candidate, testing::place_of, testing::Strip;
 
@@ -125,5 +125,5 @@ TEST(Declared, WhatTheSpecimenLacksIsRefused) {
   EXPECT_THROW((void)strip.experiment(), InputError);
 }
 
-}  // namespace
+}  // namespace test_declared
 }  // namespace imic3d::loop

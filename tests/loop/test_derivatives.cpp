@@ -7,7 +7,7 @@
 #include "strip.hpp"
 
 namespace imic3d::loop {
-namespace {
+namespace test_derivatives {
 
 using testing::declared, testing::place_of, testing::Strip;
 
@@ -76,5 +76,5 @@ TEST(ResidualsNear, ALawEffectThatIsThereIsDifferentiated) {
     EXPECT_LT(error_of(experiment, values, static_cast<int>(j), 1e-3 * values[j]), 1e-3) << experiment.parameters()[j].info.name;
 }
 
-}  // namespace
+}  // namespace test_derivatives
 }  // namespace imic3d::loop

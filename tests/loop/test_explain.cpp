@@ -9,7 +9,7 @@
 #include "imic3d/loop/explain.hpp"
 
 namespace imic3d::loop {
-namespace {
+namespace test_explain {
 
 const Eigen::Vector4d pattern(17.0, 5.0, -3.0, 0.1), other(6.0, 6.0, 6.0, 0.0);
 const Eigen::MatrixXd unit = Eigen::MatrixXd::Identity(4, 4);
@@ -90,5 +90,5 @@ TEST(Explain, GoesAsFarAsTheModelDoes) {
   EXPECT_FALSE(found.message.empty());
 }
 
-}  // namespace
+}  // namespace test_explain
 }  // namespace imic3d::loop

@@ -10,7 +10,7 @@
 #include "strip.hpp"
 
 namespace imic3d::loop {
-namespace {
+namespace test_faces {
 
 using testing::declared;
 using testing::is_candidate;
@@ -216,5 +216,5 @@ TEST(BothFaces, AStereoRigHasNoEffectsOfASingleCamera) {
   for (const char* name : {"back parallax", "back camera bump", "back lens distortion", "back sub-pixel interpolation"}) EXPECT_FALSE(is_candidate(experiment, name)) << name;
 }
 
-}  // namespace
+}  // namespace test_faces
 }  // namespace imic3d::loop

@@ -7,7 +7,7 @@
 #include "strip.hpp"
 
 namespace imic3d::loop {
-namespace {
+namespace test_held_out {
 
 using testing::declared, testing::is_candidate, testing::Strip;
 
@@ -55,5 +55,5 @@ TEST(Scenes, AFrameAtRestIsNotTheElasticField) {
   EXPECT_LT((with - without).norm(), 1e-6 * without.norm());
 }
 
-}  // namespace
+}  // namespace test_held_out
 }  // namespace imic3d::loop

@@ -10,7 +10,7 @@
 #include "imic3d/loop/joint_experiment.hpp"
 
 namespace imic3d::loop {
-namespace {
+namespace test_joint {
 
 class Line final : public Experiment {
  public:
@@ -93,7 +93,7 @@ TEST(Joint, AnotherTestShowsWhatOneCannot) {
   JointExperiment joint({{"plate", &images, held_out_blocks(24)}, {"bars", &curves, held_out_blocks(16)}});
   const auto report = close(joint, joint.held_out());
   EXPECT_EQ(report.verdict, Verdict::attributed);
-  EXPECT_THAT(names(joint, report.named), testing::ElementsAre("gain (plate)"));
+  EXPECT_THAT(names(joint, report.named), ::testing::ElementsAre("gain (plate)"));
   const auto& values = report.final.fit.values;
   EXPECT_NEAR(joint.values_of(0, values)[2], 0.05, 0.003);
   EXPECT_NEAR(joint.values_of(1, values)[0], 10.3, 0.03);
@@ -118,7 +118,7 @@ TEST(Joint, ATestsBaselinesAreOfItsOwnCandidates) {
   const auto first_name = [](const Report& its, const Experiment& experiment) { return experiment.candidates()[static_cast<std::size_t>(its.declared.others.at(static_cast<std::size_t>(its.declared.baselines.bic.at(0))))].name; };
   ASSERT_FALSE(report.declared.baselines.bic.empty());
   const std::string name = first_name(report, joint);
-  ASSERT_THAT(name, testing::AnyOf("gain (plate)", "gain (bars)"));  // both at once: the law is free
+  ASSERT_THAT(name, ::testing::AnyOf("gain (plate)", "gain (bars)"));  // both at once: the law is free
   const Report plate = joint.report_of(0, report), bars = joint.report_of(1, report);
   const Report& its = name == "gain (plate)" ? plate : bars;
   EXPECT_EQ(first_name(its, curves), "gain");
@@ -142,7 +142,7 @@ TEST(Joint, AnEffectOfTheLawIsOneForAll) {
   ASSERT_EQ(joint.parameters().size(), 4U);  // a, bend, and the gain of each
   const auto report = close(joint, joint.held_out());
   EXPECT_EQ(report.verdict, Verdict::attributed);
-  EXPECT_THAT(names(joint, report.named), testing::ElementsAre("bend"));
+  EXPECT_THAT(names(joint, report.named), ::testing::ElementsAre("bend"));
   EXPECT_NEAR(report.final.fit.values[1], 2.0, 0.15);
   EXPECT_EQ(joint.frame_name(24), "bars, frame 0");
   EXPECT_EQ(joint.channel_name(0), "camera 0");
@@ -178,5 +178,5 @@ TEST(Joint, TheLawIsDeclaredAlike) {
   EXPECT_THROW(JointExperiment({{"plate", &images}, {"bars", &curves}}), InputError);
 }
 
-}  // namespace
+}  // namespace test_joint
 }  // namespace imic3d::loop

@@ -15,7 +15,7 @@
 #include "imic3d/loop/statistics.hpp"
 
 namespace imic3d::loop {
-namespace {
+namespace test_light {
 
 namespace made = correlation::test;
 using correlation::GlobalDic;
@@ -309,5 +309,5 @@ TEST(Light, ADeclaredSizeIsNoCandidate) {
   EXPECT_THROW((void)test.experiment({.low_pass = 1.0}, {{.effect = "light_gain", .quantity = "gain_drift", .value = 5.0, .lower = {}, .upper = {}}}), InputError);
 }
 
-}  // namespace
+}  // namespace test_light
 }  // namespace imic3d::loop

@@ -7,7 +7,7 @@
 #include "imic3d/loop/one_camera.hpp"
 
 namespace imic3d::loop {
-namespace {
+namespace test_one_camera {
 
 mesh::Mesh plate() {
   mesh::Mesh mesh;
@@ -95,5 +95,5 @@ TEST(OneCamera, ErrsAsTheTriangulationDoes) {
   }
 }
 
-}  // namespace
+}  // namespace test_one_camera
 }  // namespace imic3d::loop

@@ -8,7 +8,7 @@
 #include "../mesh/meshes.hpp"
 
 namespace imic3d::loop {
-namespace {
+namespace test_placement {
 
 /// The specimen is shifted and turned against the mesh; its own field is linear, so that gradients at the nodes are exact.
 double worst(double scale, int components) {
@@ -42,5 +42,5 @@ TEST(Placement, IsWhatAMeshBesideTheSpecimenMeasures) {
   }
 }
 
-}  // namespace
+}  // namespace test_placement
 }  // namespace imic3d::loop

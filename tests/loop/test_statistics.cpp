@@ -9,7 +9,7 @@
 #include "imic3d/loop/statistics.hpp"
 
 namespace imic3d::loop {
-namespace {
+namespace test_statistics {
 
 TEST(Statistics, TailsOfChiSquared) {
   EXPECT_NEAR(chi_squared_tail(3.841458820694124, 1), 0.05, 1e-12);
@@ -59,5 +59,5 @@ TEST(Statistics, WhatIsFittedHoldsNothingOfWhatIsHeldOut) {
   EXPECT_NE(W(1, 5), 0.0);
 }
 
-}  // namespace
+}  // namespace test_statistics
 }  // namespace imic3d::loop

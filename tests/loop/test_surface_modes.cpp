@@ -10,7 +10,7 @@
 #include "imic3d/loop/surface_modes.hpp"
 
 namespace imic3d::loop {
-namespace {
+namespace test_surface_modes {
 
 /// Of neighbours that share pixels, as those of an image do: the mass matrix of a bilinear square in each cell.
 Eigen::SparseMatrix<double> mass(const mesh::Mesh& surface) {
@@ -81,5 +81,5 @@ TEST_F(Modes, MotionsThatAreToLeaveNoTraceLeaveNone) {
   EXPECT_LT((covariance.topLeftCorner(half, half) - Eigen::MatrixXd::Identity(half, half)).cwiseAbs().maxCoeff(), 1e-8);
 }
 
-}  // namespace
+}  // namespace test_surface_modes
 }  // namespace imic3d::loop

@@ -5,7 +5,7 @@
 #include "imic3d/material/bar.hpp"
 
 namespace imic3d::material {
-namespace {
+namespace test_bar {
 
 /// Loading, unloading, compression, reloading, with two speeds.
 BarHistory cycle(double direction = 0.0) {
@@ -169,5 +169,5 @@ TEST(Bar, ARateThatTakesTheYieldStressAwayIsNotFollowed) {
   EXPECT_LT(pulled(500.0), 60); // 1 - 0.2 ln(1.7e6)
 }
 
-}  // namespace
+}  // namespace test_bar
 }  // namespace imic3d::material

@@ -4,7 +4,7 @@
 #include "material_point.hpp"
 
 namespace imic3d::material {
-namespace {
+namespace test_derivatives {
 
 using testing::Case;
 using testing::MaterialPoint;
@@ -166,5 +166,5 @@ TEST(DirectionalDerivative, AgreesWithTheTangentAndTheParameterDerivatives) {
   }
 }
 
-}  // namespace
+}  // namespace test_derivatives
 }  // namespace imic3d::material

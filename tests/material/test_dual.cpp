@@ -6,7 +6,7 @@
 #include "material_point.hpp"
 
 namespace imic3d::material {
-namespace {
+namespace test_dual {
 
 TEST(Dual, EveryOperationHasTheDerivativeOfDifferences) {
   using std::abs, std::exp, std::expm1, std::log, std::pow, std::sqrt;
@@ -73,5 +73,5 @@ TEST(BracketedNewton, SaysWhereThereIsNoRoot) {
       bracketed_newton([](const Dual<1>& x) { return x * std::numeric_limits<double>::quiet_NaN(); }, 0.0, 1.0, 1.0));
 }
 
-}  // namespace
+}  // namespace test_dual
 }  // namespace imic3d::material

@@ -2,7 +2,7 @@
 #include "effect_cases.hpp"
 
 namespace imic3d::material {
-namespace {
+namespace test_effects {
 
 using testing::Case;
 using testing::MaterialPoint;
@@ -386,5 +386,5 @@ TEST(Effects, PlasticWorkIsNeverNegative) {
   }
 }
 
-}  // namespace
+}  // namespace test_effects
 }  // namespace imic3d::material

@@ -6,7 +6,7 @@
 #include "material_point.hpp"
 
 namespace imic3d::material {
-namespace {
+namespace test_plane_stress {
 
 using testing::Case;
 using testing::MaterialPoint;
@@ -308,5 +308,5 @@ TEST(PlaneStress, DerivativeAlongAPathMatchesDifferencesOfTheWholePath) {
   }
 }
 
-}  // namespace
+}  // namespace test_plane_stress
 }  // namespace imic3d::material

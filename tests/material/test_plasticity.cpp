@@ -5,7 +5,7 @@
 #include "material_point.hpp"
 
 namespace imic3d::material {
-namespace {
+namespace test_plasticity {
 
 using testing::Case;
 using testing::MaterialPoint;
@@ -280,5 +280,5 @@ TEST(Update, RefusesWhatCannotBeFollowed) {
   EXPECT_FALSE(tied.law->update(I + Random(3).matrix(0.1), 1.0, parameters, old, next, response, true));
 }
 
-}  // namespace
+}  // namespace test_plasticity
 }  // namespace imic3d::material

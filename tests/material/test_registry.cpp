@@ -6,7 +6,7 @@
 #include "material_point.hpp"
 
 namespace imic3d::material {
-namespace {
+namespace test_registry {
 
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
@@ -112,5 +112,5 @@ TEST(Hardening, TableIsPiecewiseLinearAndGoesOnWithItsLastSlope) {
   EXPECT_DOUBLE_EQ(at(0.5), 400);
 }
 
-}  // namespace
+}  // namespace test_registry
 }  // namespace imic3d::material

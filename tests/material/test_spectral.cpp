@@ -3,7 +3,7 @@
 #include "material_point.hpp"
 
 namespace imic3d::material {
-namespace {
+namespace test_spectral {
 
 using testing::Random;
 
@@ -127,5 +127,5 @@ TEST(Exponential, HasTheDerivativeOfDifferences) {
       testing::difference_errors(along, {derivative.components.begin(), derivative.components.end()}, 1.0), "exp");
 }
 
-}  // namespace
+}  // namespace test_spectral
 }  // namespace imic3d::material

@@ -7,7 +7,7 @@
 #include "material_point.hpp"
 
 namespace imic3d::material {
-namespace {
+namespace test_tangent {
 
 using testing::Case;
 using testing::DifferenceErrors;
@@ -153,5 +153,5 @@ TEST(SpatialTangent, OfElasticityByHandIsTheOneFromDualNumbers) {
   EXPECT_LT((a - b).norm() / b.norm(), 1e-14);
 }
 
-}  // namespace
+}  // namespace test_tangent
 }  // namespace imic3d::material

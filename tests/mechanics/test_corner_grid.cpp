@@ -5,7 +5,7 @@
 #include "box.hpp"
 
 namespace imic3d::mechanics {
-namespace {
+namespace test_corner_grid {
 
 using OwnedVec = PetscOwner<Vec, VecDestroy>;
 
@@ -85,5 +85,5 @@ TEST(CornerGrid, FollowsTheTangent) {
   EXPECT_NEAR(stiffness(), 2.0 * once, 1e-12 * once);
 }
 
-}  // namespace
+}  // namespace test_corner_grid
 }  // namespace imic3d::mechanics

@@ -9,7 +9,7 @@
 #include "imic3d/mechanics/equilibrium.hpp"
 
 namespace imic3d::mechanics {
-namespace {
+namespace test_equilibrium {
 
 std::vector<int> all_dofs(const std::vector<int>& nodes) {
   std::vector<int> dofs;
@@ -367,5 +367,5 @@ TEST(Equilibrium, AForceBeyondTheMaximumLoadIsNoticed) {
   EXPECT_TRUE(status.limit_point) << status.message;
 }
 
-}  // namespace
+}  // namespace test_equilibrium
 }  // namespace imic3d::mechanics

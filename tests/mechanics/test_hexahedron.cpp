@@ -9,7 +9,7 @@
 #include "imic3d/mechanics/one_point.hpp"
 
 namespace imic3d::mechanics {
-namespace {
+namespace test_hexahedron {
 
 /// Which element a test takes.
 template <int n>
@@ -145,5 +145,5 @@ TYPED_TEST(Hexahedron, AnInvertedElementIsReported) {
   EXPECT_FALSE(this->evaluate_at(this->u, result, true));
 }
 
-}  // namespace
+}  // namespace test_hexahedron
 }  // namespace imic3d::mechanics

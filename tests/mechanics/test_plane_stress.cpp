@@ -10,7 +10,7 @@
 #include "imic3d/mechanics/equilibrium.hpp"
 
 namespace imic3d::mechanics {
-namespace {
+namespace test_plane_stress {
 
 /// n[0] x n[1] quads on [0, size]; interior nodes moved at random by `distortion` of the cell size.
 mesh::Mesh sheet(std::array<int, 2> n, Eigen::Vector2d size, double thickness, double distortion = 0.0) {
@@ -200,5 +200,5 @@ TEST(PlaneStress, AThreeDimensionalLawOnASheetIsRefused) {
   EXPECT_THROW(Equilibrium(parts, solid, power_linear(), {}, {}), InputError);
 }
 
-}  // namespace
+}  // namespace test_plane_stress
 }  // namespace imic3d::mechanics

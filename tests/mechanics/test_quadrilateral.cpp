@@ -7,7 +7,7 @@
 #include "imic3d/mechanics/quadrilateral.hpp"
 
 namespace imic3d::mechanics {
-namespace {
+namespace test_quadrilateral {
 
 /// A distorted element of a sheet, stretched and wrinkled until it yields.
 template <class Size>
@@ -101,5 +101,5 @@ TYPED_TEST(Quadrilateral, AnInvertedElementIsReported) {
   EXPECT_FALSE(this->evaluate_at(this->u, result, true));
 }
 
-}  // namespace
+}  // namespace test_quadrilateral
 }  // namespace imic3d::mechanics

@@ -13,7 +13,7 @@
 #include "imic3d/mechanics/equilibrium.hpp"
 
 namespace imic3d::mechanics {
-namespace {
+namespace test_sensitivities {
 
 enum class Driven { by_displacement, by_force, by_images };
 
@@ -334,5 +334,5 @@ TEST(Sensitivities, NotOfAStepThatIsSolvedAgainWithOtherModuli) {
   EXPECT_THROW(equilibrium.run({}, power.parameters, 0.0, {}, {}, {}, nullptr, free), std::invalid_argument);
 }
 
-}  // namespace
+}  // namespace test_sensitivities
 }  // namespace imic3d::mechanics

@@ -3,7 +3,7 @@
 #include "imic3d/mechanics/solver_choice.hpp"
 
 namespace imic3d::mechanics {
-namespace {
+namespace test_solver_choice {
 
 TEST(SolverChoice, MemoryIsWhatWasMeasured) {
   EXPECT_NEAR(memory_of_direct_solver(596568, true), 14.8e9, 0.1e9);
@@ -27,5 +27,5 @@ TEST(SolverChoice, IsTwoGridsWhereTheyTakeLessTime) {
   EXPECT_FALSE(solves_corners_directly(1e6, 2.6e5, true, 10e9));
 }
 
-}  // namespace
+}  // namespace test_solver_choice
 }  // namespace imic3d::mechanics

@@ -4,7 +4,7 @@
 #include "../fuzz/mesh_input.hpp"
 
 namespace imic3d {
-namespace {
+namespace test_found {
 
 TEST(Found, MeshesGiveAResultOrAnInputError) {
   int files = 0;
@@ -15,5 +15,5 @@ TEST(Found, MeshesGiveAResultOrAnInputError) {
   EXPECT_GE(files, 7);
 }
 
-}  // namespace
+}  // namespace test_found
 }  // namespace imic3d

@@ -12,7 +12,7 @@
 #include "meshes.hpp"
 
 namespace imic3d::mesh {
-namespace {
+namespace test_generators {
 
 using ::testing::SizeIs;
 
@@ -93,5 +93,5 @@ TEST_F(Generator, Dumbbell) {
   }
 }
 
-}  // namespace
+}  // namespace test_generators
 }  // namespace imic3d::mesh

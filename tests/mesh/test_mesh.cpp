@@ -6,7 +6,7 @@
 #include "meshes.hpp"
 
 namespace imic3d::mesh {
-namespace {
+namespace test_mesh {
 
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
@@ -280,5 +280,5 @@ TEST(Contours, OuterCounterClockwiseThenHoles) {
   EXPECT_THAT(found[1], ElementsAre(14, 20, 21, 15));
 }
 
-}  // namespace
+}  // namespace test_mesh
 }  // namespace imic3d::mesh

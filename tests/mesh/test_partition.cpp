@@ -8,7 +8,7 @@
 #include "meshes.hpp"
 
 namespace imic3d::mesh {
-namespace {
+namespace test_partition {
 
 /// Everything that assembly relies on, on every rank.
 void expect_consistent(const Mesh& mesh, const Partition& partition) {
@@ -90,5 +90,5 @@ TEST(Petsc, AnErrorIsAnException) {
   PetscPopErrorHandler();
 }
 
-}  // namespace
+}  // namespace test_partition
 }  // namespace imic3d::mesh

@@ -6,7 +6,7 @@
 #include "meshes.hpp"
 
 namespace imic3d::mesh {
-namespace {
+namespace test_read {
 
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
@@ -291,5 +291,5 @@ TEST(Read, MeasuredDataOpenHoleTension) {
   }
 }
 
-}  // namespace
+}  // namespace test_read
 }  // namespace imic3d::mesh

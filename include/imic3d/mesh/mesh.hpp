@@ -129,6 +129,9 @@ struct Surface {
 /// InputError (no such face).
 [[nodiscard]] Surface back_surface(const Mesh& volume);
 
+/// Of a mesh of quadrilaterals, projected on the plane of x and y [length^2].
+[[nodiscard]] double plane_area(const Mesh& quads);
+
 /// Edges that belong to one cell only, as node numbers in order around each contour of a quad mesh
 /// (outer contour counter-clockwise first, then the holes, clockwise). The last node is joined to the first.
 [[nodiscard]] std::vector<std::vector<int>> contours(const Mesh& quads);
