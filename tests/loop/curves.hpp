@@ -8,6 +8,7 @@
 #include <memory>
 #include <optional>
 #include <random>
+#include <set>
 #include <utility>
 #include <vector>
 
@@ -71,6 +72,14 @@ class Curves final : public Experiment {
     for (const auto& p : parameters_) without.push_back(p.value);
     with = without, with[9] = size, with[10] = moment;
     measured_ += predict(with) - predict(without);
+    return *this;
+  }
+
+  /// An effect has a second size, which frames that are fitted hardly show.
+  Curves& with_untold(int effect) {
+    candidates_[static_cast<std::size_t>(effect)].parameters.push_back(static_cast<int>(parameters_.size()));
+    parameters_.push_back({.info = {.name = "untold", .unit = "-", .description = "", .lower = -1e6, .upper = 1e6, .null_value = 0.0}, .value = 0.0, .step = 1e-1, .prior = 0.0, .free = false});
+    for (int t : held_out_blocks(frames)) held_.insert(t);
     return *this;
   }
 
@@ -139,7 +148,8 @@ class Curves final : public Experiment {
         u += rest_of_gain_ * v[6] * (mark + unlike_twins * s * std::sin(5.0 * k));  // a rest that is nearly that of the twins
         u += (1.0 - std::exp(-0.5 * v[7] * s)) * (k % 2 == 0 ? 2.0 : -2.0) * s;  // not linear in its size
         u += like_drift_ * v[7] * v[7] * s * (k - 2.0);                    // where it is large
-        if (v.size() > 9) u += v[9] * std::exp(-std::pow((s - v[10]) / 0.06, 2)) * (k == 2 ? 1.0 : -0.5);
+        if (!held_.empty()) u += v.back() * (held_.contains(t) ? 1.0 : 1e-3) * std::cos(3.0 * k);
+        else if (v.size() > 9) u += v[9] * std::exp(-std::pow((s - v[10]) / 0.06, 2)) * (k == 2 ? 1.0 : -0.5);
         y[t * (numbers + 1) + k] = u;
       }
       y[t * (numbers + 1) + numbers] = 30.0 * v[0] * std::tanh(4.0 * s) + 20.0 * v[1] * s + 30.0 * v[6] * std::tanh(4.0 * s) + (records_offset ? v[8] : 0.0);
@@ -161,6 +171,7 @@ class Curves final : public Experiment {
   std::vector<Parameter> parameters_;
   std::vector<Candidate> candidates_;
   std::vector<Datum> data_;
+  std::set<int> held_;  // frames in which what is untold shows
   Eigen::VectorXd measured_;
   unsigned of_null_;
   double rest_of_gain_;

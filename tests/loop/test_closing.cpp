@@ -372,6 +372,19 @@ TEST(Closing, OthersBeyondTheLimitAreTriedWhereTheBestDoNotHelp) {
   EXPECT_EQ(report.verdict, Verdict::unexplained) << report.sentence;
 }
 
+/// An effect with a size that fitted frames hardly show would fit any held-out ones: these cannot check it.
+TEST(Closing, WhatNoHeldOutFrameChecksIsNotNamed) {
+  const Report told = loop_on(Curves(4, {{Curves::drift, 3.0}}));
+  EXPECT_EQ(told.set, std::vector<int>{Curves::drift});
+  const Report report = loop_on(Curves(4, {{Curves::drift, 3.0}}).with_untold(Curves::drift));
+  EXPECT_EQ(report.verdict, Verdict::unexplained);
+  EXPECT_EQ(std::count(report.named.begin(), report.named.end(), Curves::drift), 0);
+  const auto& trials = report.rounds.front().trials;
+  const auto trial = std::find_if(trials.begin(), trials.end(), [](const Trial& one) { return one.candidate == Curves::drift; });
+  ASSERT_NE(trial, trials.end());
+  EXPECT_TRUE(trial->objection.starts_with("no held-out frame checks it")) << trial->objection;
+}
+
 /// Its course over the frames is that of the largest singular value of the whitened residual.
 TEST(Closing, TheRemaindersFirstModeIsTheLargest) {
   const Report report = loop_on(Curves(2, {}, 4.0));
