@@ -372,6 +372,18 @@ TEST(Closing, OthersBeyondTheLimitAreTriedWhereTheBestDoNotHelp) {
   EXPECT_EQ(report.verdict, Verdict::unexplained) << report.sentence;
 }
 
+/// What leaves nothing of the fitted frames, but held-out ones worse than they were, is not what is missing.
+TEST(Closing, WhatHeldOutFramesDoNotShowIsNotNamed) {
+  const Report report = loop_on(Curves(4, {{Curves::drift, 3.0}}).without_drift_when_held_out());
+  EXPECT_EQ(report.verdict, Verdict::unexplained);
+  EXPECT_EQ(std::count(report.named.begin(), report.named.end(), Curves::drift), 0);
+  const auto& trials = report.rounds.front().trials;
+  const auto trial = std::find_if(trials.begin(), trials.end(), [](const Trial& one) { return one.candidate == Curves::drift; });
+  ASSERT_NE(trial, trials.end());
+  EXPECT_TRUE(trial->sufficient);
+  EXPECT_TRUE(trial->objection.starts_with("the held-out frames are explained worse")) << trial->objection;
+}
+
 /// An effect with a size that fitted frames hardly show would fit any held-out ones: these cannot check it.
 TEST(Closing, WhatNoHeldOutFrameChecksIsNotNamed) {
   const Report told = loop_on(Curves(4, {{Curves::drift, 3.0}}));
