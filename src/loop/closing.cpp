@@ -5,6 +5,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "imic3d/core/error.hpp"
 #include "imic3d/loop/effect.hpp"
@@ -413,6 +414,9 @@ class Loop {
   void judge(Trial& trial, const Model& at) {
     const Model& model = trial.model;
     trial.sufficient = !significant(model);
+    const auto object = [&](const std::string& reason) {  // the first one is said
+      if (std::exchange(trial.plausible, false)) trial.objection = reason;
+    };
     if (const auto k = without_size(experiment_, model); k && trial.sufficient) {
       trial.sufficient = false;
       trial.objection = fmt::format("nothing is left, but the size of {} is not told", candidate(*k).name);
@@ -426,38 +430,32 @@ class Loop {
         const double value = model.fit.values[static_cast<std::size_t>(j)];
         const double margin = std::isfinite(info.upper - info.lower) ? 0.01 * (info.upper - info.lower) : 0.1 * parameters[static_cast<std::size_t>(j)].step;
         if (value < info.lower + margin || value > info.upper - margin) {
-          trial.plausible = false;
-          trial.objection = fmt::format("{} = {:.4g} is at its bound", info.name, value);
+          object(fmt::format("{} = {:.4g} is at its bound", info.name, value));
         }
       }
     if (model.misfit.checkerboard > at.misfit.checkerboard * 1.02 && at.misfit.checkerboard > at.misfit.null_checkerboard) {
-      trial.plausible = false;
-      trial.objection = fmt::format("half of the surface is explained worse by the other half: chi {:.3f} after {:.3f}", model.misfit.checkerboard, at.misfit.checkerboard);
+      object(fmt::format("half of the surface is explained worse by the other half: chi {:.3f} after {:.3f}", model.misfit.checkerboard, at.misfit.checkerboard));
     }
     // A model whose own error of mesh and correlation is in doubt by more than it explains would explain anything. Both before any weighing, in units of the noise.
     const auto mean_square = [&](const Ground& ground, const Eigen::MatrixXd& weighed) { return Eigen::MatrixXd(ground.weight.undone(weighed)(rows_, Eigen::all)).squaredNorm() / static_cast<double>(weighed.cols()) / static_cast<double>(rows_.size()); };
     const double grown = mean_square(*model.ground, model.ground->null) - mean_square(*at.ground, at.ground->null);
     const double explained = mean_square(*at.ground, at.fit.residual) - mean_square(*model.ground, model.fit.residual);
     if (model.ground != at.ground && grown > std::max(0.0, explained)) {
-      trial.plausible = false;
-      trial.objection = fmt::format("what the mesh and the correlation err by in this model is in doubt by more ({:.2f} of the noise) than it explains ({:.2f}); a finer mesh would tell", std::sqrt(grown), std::sqrt(std::max(0.0, explained)));
+      object(fmt::format("what the mesh and the correlation err by in this model is in doubt by more ({:.2f} of the noise) than it explains ({:.2f}); a finer mesh would tell", std::sqrt(grown), std::sqrt(std::max(0.0, explained))));
     }
     for (std::size_t k = 0; k < model.misfit.cameras.size(); ++k) {
       const auto &now = model.misfit.cameras[k], &was = at.misfit.cameras[k];
       if (now.chi <= was.chi * 1.02 || was.chi <= was.null) continue;
-      trial.plausible = false;
-      trial.objection = fmt::format("the others explain the {} cameras worse: chi {:.3f} after {:.3f}", experiment_.channel_name(now.channel), now.chi, was.chi);
+      object(fmt::format("the others explain the {} cameras worse: chi {:.3f} after {:.3f}", experiment_.channel_name(now.channel), now.chi, was.chi));
     }
-    // What leaves nothing of the fitted frames, but no less of held-out ones of which noise does not explain all, is not what is missing; on the way there they may lose by the way.
-    if (const Misfit &now = model.misfit, &was = at.misfit; now.held_out > now.null_held_out && now.held_out > (trial.sufficient ? 1.0 : 1.02) * was.held_out) {
-      trial.plausible = false;
-      trial.objection = fmt::format("the held-out frames are explained worse: chi {:.3f} (null {:.3f}) after {:.3f}", now.held_out, now.null_held_out, was.held_out);
-    }
+    const Misfit &now = model.misfit, &was = at.misfit;
+    const auto square = [](double x) { return x * x; };
     // Sizes that the fitted frames do not tell leave any residual of the held-out ones within the null: nothing checks such an effect.
-    else if (const double doubt = now.null_held_out * now.null_held_out - was.null_held_out * was.null_held_out; doubt > std::max(3.0 * was.null_held_out * was.null_held_out, was.held_out * was.held_out - now.held_out * now.held_out)) {
-      trial.plausible = false;
-      trial.objection = fmt::format("no held-out frame checks it: what it would be there is in doubt by more (null {:.3f} after {:.3f}) than it explains", now.null_held_out, was.null_held_out);
-    }
+    if (const double doubt = square(now.null_held_out) - square(was.null_held_out); doubt > std::max(3.0 * square(was.null_held_out), square(was.held_out) - square(now.held_out)))
+      object(fmt::format("no held-out frame checks it: what it would be there is in doubt by more (null {:.3f} after {:.3f}) than it explains", now.null_held_out, was.null_held_out));
+    // What leaves nothing of the fitted frames, but no less of held-out ones of which noise does not explain all, is not what is missing; one that helps may leave a little more of these.
+    if ((now.held_out > now.null_held_out || was.held_out > was.null_held_out) && now.held_out > (trial.sufficient ? 1.0 : 1.02) * was.held_out)
+      object(fmt::format("the held-out frames are explained worse: chi {:.3f} (null {:.3f}) after {:.3f}", now.held_out, now.null_held_out, was.held_out));
     // Blocks of frames must agree about the size: each third's own estimate, from the linearised model.
     const auto& its = candidate(trial.candidate).parameters;
     std::vector<Eigen::Index> columns;
@@ -489,8 +487,7 @@ class Loop {
       }
     }
     if (compared > 1 && disagreement > 4.5 && !trial.sufficient) {
-      trial.plausible = false;
-      trial.objection = fmt::format("parts of the test disagree about its size by {:.1f} standard deviations", disagreement);
+      object(fmt::format("parts of the test disagree about its size by {:.1f} standard deviations", disagreement));
     }
   }
 

@@ -8,7 +8,6 @@
 #include <memory>
 #include <optional>
 #include <random>
-#include <set>
 #include <utility>
 #include <vector>
 
@@ -79,13 +78,13 @@ class Curves final : public Experiment {
   Curves& with_untold(int effect) {
     candidates_[static_cast<std::size_t>(effect)].parameters.push_back(static_cast<int>(parameters_.size()));
     parameters_.push_back({.info = {.name = "untold", .unit = "-", .description = "", .lower = -1e6, .upper = 1e6, .null_value = 0.0}, .value = 0.0, .step = 1e-1, .prior = 0.0, .free = false});
-    for (int t : held_out_blocks(frames)) held_.insert(t);
+    untold_ = static_cast<int>(parameters_.size()) - 1;
     return *this;
   }
 
   /// The drift that is measured in the held-out frames, too, is none of the model's there.
   Curves& without_drift_when_held_out() {
-    for (int t : held_out_blocks(frames)) without_drift_.insert(t);
+    drift_when_held_out_ = false;
     return *this;
   }
 
@@ -141,12 +140,14 @@ class Curves final : public Experiment {
   std::shared_ptr<const Size> learned_;
   Eigen::VectorXd predict(const std::vector<double>& v) const {
     Eigen::VectorXd y(frames * (numbers + 1));
+    const std::vector<int> held = held_out_blocks(frames);
     for (int t = 0; t < frames; ++t) {
       const double s = (t + 1.0) / frames;
+      const bool held_out = std::count(held.begin(), held.end(), t) > 0;
       for (int k = 0; k < numbers; ++k) {
         const double phi = std::cos(k * s), psi = s * s * std::sin(k + 2.0 * s);
         double u = v[0] * phi + v[1] * v[1] * psi;
-        u += without_drift_.contains(t) ? 0.0 : v[2] * s * (k - 2.0);      // drift
+        if (drift_when_held_out_ || !held_out) u += v[2] * s * (k - 2.0);  // drift
         u += v[3] * std::max(0.0, s - 0.6) * (k == 1 ? 3.0 : -1.0);      // kink
         const double mark = s * (1.0 - s) * std::cos(2.0 * k);
         u += (v[4] + v[5]) * mark + 1e-9 * v[5];                          // two that leave the same mark
@@ -154,8 +155,8 @@ class Curves final : public Experiment {
         u += rest_of_gain_ * v[6] * (mark + unlike_twins * s * std::sin(5.0 * k));  // a rest that is nearly that of the twins
         u += (1.0 - std::exp(-0.5 * v[7] * s)) * (k % 2 == 0 ? 2.0 : -2.0) * s;  // not linear in its size
         u += like_drift_ * v[7] * v[7] * s * (k - 2.0);                    // where it is large
-        if (!held_.empty()) u += v.back() * (held_.contains(t) ? 1.0 : 1e-3) * std::cos(3.0 * k);
-        else if (v.size() > 9) u += v[9] * std::exp(-std::pow((s - v[10]) / 0.06, 2)) * (k == 2 ? 1.0 : -0.5);
+        if (untold_ >= 0) u += v[static_cast<std::size_t>(untold_)] * (held_out ? 1.0 : 1e-3) * std::cos(3.0 * k);
+        if (v.size() > 10) u += v[9] * std::exp(-std::pow((s - v[10]) / 0.06, 2)) * (k == 2 ? 1.0 : -0.5);
         y[t * (numbers + 1) + k] = u;
       }
       y[t * (numbers + 1) + numbers] = 30.0 * v[0] * std::tanh(4.0 * s) + 20.0 * v[1] * s + 30.0 * v[6] * std::tanh(4.0 * s) + (records_offset ? v[8] : 0.0);
@@ -177,8 +178,8 @@ class Curves final : public Experiment {
   std::vector<Parameter> parameters_;
   std::vector<Candidate> candidates_;
   std::vector<Datum> data_;
-  std::set<int> held_;           // frames in which what is untold shows
-  std::set<int> without_drift_;  // frames in which the model has none
+  int untold_ = -1;  // a parameter that shows in held-out frames
+  bool drift_when_held_out_ = true;
   Eigen::VectorXd measured_;
   unsigned of_null_;
   double rest_of_gain_;

@@ -280,5 +280,17 @@ TEST(Contours, OuterCounterClockwiseThenHoles) {
   EXPECT_THAT(found[1], ElementsAre(14, 20, 21, 15));
 }
 
+/// Of each quadrilateral without its sign: a surface seen from behind has as much.
+TEST(Surface, AreaIsThatOfItsQuadrilaterals) {
+  Mesh quads;
+  quads.nodes.resize(6, 3);
+  quads.nodes << 0, 0, 5, 2, 0, 5, 3, 1, 5, 0, 1, 5, 4, 3, 5, 0, 3, 5;
+  quads.cells.resize(2, 4);
+  quads.cells << 0, 1, 2, 3, 3, 2, 4, 5;
+  EXPECT_DOUBLE_EQ(plane_area(quads), 2.5 + 7.0);
+  quads.nodes.col(0) *= -1.0;
+  EXPECT_DOUBLE_EQ(plane_area(quads), 2.5 + 7.0);
+}
+
 }  // namespace test_mesh
 }  // namespace imic3d::mesh
