@@ -12,9 +12,9 @@ namespace {
 
 using Points = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
 
-/// Between 0 and 1, of the square of side `side` that a point lies in.
-double of_flake(const Eigen::Vector2d& point, double side) {
-  std::uint64_t h = 0x9E3779B97F4A7C15U;
+/// Between 0 and 1, of the square of side `side` that a point lies in; another one for each `kind`.
+double of_flake(const Eigen::Vector2d& point, double side, std::uint64_t kind = 0) {
+  std::uint64_t h = 0x9E3779B97F4A7C15U + kind;
   for (int k = 0; k < 2; ++k) {
     h ^= static_cast<std::uint64_t>(static_cast<std::int64_t>(std::floor(point[k] / side)));
     h = (h ^ (h >> 30U)) * 0xBF58476D1CE4E5B9U;
@@ -22,6 +22,17 @@ double of_flake(const Eigen::Vector2d& point, double side) {
     h ^= h >> 31U;
   }
   return static_cast<double>(h >> 11U) * 0x1.0p-53;
+}
+
+/// Detail of unit variance that lies about one wave per pixel: after a motion of `moved` [px] its phase has turned once for each pixel. `side`: of a pixel [length].
+double beyond_nyquist(const Eigen::Vector2d& point, const Eigen::Vector2d& moved, double side) {
+  double sum = 0.0;
+  for (std::uint64_t axis = 0; axis < 2; ++axis) {
+    const double phase = 2.0 * M_PI * moved[static_cast<Eigen::Index>(axis)];
+    const auto wave = [&](std::uint64_t kind) { return std::sqrt(1.5) * (2.0 * of_flake(point, side, kind) - 1.0); };
+    sum += wave(1 + 2 * axis) * std::cos(phase) + wave(2 + 2 * axis) * std::sin(phase);
+  }
+  return sum;
 }
 
 }  // namespace
@@ -34,9 +45,10 @@ VirtualLight::VirtualLight(const PlantedEffects& planted, std::shared_ptr<const 
   std::vector<float> levels;
   for (int y = 0; y < reference.height; ++y)
     for (int x = 0; x < reference.width; ++x)
-      if (mapping.locate({x, y}, at)) levels.push_back(reference(x, y)), mean_ += reference(x, y);
+      if (mapping.locate({x, y}, at)) levels.push_back(reference(x, y)), mean_ += reference(x, y), variance_ += std::pow(static_cast<double>(reference(x, y)), 2);
   if (levels.empty()) return;
   mean_ /= static_cast<double>(levels.size());
+  variance_ = variance_ / static_cast<double>(levels.size()) - mean_ * mean_;
   flake_ = 8.0 * std::sqrt((surface.nodes.col(0).maxCoeff() - surface.nodes.col(0).minCoeff()) * (surface.nodes.col(1).maxCoeff() - surface.nodes.col(1).minCoeff()) / static_cast<double>(levels.size()));
   const Eigen::Vector2d middle = surface.nodes.colwise().mean().head<2>().transpose();
   const double share = planted.light(-1, middle, middle).saturated;
@@ -62,6 +74,10 @@ double VirtualLight::operator()(int frame, const Points& moved, imaging::Image& 
         for (int i = 0; i < 4; ++i) now += N[i] * moved.row(surface_.cells(at.quad, i)).head<2>().transpose();
         const Eigen::Vector2d point = mapping.reference(at);
         const loop::Light light = planted_.light(frame, point, now);
+        if (light.aliased > 0.0) {
+          const Eigen::Vector2d was = camera_->project({point[0], point[1], surface_.nodes(surface_.cells(at.quad, 0), 2)});
+          level += std::sqrt(light.aliased * variance_) * beyond_nyquist(point, Eigen::Vector2d(x, y) - was, 0.125 * flake_);
+        }
         level = of_flake(point, flake_) < light.foreign ? mean_ + light.beneath + light.contrast * (other_->grey({x, y}) - mean_) : light.gain * level + light.offset;
       } else {
         level = beside.gain * level + beside.offset;

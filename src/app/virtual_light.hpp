@@ -24,7 +24,7 @@ class VirtualLight {
   const mesh::Mesh& surface_;
   std::shared_ptr<const imaging::Texture> other_;
   imaging::PixelPoints in_plane_;  // of the nodes [length]
-  double exposure_ = 1.0, mean_ = 0.0, flake_ = 1.0;
+  double exposure_ = 1.0, mean_ = 0.0, variance_ = 0.0, flake_ = 1.0;  // of the reference; a flake has 8 pixels
 };
 
 }  // namespace imic3d::app

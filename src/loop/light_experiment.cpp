@@ -83,6 +83,7 @@ LightExperiment::LightExperiment(std::vector<LightCamera> cameras, std::vector<i
     const auto fitted = [&](bool LightOptics::*what) { return std::all_of(cameras_.begin(), cameras_.end(), [&](const auto& camera) { return camera.optics.*what; }); };
     if ((candidate.name == "light gain" || candidate.name == "light offset") && fitted(&LightOptics::gain_and_offset_fitted)) candidate.parameters.clear();
     if (candidate.name == "light gradient" && fitted(&LightOptics::local)) candidate.parameters.clear();
+    if (candidate.name == "aliasing" && fitted(&LightOptics::local)) std::erase_if(candidate.parameters, [&](int j) { return parameters_[static_cast<std::size_t>(j)].info.shape; });
     if (std::any_of(candidate.parameters.begin(), candidate.parameters.end(), [&](int j) { return !parameters_[static_cast<std::size_t>(j)].info.shape; })) candidates_.push_back(std::move(candidate));
     effects_.push_back(std::move(effect));
   }
@@ -240,14 +241,14 @@ Eigen::VectorXd LightExperiment::predicted(const std::vector<double>& values) co
           const Eigen::RowVector2d both((1.0 - light.foreign) * light.gain - 1.0, (1.0 - light.foreign) * light.offset + light.foreign * (optics.mean[c] + light.beneath));
           fitted.row(0) += both / 9.0;
           for (int a = 0; a < 2; ++a) fitted.row(1 + a) += both * (from[a] / (6.0 * std::pow(third * optics.size[a], 2)));
-          mean.foreign += light.foreign / 9.0, mean.beneath += light.beneath / 9.0, mean.contrast += light.contrast / 9.0, mean.noise += light.noise / 9.0, mean.saturated += light.saturated / 9.0;
+          mean.foreign += light.foreign / 9.0, mean.beneath += light.beneath / 9.0, mean.contrast += light.contrast / 9.0, mean.noise += light.noise / 9.0, mean.aliased += light.aliased / 9.0, mean.smeared += light.smeared / 9.0, mean.saturated += light.saturated / 9.0;
         }
         const Eigen::Vector3d gain = fitted.col(0), offset = fitted.col(1) + optics.mean[c] * gain;  // of f' and of 1
-        grows.segment<6>(6 * c) << offset[0], gain[0], offset[1], offset[2], gain[1], gain[2];
+        grows.segment<6>(6 * c) << offset[0], gain[0] - 0.5 * mean.smeared * frame.aliasing[c], offset[1], offset[2], gain[1], gain[2];
         const double f2 = optics.variance[c], b2 = mean.beneath * mean.beneath;
         const double excess = mean.foreign * (f2 * (1.0 + mean.contrast * mean.contrast) + b2) - mean.foreign * mean.foreign * (f2 + b2);
         const double of_noise = now * (1.0 - optics.absorbed) * (optics.level / optics.references + mean.noise * mean.noise * frame.frame_noise[c]);
-        squares(c, t) = (of_noise + excess) / w.expected(c, t) - 1.0;
+        squares(c, t) = (of_noise + mean.aliased * f2 * frame.aliasing[c] + excess) / w.expected(c, t) - 1.0;
         sums(2 * c + 1, t) = now * optics.pixels[c] * optics.level / optics.references * (1.0 - optics.absorbed);  // f holds noise that r holds, too
         if (c == 0) saturated[t] = root_of_count(mean.saturated * frame.pixels, frame.pixels);
       }

@@ -312,7 +312,7 @@ LightFrame LightStatistics::frame(const imaging::Image& image, const Eigen::Vect
   const Eigen::VectorXd zero = Eigen::VectorXd::Zero(cells);
   Eigen::VectorXd n = zero, sum_f = zero, sum_ff = zero, fourth = zero;
   result.linear.setZero(2 * cells + 2);
-  result.squares = result.frame_noise = result.spread = result.echo = result.echo_linear = zero;
+  result.squares = result.frame_noise = result.spread = result.echo = result.echo_linear = result.aliasing = zero;
   result.motion.assign(static_cast<std::size_t>(cells), Eigen::Vector2d::Zero());
   const double one = std::pow(variance_[0], 2);
   for (int e = 0; e < q.elements(); ++e) {
@@ -339,6 +339,7 @@ LightFrame LightStatistics::frame(const imaging::Image& image, const Eigen::Vect
         result.spread[c] += squared_(x, y);
         result.echo[c] += one - 2.0 * across_[x] * across_[y] + again_[x] * again_[y];
         result.echo_linear[c] += one - across_[x] * across_[y];
+        result.aliasing[c] += 2.0 - std::cos(2.0 * M_PI * d[0]) - std::cos(2.0 * M_PI * d[1]);
         result.motion[static_cast<std::size_t>(c)] += moved * N;
         const int column = std::clamp(row.column + i + static_cast<int>(std::lround(d[0])), 0, image.width - 1);
         const int line = std::clamp(row.row + static_cast<int>(std::lround(d[1])), 0, image.height - 1);
@@ -347,7 +348,7 @@ LightFrame LightStatistics::frame(const imaging::Image& image, const Eigen::Vect
   }
   result.pixels = n.sum();
   n = n.cwiseMax(1.0);
-  for (auto* mean : {&result.frame_noise, &result.echo}) *mean = mean->cwiseQuotient(n);
+  for (auto* mean : {&result.frame_noise, &result.echo, &result.aliasing}) *mean = mean->cwiseQuotient(n);
   // A pixel at a cell's edge has fewer neighbours: of a square all but (1 - reach/side)^2.
   result.spread = 2.0 * result.spread.array() / n.array().square() * (1.0 - reach_ / n.array().sqrt()).square();
   result.kurtosis = zero;

@@ -153,6 +153,12 @@ def main():
     plate("noisy", "{noise_level: {noise_drift: 0.5}}")
     more = (grey("noisy", 5) - grey("plain", 5))[inside]
     require(abs(more.std() / noise - 0.5) < 0.01 and abs(more.mean()) < 0.02 * noise, f"the noise grows by {more.std() / noise:.3f}, planted 0.5")
+    plate("fine", "{aliasing: {aliased: 0.1}}")
+    detail = [(grey("fine", frame) - grey("plain", frame))[inside] for frame in range(FRAMES)]
+    variance = grey("plain", 0)[inside].var()
+    same = [numpy.corrcoef(detail[0], one)[0, 1] for one in detail]
+    require(abs(detail[0].var() / variance - 0.1) < 0.01 and abs(detail[5].var() / variance - 0.1) < 0.01, f"detail beyond the pixels has {detail[0].var() / variance:.4f} of the variance, planted 0.1")
+    require(same[1] > 0.95 and same[5] < 0.9, f"its pattern in the frames goes with that in the reference by {', '.join(f'{one:.2f}' for one in same)}")
     plate("exposed", "{saturation: {saturated: 0.1}}")
     specimen = (numpy.abs(x) < high[0]) & (numpy.abs(y) < 14) & (numpy.hypot(x, y) > 2.5)
     share = numpy.mean(grey("exposed", 0)[specimen] == level)

@@ -334,10 +334,10 @@ def loop(program, folder, kills):
             require(False, f"{what}; resumed on {ranks}: status {status}\n{run.said}")
             return
         sentence, values, simulations = found()
-        # Whole runs on 1, 2 and 3 ranks are 3e-5 standard deviations apart.
+        # Whole runs on 1, 2 and 3 ranks are 3e-5 standard deviations apart. More groups of ranks take more simulations, derivatives being shared out: on three ranks that says nothing of what was spared.
         apart = max(abs(values[name]["value"] - one["value"]) / one["standard_deviation"] for name, one in truth[1].items())
         from_where = next((line.split("loop_checkpoint.h5: ")[1] for line in run.said.splitlines() if "loop_checkpoint.h5: " in line), "?")
-        require(sentence == truth[0] and apart < 1e-3 and simulations < truth[2] and not bad, f"{what}; resumed on {ranks} ({from_where}): {apart:.1e} standard deviations, {simulations} of {truth[2]} simulations {bad}")
+        require(sentence == truth[0] and apart < 1e-3 and (ranks > 2 or simulations < truth[2]) and not bad, f"{what}; resumed on {ranks} ({from_where}): {apart:.1e} standard deviations, {simulations} of {truth[2]} simulations {bad}")
 
     for ranks, others in ((2, 3), (3, 1)) if kills else ():
         shutil.rmtree(folder / "drift/run")
@@ -347,13 +347,13 @@ def loop(program, folder, kills):
         require(there, "a checkpoint of the loop")
         resumes(others, f"loop killed on {ranks}")
     shutil.rmtree(folder / "drift/run")
-    run = Run(program, case, 2, command="loop")
+    run = Run(program, case, 3, command="loop")
     run.wait_for(checkpoint.exists)
     time.sleep(0.25 * seconds)
     os.kill(run.process.pid, signal.SIGUSR1)
     status = run.finish()
     require(status == 4 and run.said.count("--resume") == 1 and answers() > 5 and not (folder / "drift/run/result.json").exists(), f"SIGUSR1 to a loop: status {status}, {answers()} answers kept")
-    resumes(3, "loop stopped")
+    resumes(2, "loop stopped")
     case.write_text(case.read_text().replace("modes: 40", "modes: 42"))
     run = Run(program, case, 2, True, command="loop")
     status, said = run.finish(), [line for line in run.said.splitlines() if "loop_checkpoint.h5" in line]

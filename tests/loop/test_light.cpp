@@ -40,9 +40,9 @@ made::Motion waves(int t) {
 
 /// A speckle in motion, photographed without noise once for all tests.
 struct Clean {
-  made::Speckle speckle{width, height}, other{width, height, 1.7, 5};
+  made::Speckle speckle, other{width, height, 1.7, 5};
   std::vector<Image> images;
-  explicit Clean(const std::function<made::Motion(int)>& way = motion) {
+  explicit Clean(const std::function<made::Motion(int)>& way = motion, double radius = 1.7) : speckle(width, height, radius) {
     for (int t = 0; t <= count; ++t) {
       images.push_back(made::photograph(speckle, width, height, way(t)));
       for (float& g : images.back().grey) g = 120.0F + 70.0F * (g - 32768.0F) / 28000.0F;
@@ -213,6 +213,25 @@ TEST_P(PlantedLight, IsNamedWithItsSize) {
   EXPECT_GE(covered, 4);
 }
 INSTANTIATE_TEST_SUITE_P(Effects, PlantedLight, ::testing::Range(0, 4));
+
+/// Blobs of so many pixels, integrated over whole pixels: what is beyond half a wave per pixel is not planted by the effect's formula. Taken for noise, it doubles it.
+TEST(Light, FineSpeckleIsAliased) {
+  double before = 1.0;
+  for (const double radius : {0.5, 0.8, 1.0}) {
+    const Clean fine(motion, radius);
+    Filmed test(6500, as_it_is, [](int) { return noise; }, fine);
+    auto experiment = test.experiment({.low_pass = 0.0, .border = 3.0});
+    const Report report = close_loop(experiment, quick());
+    const auto [size, deviation] = found(experiment, report, "aliased");
+    std::cout << "[          ] blobs of " << radius << " px: " << name(report.verdict) << ", " << report.sentence << '\n';
+    EXPECT_EQ(report.verdict, Verdict::attributed);
+    EXPECT_TRUE(has(experiment, report.set, "aliasing"));
+    EXPECT_GT(size, 5.0 * deviation);
+    EXPECT_LT(size, 0.5 * before);
+    EXPECT_NEAR(found(experiment, report, "noise").first, std::sqrt(noise * noise + 1.0 / 12.0), 0.15);
+    before = size;
+  }
+}
 
 TEST(Light, SaturationIsNamedWithItsShare) {
   Filmed test(6000, [](double grey, int, const auto&, const auto&) { return 1.45 * grey; });

@@ -44,6 +44,8 @@ struct LightFrame {
   Eigen::VectorXd spread;       ///< variance of the mean square for unit noise of Gaussian distribution [cells]
   /// Of an image that was made of f by interpolation: what unit noise of f leaves of the square of r, and of f' r [cells].
   Eigen::VectorXd echo, echo_linear;
+  /// What aliasing of all of f leaves of the square of r, over the variance of f: the mean of sum over x and y of 1 - cos(2 pi displacement [px]) [cells].
+  Eigen::VectorXd aliasing;
   std::vector<Eigen::Vector2d> motion;  ///< mean displacement of the cells [cells, length]
   double saturated = 0.0;       ///< pixels at the largest grey level
   double pixels = 0.0;

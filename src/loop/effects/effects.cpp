@@ -26,7 +26,7 @@ std::vector<std::shared_ptr<const Effect>> effects() {
           grip_slip(),    friction(),         stiff_region(),       strain_gain(), compliance()};
 }
 
-std::vector<std::shared_ptr<const Effect>> light_effects() { return {light_gain(), light_offset(), light_gradient(), saturation(), noise_level(), speckle_debonding()}; }
+std::vector<std::shared_ptr<const Effect>> light_effects() { return {light_gain(), light_offset(), light_gradient(), saturation(), noise_level(), aliasing(), speckle_debonding()}; }
 
 std::vector<std::shared_ptr<const Effect>> all_effects() {
   auto all = effects();

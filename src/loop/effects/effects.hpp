@@ -34,6 +34,7 @@ std::shared_ptr<const Effect> light_offset();
 std::shared_ptr<const Effect> light_gradient();
 std::shared_ptr<const Effect> saturation();
 std::shared_ptr<const Effect> noise_level();
+std::shared_ptr<const Effect> aliasing();
 std::shared_ptr<const Effect> speckle_debonding();
 std::shared_ptr<const Effect> hole_radius();
 std::shared_ptr<const Effect> hole_offset();
