@@ -14,7 +14,7 @@ using Points = Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>;
 
 /// Between 0 and 1, of the square of side `side` that a point lies in; another one for each `kind`.
 double of_flake(const Eigen::Vector2d& point, double side, std::uint64_t kind = 0) {
-  std::uint64_t h = 0x9E3779B97F4A7C15U + kind;
+  std::uint64_t h = 0x9E3779B97F4A7C15U * (2 * kind + 1);
   for (int k = 0; k < 2; ++k) {
     h ^= static_cast<std::uint64_t>(static_cast<std::int64_t>(std::floor(point[k] / side)));
     h = (h ^ (h >> 30U)) * 0xBF58476D1CE4E5B9U;
@@ -24,13 +24,24 @@ double of_flake(const Eigen::Vector2d& point, double side, std::uint64_t kind = 
   return static_cast<double>(h >> 11U) * 0x1.0p-53;
 }
 
-/// Detail of unit variance that lies about one wave per pixel: after a motion of `moved` [px] its phase has turned once for each pixel. `side`: of a pixel [length].
+/// Linear between the corners of squares of side `side`; unit variance.
+double wave(const Eigen::Vector2d& point, double side, std::uint64_t kind) {
+  const Eigen::Vector2d corner = side * (point / side).array().floor(), at = (point - corner) / side;
+  double sum = 0.0, square = 0.0;
+  for (int i = 0; i < 4; ++i) {
+    const Eigen::Vector2d to(i % 2, i / 2);
+    const double weight = (to - at).unaryExpr([](double x) { return 1.0 - std::abs(x); }).prod();
+    sum += weight * std::sqrt(3.0) * (2.0 * of_flake(corner + side * (to.array() + 0.5).matrix(), side, kind) - 1.0), square += weight * weight;
+  }
+  return sum / std::sqrt(square);
+}
+
+/// Detail of unit variance about one wave per pixel along x and along y: after a motion of `moved` [px] its phase has turned once for each pixel. `side`: over which it changes [length].
 double beyond_nyquist(const Eigen::Vector2d& point, const Eigen::Vector2d& moved, double side) {
   double sum = 0.0;
   for (std::uint64_t axis = 0; axis < 2; ++axis) {
     const double phase = 2.0 * M_PI * moved[static_cast<Eigen::Index>(axis)];
-    const auto wave = [&](std::uint64_t kind) { return std::sqrt(1.5) * (2.0 * of_flake(point, side, kind) - 1.0); };
-    sum += wave(1 + 2 * axis) * std::cos(phase) + wave(2 + 2 * axis) * std::sin(phase);
+    sum += std::sqrt(0.5) * (wave(point, side, 1 + 2 * axis) * std::cos(phase) + wave(point, side, 2 + 2 * axis) * std::sin(phase));
   }
   return sum;
 }
@@ -76,7 +87,7 @@ double VirtualLight::operator()(int frame, const Points& moved, imaging::Image& 
         const loop::Light light = planted_.light(frame, point, now);
         if (light.aliased > 0.0) {
           const Eigen::Vector2d was = camera_->project({point[0], point[1], surface_.nodes(surface_.cells(at.quad, 0), 2)});
-          level += std::sqrt(light.aliased * variance_) * beyond_nyquist(point, Eigen::Vector2d(x, y) - was, 0.125 * flake_);
+          level += std::sqrt(light.aliased * variance_) * beyond_nyquist(point, Eigen::Vector2d(x, y) - was, 0.3125 * flake_);
         }
         level = of_flake(point, flake_) < light.foreign ? mean_ + light.beneath + light.contrast * (other_->grey({x, y}) - mean_) : light.gain * level + light.offset;
       } else {
