@@ -145,9 +145,9 @@ LightFindings look_at_light(const Observation& seen, const io::Case& test, int f
     return std::any_of(report.set.begin(), report.set.end(), [&](int k) { return experiment.candidates()[static_cast<std::size_t>(k)].name == name; });
   };
   const double share = experiment.share_of_gain_and_offset(), with_gradient = experiment.share_of_gain_and_offset(true);
-  const bool found = report.verdict != loop::Verdict::nothing_found;
-  findings.gradient = !test.dic.local_brightness && found && (in_set("light gradient") || (share < 0.5 && with_gradient > 0.5));
-  findings.gain_or_offset = !test.dic.brightness && !test.dic.local_brightness && found && (in_set("light gain") || in_set("light offset") || share > 0.5);
+  const bool found = report.verdict != loop::Verdict::nothing_found, unexplained = report.verdict == loop::Verdict::unexplained;
+  findings.gradient = !test.dic.local_brightness && found && (in_set("light gradient") || (unexplained && share < 0.5 && with_gradient > 0.5));
+  findings.gain_or_offset = !test.dic.brightness && !test.dic.local_brightness && found && (in_set("light gain") || in_set("light offset") || (unexplained && share > 0.5));
   const auto listed = std::move(findings.json["cameras"]);
   findings.json = loop_summary(experiment, report);
   findings.json["cameras"] = listed;

@@ -24,7 +24,7 @@ double of_flake(const Eigen::Vector2d& point, double side, std::uint64_t kind = 
   return static_cast<double>(h >> 11U) * 0x1.0p-53;
 }
 
-/// Linear between the corners of squares of side `side`; unit variance.
+/// A random number for each point, linear between the corners of squares of side `side`; unit variance.
 double wave(const Eigen::Vector2d& point, double side, std::uint64_t kind) {
   const Eigen::Vector2d corner = side * (point / side).array().floor(), at = (point - corner) / side;
   double sum = 0.0, square = 0.0;
@@ -36,11 +36,11 @@ double wave(const Eigen::Vector2d& point, double side, std::uint64_t kind) {
   return sum / std::sqrt(square);
 }
 
-/// Detail of unit variance about one wave per pixel along x and along y: after a motion of `moved` [px] its phase has turned once for each pixel. `side`: over which it changes [length].
-double beyond_nyquist(const Eigen::Vector2d& point, const Eigen::Vector2d& moved, double side) {
+/// Detail of unit variance that pixels do not resolve: waves of 0.65 per pixel along x and along y, each of an amplitude and a phase that change over `side` [length]. `pixel`: where the point is in the reference.
+double beyond_nyquist(const Eigen::Vector2d& point, const Eigen::Vector2d& pixel, double side) {
   double sum = 0.0;
   for (std::uint64_t axis = 0; axis < 2; ++axis) {
-    const double phase = 2.0 * M_PI * moved[static_cast<Eigen::Index>(axis)];
+    const double phase = 2.0 * M_PI * 0.65 * pixel[static_cast<Eigen::Index>(axis)];
     sum += std::sqrt(0.5) * (wave(point, side, 1 + 2 * axis) * std::cos(phase) + wave(point, side, 2 + 2 * axis) * std::sin(phase));
   }
   return sum;
@@ -86,8 +86,8 @@ double VirtualLight::operator()(int frame, const Points& moved, imaging::Image& 
         const Eigen::Vector2d point = mapping.reference(at);
         const loop::Light light = planted_.light(frame, point, now);
         if (light.aliased > 0.0) {
-          const Eigen::Vector2d was = camera_->project({point[0], point[1], surface_.nodes(surface_.cells(at.quad, 0), 2)});
-          level += std::sqrt(light.aliased * variance_) * beyond_nyquist(point, Eigen::Vector2d(x, y) - was, 0.3125 * flake_);
+          const Eigen::Vector2d pixel = camera_->project({point[0], point[1], surface_.nodes(surface_.cells(at.quad, 0), 2)});
+          level += std::sqrt(light.aliased * variance_) * beyond_nyquist(point, pixel, 0.5 * flake_);
         }
         level = of_flake(point, flake_) < light.foreign ? mean_ + light.beneath + light.contrast * (other_->grey({x, y}) - mean_) : light.gain * level + light.offset;
       } else {

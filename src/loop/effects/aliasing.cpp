@@ -14,7 +14,7 @@ class Aliasing final : public Effect {
   [[nodiscard]] Description describe(const Scene&) const override {
     return {.name = "aliasing",
             .link = Link::light,
-            .quantities = {{.name = "aliased", .unit = "-", .description = "share of the grey levels' variance that is finer than pixels resolve, in all images", .step = 1e-4, .size = 0.02, .lower = 0.0, .upper = INFINITY},
+            .quantities = {{.name = "aliased", .unit = "-", .description = "share of the variance of the grey levels (as the correlation sees them, after its low pass) that pixels do not resolve, in all images", .step = 1e-4, .size = 0.02, .lower = 0.0, .upper = INFINITY},
                            {.name = "contrast_lost", .unit = "-", .description = "contrast lost halfway between pixels over the aliased share", .null = 3.0, .step = 1e-2, .lower = 1.0, .upper = 30.0, .shape = true, .scale = 3.0}},
             .sentence = "the speckle is finer than the pixels resolve",
             .confused_with = "noise level, motion that the mesh cannot follow",
