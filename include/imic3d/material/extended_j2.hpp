@@ -116,11 +116,17 @@ struct ExtendedJ2 {
     const StrainStep<T>& step;
     T G, K, volume;
     SymmetricTensor<T> s_trial;
+    struct Flow {
+      T q;
+      SymmetricTensor<T> n;
+    };
+    std::optional<Flow> radial;  // at dp = 0, where the flow's direction is that of the trial stress whatever dp is: neither back-stresses nor Hill's criterion
 
     At(const ExtendedJ2& law_, const StrainStep<T>& step_) : law(law_), step(step_), volume(trace(step.trial_strain)) {
       const IsotropicElasticity<T> elasticity(step.parameters[0], step.parameters[1]);
       G = elasticity.G, K = elasticity.K;
       s_trial = 2.0 * G * deviator(step.trial_strain);
+      if (of(Effect::hill).empty() && of(Effect::kinematic).empty() && of(Effect::kinematic_2).empty() && of(Effect::kinematic_3).empty()) radial = von_mises(s_trial);
     }
 
     [[nodiscard]] std::span<const T> of(Effect effect) const { return law.selection.of(effect, step.parameters); }
@@ -136,13 +142,16 @@ struct ExtendedJ2 {
       return sqrt(1.5 * double_dot(s_trial, s_trial));
     }
 
-    struct Flow {
-      T q;
-      SymmetricTensor<T> n;
-    };
+    [[nodiscard]] static Flow von_mises(const SymmetricTensor<T>& eta) {
+      using std::sqrt;
+      const T norm_squared = double_dot(eta, eta);
+      if (!(value(norm_squared) > 0.0)) return {T(0.0), SymmetricTensor<T>::zero()};
+      const T norm = sqrt(1.5 * norm_squared);
+      return {norm, T(1.5 / norm) * eta};
+    }
     /// q and n where the plastic strain is dp: xi = eta - 2/3 beta dp n with beta = 3 G + sum C_i / (1 + gamma_i dp).
     [[nodiscard]] std::optional<Flow> flow(const T& dp) const {
-      using std::sqrt;
+      if (radial) return Flow{radial->q - 3.0 * G * dp, radial->n};
       SymmetricTensor<T> eta = s_trial;
       T beta = 3.0 * G;
       each_back_stress([&](std::size_t i, auto kinematic, std::span<const T> p) {
@@ -156,10 +165,9 @@ struct ExtendedJ2 {
         if (!found) return std::nullopt;
         return Flow{found->q, push_forward(axes, found->n)};
       }
-      const T norm_squared = double_dot(eta, eta);
-      if (!(value(norm_squared) > 0.0)) return Flow{T(0.0) - beta * dp, SymmetricTensor<T>::zero()};
-      const T norm = sqrt(1.5 * norm_squared);
-      return Flow{norm - beta * dp, T(1.5 / norm) * eta};
+      Flow found = von_mises(eta);
+      found.q -= beta * dp;
+      return found;
     }
 
     [[nodiscard]] T mean_stress(const T& dp) const {
@@ -205,6 +213,7 @@ struct ExtendedJ2 {
 
     /// Of the yield condition [stress]: positive where the elastic predictor is beyond it, falling with dp.
     [[nodiscard]] T residual(const T& dp) const {
+      if (radial) return radial->q - 3.0 * G * dp - strength(dp, radial->n);
       const auto flowing = flow(dp);
       if (!flowing) return T(std::nan(""));
       return flowing->q - strength(dp, flowing->n);

@@ -18,7 +18,7 @@ class Aliasing final : public Effect {
                            {.name = "contrast_lost", .unit = "-", .description = "contrast lost halfway between pixels over the aliased share", .null = 3.0, .step = 1e-2, .lower = 1.0, .upper = 30.0, .shape = true, .scale = 3.0}},
             .sentence = "the speckle is finer than the pixels resolve",
             .confused_with = "noise level, motion that the mesh cannot follow",
-            .separated_by = "frames moved by fractions of a pixel before the test; a lens a little out of focus"};
+            .separated_by = "frames moved by fractions of a pixel before the test; a lens a little out of focus, or `dic.low_pass`"};
   }
   void light(Values values, const Scene&, int, const Eigen::Vector2d&, const Eigen::Vector2d&, Light& light) const override { light.aliased += values[0], light.smeared += values[0] * values[1]; }
 };
