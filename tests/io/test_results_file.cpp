@@ -100,7 +100,7 @@ TEST(ResultsFile, AKilledRunLeavesEveryFinishedFrame) {
   constexpr std::size_t frames = 2000, nodes = 1000;
   std::mt19937 random(1);
   std::size_t most = 0;
-  for (int trial = 0; trial < 20; ++trial) {
+  for (int trial = 0; trial < 20 || (most <= 10 && trial < 40); ++trial) {  // on a busy machine children write little in the first 20
     const auto path = folder.path() / "results.h5";
     {
       auto file = ResultsFile::create(path);
@@ -112,7 +112,7 @@ TEST(ResultsFile, AKilledRunLeavesEveryFinishedFrame) {
     const pid_t child = ::fork();
     ASSERT_GE(child, 0);
     if (child == 0) write_frames_for_ever(path, frames, nodes);
-    ::usleep(1000 + random() % 60000);
+    ::usleep(1000 + random() % (trial < 20 ? 60000 : 600000));
     ::kill(child, SIGKILL);
     ::waitpid(child, nullptr, 0);
 
