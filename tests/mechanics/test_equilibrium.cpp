@@ -2,6 +2,7 @@
 
 #include <Eigen/Dense>
 #include <cmath>
+#include <numeric>
 #include <set>
 #include <utility>
 
@@ -286,10 +287,13 @@ TEST(Equilibrium, LargeFramesTakeFewIterations) {
   Equilibrium equilibrium(partition, mesh, power_linear(), dofs, {});
   const auto status = equilibrium.run(steps, steel, 0.0, [](int, const FrameState&) {});
   ASSERT_EQ(status.frames, 7) << status.message;
-  EXPECT_EQ(status.increments, std::vector<int>(7, 1));
   // On several ranks MUMPS sums in the order in which messages arrive, and the searched path goes with the last digits: 34 to 68 factorisations in six runs on
-  // three, 48 to 57 iterations of Newton's method (once 78).
-  if (world.size() > 1) return;
+  // three, 48 to 57 iterations of Newton's method (once 78). Beside another program one of eight runs cuts the sixth frame in two.
+  if (world.size() > 1) {
+    EXPECT_LE(std::accumulate(status.increments.begin(), status.increments.end(), 0), 8);
+    return;
+  }
+  EXPECT_EQ(status.increments, std::vector<int>(7, 1));
   EXPECT_LE(status.work.factorisations, 50);
 
   Equilibrium newton(partition, mesh, power_linear(), dofs, {.keep_factors = false});
