@@ -66,7 +66,7 @@ struct Light {
   double contrast = 1.0;            ///< its contrast over the specimen's
   double noise = 1.0;               ///< standard deviation of the image noise over the reference's
   double aliased = 0.0;             ///< share of the variance of grey levels that pixels and interpolation do not resolve, in all frames and the reference
-  double smeared = 0.0;             ///< twice the share of the contrast that interpolation takes away half a pixel along x or y from the reference
+  double smeared = 0.0;             ///< share of the contrast that interpolation takes away where a frame has moved by half a pixel along x; as much along y
   double saturated = 0.0;           ///< share of the specimen's pixels that the exposure takes to the largest grey level, in all frames and the reference
 };
 

@@ -126,7 +126,9 @@ struct ExtendedJ2 {
       const IsotropicElasticity<T> elasticity(step.parameters[0], step.parameters[1]);
       G = elasticity.G, K = elasticity.K;
       s_trial = 2.0 * G * deviator(step.trial_strain);
-      if (of(Effect::hill).empty() && of(Effect::kinematic).empty() && of(Effect::kinematic_2).empty() && of(Effect::kinematic_3).empty()) radial = von_mises(s_trial);
+      bool turned = !of(Effect::hill).empty();
+      each_back_stress([&](std::size_t, auto, std::span<const T>) { turned = true; });
+      if (!turned) radial = von_mises(s_trial);
     }
 
     [[nodiscard]] std::span<const T> of(Effect effect) const { return law.selection.of(effect, step.parameters); }
@@ -137,10 +139,7 @@ struct ExtendedJ2 {
       for (std::size_t k = 0; k < 6; ++k) alpha.components[k] = step.state[2 + 6 * i + k];
       return alpha;
     }
-    [[nodiscard]] T trial_stress() const {
-      using std::sqrt;
-      return sqrt(1.5 * double_dot(s_trial, s_trial));
-    }
+    [[nodiscard]] T trial_stress() const { return von_mises(s_trial).q; }
 
     [[nodiscard]] static Flow von_mises(const SymmetricTensor<T>& eta) {
       using std::sqrt;
@@ -213,7 +212,7 @@ struct ExtendedJ2 {
 
     /// Of the yield condition [stress]: positive where the elastic predictor is beyond it, falling with dp.
     [[nodiscard]] T residual(const T& dp) const {
-      if (radial) return radial->q - 3.0 * G * dp - strength(dp, radial->n);
+      if (radial) return radial->q - 3.0 * G * dp - strength(dp, radial->n);  // as below, without a copy of n: all that is gained
       const auto flowing = flow(dp);
       if (!flowing) return T(std::nan(""));
       return flowing->q - strength(dp, flowing->n);
