@@ -233,6 +233,20 @@ TEST(Light, FineSpeckleIsAliased) {
   }
 }
 
+/// Where each element's gain is the correlation's, the squares alone are left, and nothing tells the contrast.
+TEST(Light, FineSpeckleIsAliasedUnderLocalBrightnessToo) {
+  const Clean fine(motion, 0.8);
+  Filmed test(6500, as_it_is, [](int) { return noise; }, fine);
+  auto experiment = test.experiment({.low_pass = 0.0, .border = 3.0, .local_brightness = true});
+  const Report report = close_loop(experiment, quick());
+  std::cout << "[          ] " << report.sentence << '\n';
+  EXPECT_EQ(report.verdict, Verdict::attributed);
+  EXPECT_TRUE(has(experiment, report.set, "aliasing"));
+  const auto [size, deviation] = found(experiment, report, "aliased");
+  EXPECT_NEAR(size, 0.002, 0.0003);  // as with its gain known
+  EXPECT_TRUE(std::isnan(found(experiment, report, "contrast_lost").first));
+}
+
 /// Of a wave of k per pixel cubic splines take 1 - h, and h is that of k - 1: h = sinc(k - 1)^4 / (sinc(k - 1)^4 + sinc(k)^4 + ...).
 TEST(Light, WavesThatSplinesLoseHaveTheirShare) {
   const auto sinc4 = [](double x) { return std::pow(std::sin(M_PI * x) / (M_PI * x), 4); };
