@@ -29,6 +29,7 @@ inline std::vector<EffectCase> effect_cases() {
           with_effects("three back-stresses", {"kinematic", "kinematic_2", "kinematic_3"},
                        {20e3, 150, 3e3, 12, 60e3, 1200}),
           with_effects("hill", {"hill"}, {1.2, 0.85, 1.1, 25}),
+          with_effects("hill, two back-stresses, rate", {"kinematic", "kinematic_2", "hill", "rate"}, {20e3, 150, 3e3, 12, 1.2, 0.85, 1.1, 25, 0.02, 1e-3}),
           with_effects("viscosity", {"viscosity"}, {80, 0.4}),
           with_effects("rate", {"rate"}, {0.02, 1e-3}),
           with_effects("heating", {"heating"}, {2e-3, 0.3}),

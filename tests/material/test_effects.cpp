@@ -144,7 +144,7 @@ TEST(Effects, RotationsOfTheSpecimenTurnTheStress) {
           << c.name << " step " << step;
       anisotropy = std::max(anisotropy, (testing::tensor_of(cut.advance(F * R).kirchhoff) - tau).norm() / tau.norm());
     }
-    if (effect.name == "hill" || effect.name == "all")
+    if (effect.name.starts_with("hill") || effect.name == "all")
       EXPECT_GT(anisotropy, 1e-3) << c.name;
     else
       EXPECT_LT(anisotropy, 1e-11) << c.name;

@@ -108,6 +108,67 @@ struct ExtendedJ2 {
     return true;
   }
 
+  /// eps_33 that makes the stress through the thickness vanish. In the plane, back-stresses being counted from their normal component, eta = stress - back-stress returns by
+  ///
+  ///   (1 + dp/q (C + 2/3 sum C_i/(1 + gamma_i dp) P) M) eta = C E_trial - sum alpha_i,old/(1 + gamma_i dp)
+  ///
+  /// with C of plane stress, P = [2 1; 1 2] and M of the criterion; on the yield surface q is the strength, so that all follows from dp (de Souza Neto et al. 2008, ch. 9; Hill's axes). None where volume or heat take part.
+  [[nodiscard]] std::optional<double> thickness_strain(const StrainStep<double>& step) const noexcept {
+    using D = Dual<1>;
+    if (cauchy_yield || selection.has(Effect::pressure) || selection.has(Effect::heating)) return std::nullopt;
+    const ConstantStep<D, state_size> constants(step);
+    const StrainStep<D> constant_step = constants.step();
+    const At<D> at(*this, constant_step);
+    const double E = step.parameters[0], nu = step.parameters[1], shear = E / (1.0 + nu), along = E / (1.0 - nu * nu);
+    double F = 0.5, G = 0.5, H = 0.5, N = 1.5;
+    std::optional<Tensor<D>> axes;
+    if (const auto p = at.of(Effect::hill); !p.empty()) {
+      const effects::Hill48::Coefficients<D> M(p);
+      F = value(M.F), G = value(M.G), H = value(M.H), N = value(M.N), axes = effects::Hill48::axes(p);
+    }
+    const auto in_axes = [&](const SymmetricTensor<D>& A) { return axes ? pull_back(*axes, A) : A; };
+    const SymmetricTensor<D> e = in_axes(constant_step.trial_strain);
+    struct Returned {
+      D f, strength, first, second, q, mean;  // f = dp/q; eta along both axes; twice the mean stress
+    };
+    const auto returned = [&](const D& dp) {
+      using std::sqrt;
+      const D strength = at.strength(dp, SymmetricTensor<D>::zero()), f = dp / strength;
+      D follows(0.0), back_first(0.0), back_second(0.0), back_shear(0.0);
+      at.each_back_stress([&](std::size_t i, auto kinematic, std::span<const D> p) {
+        const SymmetricTensor<D> old = kinematic.fading(p, dp) * in_axes(at.old_back_stress(i));
+        back_first += old[0] - old[2], back_second += old[1] - old[2], back_shear += old[3];
+        follows += (2.0 / 3.0) * kinematic.modulus(p, dp);
+      });
+      const D b_first = along * (e[0] + nu * e[1]) - back_first, b_second = along * (e[1] + nu * e[0]) - back_second;
+      const D a = f * (along + 2.0 * follows), b = f * (nu * along + follows);
+      const D k11 = 1.0 + a * (G + H) - b * H, k12 = b * (F + H) - a * H, k21 = b * (G + H) - a * H, k22 = 1.0 + a * (F + H) - b * H;
+      const D scale = 1.0 / (k11 * k22 - k12 * k21);
+      const D first = scale * (k22 * b_first - k12 * b_second), second = scale * (k11 * b_second - k21 * b_first);
+      const D across = (shear * e[3] - back_shear) / (1.0 + (shear + follows) * N * f);
+      const D n_first = G * first + H * (first - second), n_second = F * second + H * (second - first);  // times q
+      return Returned{f, strength, first, second, sqrt(first * n_first + second * n_second + 2.0 * N * across * across),
+                      first + second + back_first + back_second + 3.0 * follows * f * (n_first + n_second)};
+    };
+    const auto residual = [&](const D& dp) {
+      const Returned there = returned(dp);
+      return value(there.strength) > 0.0 ? there.q - there.strength : D(std::nan(""));
+    };
+    double dp = 0.0;
+    const double excess = value(residual(D(0.0)));
+    if (std::isnan(excess)) return std::nullopt;
+    if (excess > 0.0) {
+      double upper = excess / (1.5 * shear);
+      for (int doubling = 0; !(value(residual(D(upper))) < 0.0); ++doubling, upper *= 2.0)
+        if (doubling == 60) return std::nullopt;
+      const auto root = bracketed_newton(residual, 0.0, upper, excess + value(at.strength(D(0.0), SymmetricTensor<D>::zero())));
+      if (!root) return std::nullopt;
+      dp = *root;
+    }
+    const Returned there = returned(D(dp));
+    return -value(there.mean) * nu / E - value(there.f) * (G * value(there.first) + F * value(there.second)) - step.trial_strain[2];
+  }
+
  private:
   /// Everything that a step knows, and what follows from it for a plastic strain dp.
   template <Scalar T>
@@ -148,15 +209,19 @@ struct ExtendedJ2 {
       const T norm = sqrt(1.5 * norm_squared);
       return {norm, T(1.5 / norm) * eta};
     }
-    /// q and n where the plastic strain is dp: xi = eta - 2/3 beta dp n with beta = 3 G + sum C_i / (1 + gamma_i dp).
+    /// eta and beta of xi = eta - 2/3 beta dp n: s_trial - sum alpha_i,old / (1 + gamma_i dp), 3 G + sum C_i / (1 + gamma_i dp).
+    [[nodiscard]] std::pair<SymmetricTensor<T>, T> relative(const T& dp) const {
+      std::pair<SymmetricTensor<T>, T> both(s_trial, 3.0 * G);
+      each_back_stress([&](std::size_t i, auto kinematic, std::span<const T> p) {
+        both.first = both.first - kinematic.fading(p, dp) * old_back_stress(i);
+        both.second += kinematic.modulus(p, dp);
+      });
+      return both;
+    }
+    /// q and n where the plastic strain is dp.
     [[nodiscard]] std::optional<Flow> flow(const T& dp) const {
       if (radial) return Flow{radial->q - 3.0 * G * dp, radial->n};
-      SymmetricTensor<T> eta = s_trial;
-      T beta = 3.0 * G;
-      each_back_stress([&](std::size_t i, auto kinematic, std::span<const T> p) {
-        eta = eta - kinematic.fading(p, dp) * old_back_stress(i);
-        beta += kinematic.modulus(p, dp);
-      });
+      const auto [eta, beta] = relative(dp);
       if (const auto p = of(Effect::hill); !p.empty()) {
         const Tensor<T> axes = effects::Hill48::axes(p);
         const auto found = effects::Hill48::flow(effects::Hill48::Coefficients<T>(p), pull_back(axes, eta),
@@ -213,6 +278,16 @@ struct ExtendedJ2 {
     /// Of the yield condition [stress]: positive where the elastic predictor is beyond it, falling with dp.
     [[nodiscard]] T residual(const T& dp) const {
       if (radial) return radial->q - 3.0 * G * dp - strength(dp, radial->n);  // as below, without a copy of n: all that is gained
+      if (const auto p = of(Effect::hill); !p.empty() && of(Effect::heating).empty()) {
+        // Where the condition is met q is the strength, and the stress follows from it without a search.
+        using std::sqrt;
+        const T q = strength(dp, SymmetricTensor<T>::zero());
+        if (!(value(q) > 0.0)) return T(std::nan(""));
+        const auto [eta, beta] = relative(dp);
+        const effects::Hill48::Coefficients<T> M(p);
+        const SymmetricTensor<T> xi = q * effects::Hill48::scaled(M, pull_back(effects::Hill48::axes(p), eta), T((2.0 / 3.0) * beta * dp), q);
+        return sqrt(double_dot(xi, M * xi)) - q;
+      }
       const auto flowing = flow(dp);
       if (!flowing) return T(std::nan(""));
       return flowing->q - strength(dp, flowing->n);

@@ -56,17 +56,21 @@ struct PlaneStress {
     if (!root) root = increasing_newton(normal_stress, value(step.state[thickness_strain_index]), [&] { return scale; });
     if (!root) return false;
 
-    // (ii) its derivatives, from the equation at the root
+    // (ii) the law's answer there
     T thickness_strain(*root);
     StressUpdate<T, Law::state_size> there;
-    if constexpr (derivatives_of<T> > 0) {
-      if (!law.update(with(step, T(*root)), there)) return false;
-      thickness_strain =
-          implicit_root(*root, there.stress[2], normal_stress(Dual<1>::variable(*root, 0)).derivative[0]);
-    }
-
-    // (iii) the law's answer there
     if (!law.update(with(step, thickness_strain), there)) return false;
+
+    // (iii) its derivatives: those of the root, from the equation there, and what the answer changes along them
+    if constexpr (derivatives_of<T> > 0) {
+      StressUpdate<Dual<1>, Law::state_size> along;
+      if (!law.update(plus(constants.step(), Dual<1>::variable(*root, 0)), along)) return false;
+      thickness_strain = implicit_root(*root, there.stress[2], along.stress[2].derivative[0]);
+      const T change = thickness_strain - *root;  // null, but for its derivatives
+      const auto follow = [&change](T& answer, const Dual<1>& its) { answer += its.derivative[0] * change; };
+      for (int i = 0; i < 6; ++i) follow(there.stress[i], along.stress[i]), follow(there.plastic_increment[i], along.plastic_increment[i]);
+      for (std::size_t i = 0; i < there.state.size(); ++i) follow(there.state[i], along.state[i]);
+    }
     result.stress = there.stress;
     result.plastic_increment = there.plastic_increment;
     std::copy(there.state.begin(), there.state.end(), result.state.begin());
