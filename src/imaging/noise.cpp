@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace imic3d::imaging {
 namespace {
@@ -28,13 +29,15 @@ double half_variance_of_difference(const Image& a, const Image& b, const Image* 
   mean /= static_cast<double>(difference.size());
   std::vector<float> magnitude(difference.size());
   for (std::size_t i = 0; i < difference.size(); ++i) magnitude[i] = std::abs(difference[i] - static_cast<float>(mean));
-  const double scale = std::max(1.4826 * static_cast<double>(median(magnitude)), 1.0);  // one grey level at least
-  // The median alone would be too coarse for the integers of 8-bit frames: it only says what lies outside.
-  double sum = 0.0, count = 0.0;
-  for (const float d : difference) {
-    const double centred = d - mean;
-    if (std::abs(centred) > 4.0 * scale) continue;
-    sum += centred * centred, count += 1.0;
+  // The median of integers is too coarse, for the deviation and for what lies outside too: it is where the search for both begins.
+  double scale = 1.4826 * static_cast<double>(median(magnitude)), sum = 0.0, count = 0.0;
+  for (int round = 0; round < 5; ++round) {
+    const auto within = static_cast<float>(4.0 * std::max(scale, 1.0));  // one grey level at least
+    sum = 0.0, count = 0.0;
+    for (const float m : magnitude)
+      if (m <= within) sum += static_cast<double>(m) * m, count += 1.0;
+    const double last = std::exchange(scale, std::sqrt(sum / std::max(1.0, count)));
+    if (std::abs(scale - last) < 1e-3 * scale) break;
   }
   return count > 0.0 ? 0.5 * sum / count : 0.0;
 }
