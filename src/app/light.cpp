@@ -148,7 +148,10 @@ LightFindings look_at_light(const Observation& seen, const io::Case& test, int f
   const bool found = report.verdict != loop::Verdict::nothing_found, unexplained = report.verdict == loop::Verdict::unexplained;
   findings.gradient = !test.dic.local_brightness && found && (in_set("light gradient") || (unexplained && share < 0.5 && with_gradient > 0.5));
   findings.gain_or_offset = !test.dic.brightness && !test.dic.local_brightness && found && (in_set("light gain") || in_set("light offset") || (unexplained && share > 0.5));
-  const auto listed = std::move(findings.json["cameras"]);
+  auto listed = std::move(findings.json["cameras"]);
+  const Eigen::MatrixXd noise = experiment.frame_noise();
+  for (Eigen::Index k = 0; k < noise.rows(); ++k) listed[experiment.cameras()[static_cast<std::size_t>(k)].optics.camera]["relative_noise"] = std::vector<double>(noise.row(k).begin(), noise.row(k).end());
+  for (std::size_t k = 0; found && k < place.size(); ++k) findings.frame_noise.emplace_back((noise(place[k], Eigen::all).colwise().squaredNorm() / static_cast<double>(place[k].size())).cwiseSqrt().transpose());
   findings.json = loop_summary(experiment, report);
   findings.json["cameras"] = listed;
   findings.json["residual"] = {{"rms", findings.rms}, {"unit", "grey level"}};

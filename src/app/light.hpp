@@ -20,6 +20,7 @@ struct LightFindings {
   std::string sentence;
   bool gain_or_offset = false;  ///< found, or most of what was found is a gain and an offset of each frame
   bool gradient = false;        ///< found, or most of it grows linearly over the surface beside
+  std::vector<Eigen::VectorXd> frame_noise;  ///< of each face, over the cameras' noise [frames]; empty where nothing was found
   double rms = 0.0;             ///< of the grey levels that the correlation leaves, over the frames [grey level]
   nlohmann::json json;          ///< section `light` of result.json
 };

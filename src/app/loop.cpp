@@ -232,7 +232,10 @@ class FieldTest final : public LoopTest {
     };
     auto found = look();
     light_ = std::move(found.json);
-    if (!found.gain_or_offset && !found.gradient) return;
+    if (!found.gain_or_offset && !found.gradient) {
+      take_noise(found.frame_noise);
+      return;
+    }
     bool& option = found.gradient ? test_.dic.local_brightness : test_.dic.brightness;
     option = true;
     const std::string name = found.gradient ? "dic.local_brightness" : "dic.brightness";
@@ -246,6 +249,18 @@ class FieldTest final : public LoopTest {
     say(fmt::format("light: grey levels left {:.3f} -> {:.3f}; {}", found.rms, after.rms, after.sentence));
     light_["corrected"] = {{"option", name}, {"rms_before", found.rms}, {"rms_after", after.rms}, {"unit", "grey level"}, {"after", after.json}};
     light_["sentence"] = fmt::format("{} The images were correlated again with {}: grey levels left {:.2f} -> {:.2f}. {}", found.sentence, name, found.rms, after.rms, after.sentence);
+    take_noise(after.frame_noise);
+  }
+
+  /// Where the light of the frames is not what noise at rest makes it, the motion is as noisy as the grey levels that the correlation leaves.
+  void take_noise(const std::vector<Eigen::VectorXd>& of_faces) {
+    if (of_faces.empty()) return;
+    loop::FieldData data = experiment_->measured();
+    for (std::size_t k = 0; k < of_faces.size(); ++k) data.faces[k].frame_noise = of_faces[k];
+    lay_out(std::move(data));
+    double least = INFINITY, largest = 0.0;
+    for (const auto& noise : of_faces) least = std::min(least, noise.minCoeff()), largest = std::max(largest, noise.maxCoeff());
+    light_["sentence"] = fmt::format("{} The motion is judged by the noise of each frame, {:.2f} to {:.2f} of that at rest.", light_["sentence"].get<std::string>(), least, largest);
   }
 
   const Communicator& world_;

@@ -133,6 +133,11 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
         step.d_prescribed.col(static_cast<Eigen::Index>(k)) = direction.prescribed.col(t);
         if (direction.force.size() > 0) step.d_force.col(static_cast<Eigen::Index>(k)) = direction.force.col(t);
       }
+      if (t == 0 && std::any_of(run.directions.begin(), run.directions.end(), [](const auto& direction) { return direction.section.size() > 0; })) {
+        step.d_section.setZero(specimen_.volume.cells.rows(), step.d_prescribed.cols());
+        for (std::size_t k = 0; k < run.directions.size(); ++k)
+          if (run.directions[k].section.size() > 0) step.d_section.col(static_cast<Eigen::Index>(k)) = run.directions[k].section;
+      }
       if (control == Control::displacement) continue;
       step.force.setZero(3 * specimen_.volume.nodes.rows());
       for (std::size_t i = 0; i < run.forces->dofs.size(); ++i)

@@ -11,6 +11,7 @@
 #include <cstdint>
 #include <optional>
 #include <random>
+#include <tuple>
 
 #include "imic3d/core/error.hpp"
 #include "imic3d/loop/law_effects.hpp"
@@ -74,13 +75,14 @@ FieldExperiment::FieldExperiment(Communicator world, FieldData data, DeclaredMod
   make_scene();
   make_candidates();
   M_ = blocks(measured_.faces, [](const FieldFace& face) { return face.M; });
+  const auto frames = measured_.force.size();
   for (std::size_t k = 0; k < faces_.size(); ++k) {
     const FieldFace& face = measured_.faces[k];
     faces_[k].modes = SurfaceModes(face.surface, face.M, options.modes * face.components / 2, faces_.size() > 1 || face.components == 3 ? rigid_motions(face) : Eigen::MatrixXd());
+    Eigen::MatrixXd covariance = Eigen::MatrixXd::Constant(frames, frames, 1.0 / measured_.references);
+    covariance.diagonal() += face.frame_noise.size() > 0 ? Eigen::VectorXd(face.frame_noise.cwiseAbs2()) : Eigen::VectorXd::Ones(frames);
+    faces_[k].over_time = whitening(covariance, measured_.held_out);
   }
-  const auto frames = measured_.force.size();
-  const Eigen::MatrixXd over_time = Eigen::MatrixXd::Identity(frames, frames) + Eigen::MatrixXd::Constant(frames, frames, 1.0 / measured_.references);
-  over_time_ = whitening(over_time, measured_.held_out);
   for (Eigen::Index t = 0; t < frames; ++t) {
     for (std::size_t k = 0; k < faces_.size(); ++k)
       for (int side : faces_[k].modes.sides()) data_.push_back({static_cast<int>(t), static_cast<int>(k), side});
@@ -153,6 +155,7 @@ void FieldExperiment::make_scene() {
   for (std::size_t j = 0; j < model_.values.size(); ++j)
     if (model_.information[j].name == "nu") scene.poisson = model_.values[j];
   Variant& declared = variant({});
+  differentiable_ = declared.model->differentiable();
   scene.axis = declared.specimen.axis;
   scene.plane = mesh::dimension(declared.specimen.volume.type) == 2;
   scene.half = !scene.plane && declared.specimen.section_factor != 1.0;
@@ -192,7 +195,9 @@ std::span<const double> FieldExperiment::values_of(std::size_t effect, const std
 
 bool FieldExperiment::takes_simulations(int parameter) const {
   const auto effect = std::upper_bound(first_.begin(), first_.end(), static_cast<std::size_t>(parameter)) - first_.begin() - 1;
-  return effect >= 0 && effects_[static_cast<std::size_t>(effect)]->changes_simulation(scene_of(static_cast<std::size_t>(effect)));
+  if (effect < 0) return false;
+  const Effect& its = *effects_[static_cast<std::size_t>(effect)];
+  return its.changes_simulation(scene_of(static_cast<std::size_t>(effect))) && !(its.acts_on_section() && differentiable_);
 }
 
 Eigen::VectorXd FieldExperiment::whitened(const Eigen::MatrixXd& displacement, const Eigen::VectorXd& force) const {
@@ -202,7 +207,7 @@ Eigen::VectorXd FieldExperiment::whitened(const Eigen::MatrixXd& displacement, c
   for (std::size_t k = 0; k < faces_.size(); ++k) {
     const auto count = static_cast<Eigen::Index>(faces_[k].modes.sides().size());
     const Eigen::MatrixXd own = displacement.middleRows(faces_[k].first, measured_.faces[k].unknowns());
-    all.middleRows(row, count) = faces_[k].modes.numbers(own) * over_time_.transpose() / measured_.noise;
+    all.middleRows(row, count) = faces_[k].modes.numbers(own) * faces_[k].over_time.transpose() / measured_.noise;
     row += count;
   }
   if (with_force) all.bottomRows(1) = force.transpose() / measured_.force_noise;
@@ -316,7 +321,7 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
   for (const auto& [j, size] : always_there()) with.push_back(values), with.back()[j] += size;
   for (const auto& p : predict(with, std::vector<const Eigen::MatrixXd*>(with.size(), &measured_.driving)))
     if (p.force.size() > 0) doubt_too(whitened(p.displacement - nominal.displacement, p.force - nominal.force));
-  if (variant({}).model->differentiable()) {
+  if (differentiable_) {
     std::vector<Tangent> uneven;
     for (int shape = 0; shape < uneven_shapes(); ++shape) uneven.push_back({.uneven = shape});
     if (!uneven.empty())
@@ -352,10 +357,10 @@ Experiment::Doubt FieldExperiment::doubt() const {
   return {0.2 * bias_->doubt.leftCols(bias_->of_numerics).rowwise().norm(), bias_->doubt};
 }
 
-/// Sets that differ from `values` in numbers of the law or in what drives the ends are taken along the derivatives of one series; the others
+/// Sets that differ from `values` in numbers of the law, in what drives the ends or in the section are taken along the derivatives of one series; the others
 /// are simulated.
 std::vector<Eigen::VectorXd> FieldExperiment::residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) {
-  if (!variant({}).model->differentiable()) return Experiment::residuals_near(values, std::move(sets));
+  if (!differentiable_) return Experiment::residuals_near(values, std::move(sets));
   const Eigen::MatrixXd driving = true_motion(values, measured_.driving);
   const auto here = simulations_of(values, driving);
   std::vector<Tangent> tangents;
@@ -363,8 +368,9 @@ std::vector<Eigen::VectorXd> FieldExperiment::residuals_near(const std::vector<d
   std::vector<std::size_t> far;
   for (std::size_t s = 0; s < sets.size(); ++s) {
     const auto there = simulations_of(sets[s], true_motion(sets[s], measured_.driving));
-    const bool near = std::equal(there.begin(), there.end(), here.begin(), here.end(), [](const auto& a, const auto& b) {
-      return a.first == b.first && a.second.variant == b.second.variant && a.second.loading == b.second.loading;
+    const bool near = std::equal(there.begin(), there.end(), here.begin(), here.end(), [&](const auto& a, const auto& b) {
+      const auto alike = [&](const Simulation& one) { return std::tuple(with_section(one.variant.specimen, values), one.variant.law_effects, one.loading.empty() ? one.loading : with_section(one.loading, values, 0)); };
+      return a.first == b.first && alike(a.second) == alike(b.second);
     });
     if (!near) {
       far.push_back(s);
@@ -381,6 +387,10 @@ std::vector<Eigen::VectorXd> FieldExperiment::residuals_near(const std::vector<d
     if (one.driving != base.driving) {
       moves[s].emplace_back(tangents.size(), 1.0);
       tangents.push_back({.driving = one.driving - base.driving});
+    }
+    if (one.variant.specimen != base.variant.specimen) {
+      moves[s].emplace_back(tangents.size(), 1.0);
+      tangents.push_back({.section = sets[s]});
     }
   }
   const auto [nominal, derivatives] = differentiate(values, tangents);
@@ -446,6 +456,15 @@ Eigen::MatrixXd drawn(const Eigen::SimplicialLLT<Eigen::SparseMatrix<double>>& f
 }
 }  // namespace
 
+std::pair<Eigen::MatrixXd, Eigen::MatrixXd> FieldExperiment::drawn_fields(const Eigen::SimplicialLLT<Eigen::SparseMatrix<double>>& factor, std::mt19937_64& random, Eigen::Index rest) const {
+  const auto frames = measured_.force.size();
+  Eigen::MatrixXd field = measured_.noise * drawn(factor, frames + 1 + rest, random);
+  for (std::size_t k = 0; k < faces_.size(); ++k)
+    if (const auto& face = measured_.faces[k]; face.frame_noise.size() > 0) field.block(faces_[k].first, 0, face.unknowns(), frames) *= face.frame_noise.asDiagonal();
+  const Eigen::VectorXd reference = field.col(frames) / std::sqrt(static_cast<double>(measured_.references));
+  return {field.leftCols(frames).colwise() + reference, field.rightCols(rest).colwise() + reference};
+}
+
 std::optional<FieldExperiment::Prediction> FieldExperiment::second_order_of_noise(const std::vector<double>& values, const Prediction& nominal) {
   constexpr std::size_t pairs = 4;
   const auto frames = measured_.force.size();
@@ -453,9 +472,7 @@ std::optional<FieldExperiment::Prediction> FieldExperiment::second_order_of_nois
   std::mt19937_64 random(13);
   std::vector<Eigen::MatrixXd> drivings;
   for (std::size_t k = 0; k < pairs; ++k) {
-    const Eigen::MatrixXd field = measured_.noise * drawn(factor, frames + 1, random);
-    const Eigen::VectorXd reference = field.col(frames) / std::sqrt(static_cast<double>(measured_.references));
-    const Eigen::MatrixXd change = measured_.smooth(field.leftCols(frames).colwise() + reference);
+    const Eigen::MatrixXd change = measured_.smooth(drawn_fields(factor, random).first);
     drivings.push_back(measured_.driving + change), drivings.push_back(measured_.driving - change);
   }
   std::vector<const Eigen::MatrixXd*> each;
@@ -481,10 +498,9 @@ Eigen::MatrixXd FieldExperiment::noise(const std::vector<double>& values, int dr
   std::vector<Eigen::VectorXd> forces;
   std::vector<double> told;
   for (int b = 0; b < draws; ++b) {
-    const Eigen::MatrixXd field = measured_.noise * drawn(factor, frames + 1 + rest, random);
-    const Eigen::VectorXd reference = field.col(frames) / std::sqrt(static_cast<double>(measured_.references));
-    fields.emplace_back(field.leftCols(frames).colwise() + reference);
-    if (rest > 0) told.push_back(measured_.noise_at_rest(field.rightCols(rest).colwise() + reference));
+    auto [field, at_rest] = drawn_fields(factor, random, rest);
+    fields.push_back(std::move(field));
+    if (rest > 0) told.push_back(measured_.noise_at_rest(at_rest));
     auto& force = forces.emplace_back(frames);
     for (double& x : force) x = std::isfinite(measured_.force_noise) ? measured_.force_noise * normal(random) : 0.0;
   }
@@ -493,7 +509,7 @@ Eigen::MatrixXd FieldExperiment::noise(const std::vector<double>& values, int dr
   for (double one : told) mean_square += one * one / static_cast<double>(draws);
   for (std::size_t b = 0; b < told.size(); ++b) fields[b] *= std::sqrt(mean_square) / told[b];
   for (const auto& field : fields) changes.push_back(measured_.smooth(field));
-  const auto moved = variant({}).model->differentiable() ? responses(values, changes) : differences(values, changes);
+  const auto moved = differentiable_ ? responses(values, changes) : differences(values, changes);
   Eigen::MatrixXd result(static_cast<Eigen::Index>(data_.size()), draws);
   for (int b = 0; b < draws; ++b) {
     const auto k = static_cast<std::size_t>(b);

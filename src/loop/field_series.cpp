@@ -75,7 +75,8 @@ FieldExperiment::Variant& FieldExperiment::variant(const Key& wanted) {
   made.specimen = model_.specimen(mesh_of(wanted));
   made.before_test = before_test;
   const auto unknowns = made.specimen.projection.rows();
-  if (key.empty() && unknowns == measured_.unknowns()) {
+  const bool same = std::equal(made.specimen.faces.begin(), made.specimen.faces.end(), measured_.faces.begin(), measured_.faces.end(), [](const auto& a, const auto& b) { return a.surface.mesh.nodes == b.surface.nodes; });
+  if (same && unknowns == measured_.unknowns()) {
     made.to_variant.resize(unknowns, unknowns);
     made.to_variant.setIdentity();
     made.from_variant = made.to_variant;
@@ -166,7 +167,7 @@ std::vector<FieldExperiment::Series> FieldExperiment::simulate(const std::vector
   std::vector<double> done(wanted.size(), 0.0);
   for (std::size_t k = 0; k < wanted.size(); ++k) {
     results[k].U.setZero(measured_.unknowns(), frames), results[k].R.setZero(frames);
-    const auto derivatives = wanted[k].free.size() + wanted[k].directions.size() + wanted[k].uneven.size();
+    const auto derivatives = wanted[k].free.size() + wanted[k].directions.size() + wanted[k].uneven.size() + wanted[k].sections.size();
     results[k].dU.assign(derivatives, results[k].U), results[k].dR.assign(derivatives, results[k].R);
   }
   const bool synthetic = !wanted.empty() && wanted.front().variant.synthetic;
@@ -198,6 +199,8 @@ std::vector<FieldExperiment::Series> FieldExperiment::simulate(const std::vector
       if (beyond.size() > 0) run.beyond = &beyond;
       for (const auto& direction : one.directions) run.directions.push_back({.prescribed = with.specimen.from_surface(id::Control::displacement) * on_variant(direction)});
       for (const int shape : one.uneven) run.directions.push_back(uneven_end(with, shape));
+      for (const auto& other : one.sections)
+        run.directions.push_back({.prescribed = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(with.specimen.displacement_dofs.size()), frames + before), .section = change_of_section(with.specimen, one.variant, other)});
       id::Path path;
       try {
         path = with.model->simulate(id::Control::displacement, {run}, static_cast<int>(frames + before)).front();
@@ -310,6 +313,28 @@ std::vector<double>& FieldExperiment::specimen_key(Simulation& one) const {
   return key;
 }
 
+std::vector<double> FieldExperiment::with_section(std::vector<double> key, const std::vector<double>& values, std::ptrdiff_t first) const {
+  Simulation one;
+  one.variant.specimen = std::move(key);
+  specimen_key(one);
+  for (std::size_t k = 0; k < effects_.size(); ++k)
+    if (effects_[k]->acts_on_section()) std::ranges::copy(values_of(k, values), one.variant.specimen.begin() + first + static_cast<std::ptrdiff_t>(first_[k]));
+  return one.variant.specimen;
+}
+
+Eigen::VectorXd FieldExperiment::change_of_section(const identification::Specimen& specimen, const Key& from, const std::vector<double>& to) const {
+  const auto here = mesh_of(from).section, there = mesh_of({.specimen = to}).section;
+  const mesh::Mesh& volume = specimen.volume;
+  const int corners = mesh::corners_per_cell(volume.type);
+  Eigen::VectorXd change(volume.cells.rows());
+  for (Eigen::Index cell = 0; cell < change.size(); ++cell) {
+    Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+    for (int a = 0; a < corners; ++a) middle += volume.nodes.row(volume.cells(cell, a)).transpose() / corners;
+    change[cell] = there(middle) / (here ? here(middle) : 1.0) - 1.0;
+  }
+  return change;
+}
+
 std::vector<std::pair<double, FieldExperiment::Simulation>> FieldExperiment::simulations_of(const std::vector<double>& values, const Eigen::MatrixXd& driving) const {
   Simulation base = simulation_of(values, driving);
   std::vector<std::pair<double, Simulation>> all;
@@ -388,6 +413,8 @@ std::pair<FieldExperiment::Prediction, std::vector<FieldExperiment::Prediction>>
         if (tangents[k].driving.size() > 0) one.directions.push_back(tangents[k].driving), use.order.push_back(k);
       for (std::size_t k = first; k < last; ++k)
         if (tangents[k].uneven >= 0) one.uneven.push_back(tangents[k].uneven), use.order.push_back(k);
+      for (std::size_t k = first; k < last; ++k)
+        if (!tangents[k].section.empty()) one.sections.push_back(with_section(one.variant.specimen, tangents[k].section)), use.order.push_back(k);
       wanted.push_back(std::move(one));
       uses.push_back(std::move(use));
     }

@@ -44,19 +44,21 @@ struct FieldExperiment::Simulation {
   std::vector<int> free{};                    // numbers of the law by which the series is differentiated
   std::vector<Eigen::MatrixXd> directions{};  // and in which `driving` moves
   std::vector<int> uneven{};                  // and shapes of ends that are uneven at depth
+  std::vector<std::vector<double>> sections{};  // and keys of specimens towards whose section it moves
 };
 
-/// What a series is differentiated by: a number of the law, a change of what drives the ends, or a shape in which the ends are uneven at depth.
+/// What a series is differentiated by: a number of the law, a change of what drives the ends, a shape in which the ends are uneven at depth, or a change of the section.
 struct FieldExperiment::Tangent {
   int parameter = -1;
   Eigen::MatrixXd driving{};
   int uneven = -1;
+  std::vector<double> section{};  // values of all parameters, of which those of effects on the section count
 };
 
 struct FieldExperiment::Series {
   Eigen::MatrixXd U;  // of the measured faces [unknowns x frames]
   Eigen::VectorXd R;  // [frames]; empty if the model could not follow
-  std::vector<Eigen::MatrixXd> dU;  // by the numbers of the law, then in the directions, then by uneven ends
+  std::vector<Eigen::MatrixXd> dU;  // by the numbers of the law, then in the directions, by uneven ends, by sections
   std::vector<Eigen::VectorXd> dR;
   identification::Specimen specimen{};  // of a synthetic test, with what its own faces do [unknowns x frames]
   Eigen::MatrixXd surface{};

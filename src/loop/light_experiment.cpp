@@ -284,7 +284,24 @@ void LightExperiment::learn_bias(const std::vector<double>&) {
       squares.col(t) = (frame.squares - noise * frame.echo).cwiseQuotient(w.expected.col(t));
     }
     put(k, sums, squares, Eigen::VectorXd::Zero(count), bias_);
+    learned_squares_.push_back(std::move(squares));
   }
+}
+
+Eigen::MatrixXd LightExperiment::frame_noise() const {
+  Eigen::MatrixXd noise(static_cast<Eigen::Index>(cameras_.size()), static_cast<Eigen::Index>(frames_.size()));
+  for (std::size_t k = 0; k < cameras_.size(); ++k) {
+    const auto& optics = cameras_[k].optics;
+    const double of_reference = optics.level / optics.references;
+    for (Eigen::Index t = 0; t < noise.cols(); ++t) {
+      const auto& frame = cameras_[k].frames[static_cast<std::size_t>(t)];
+      Eigen::ArrayXd ratio = frame.squares.cwiseQuotient(whitening_[k]->expected.col(t));
+      if (!learned_squares_.empty()) ratio -= learned_squares_[k].col(t).array();
+      const Eigen::ArrayXd squares = (ratio * (frame.frame_noise.array() + of_reference) - of_reference) / frame.frame_noise.array();
+      noise(static_cast<Eigen::Index>(k), t) = std::sqrt(std::max(0.01, median(std::vector<double>(squares.begin(), squares.end()))));
+    }
+  }
+  return noise;
 }
 
 Experiment::Doubt LightExperiment::doubt() const {

@@ -179,12 +179,16 @@ Assembler::~Assembler() {
   MatDestroy(&tangent_);
 }
 
-void Assembler::start(int directions) {
+void Assembler::start(int directions, const Eigen::MatrixXd& d_section) {
   history_.initialise(*law_);
   const auto count = static_cast<std::size_t>(directions);
   d_history_ = HistoryField(static_cast<int>(partition_.cells.size()), count * static_cast<std::size_t>(points_per_cell_ * law_->history_size()));
   du_local_.assign(count, std::vector<double>(u_local_.size()));
   d_element_forces_.assign(count, std::vector<double>(element_forces_.size()));
+  d_section_.assign(count, {});
+  for (Eigen::Index k = 0; k < d_section.cols(); ++k)
+    if (!d_section.col(k).isZero(0.0))
+      for (int cell : partition_.cells) d_section_[count - static_cast<std::size_t>(d_section.cols() - k)].push_back(d_section(cell, k));
   for (std::size_t cell = 0; cell < initial_strain_.size(); ++cell)
     history_.strain(*law_, static_cast<int>(cell), initial_axis_, initial_strain_[cell]);
 }
@@ -326,6 +330,9 @@ bool Assembler::differentiate_cells(double time_increment, std::span<const doubl
                                         along, d_force);
       if (!good) failed = 1;
       d_force *= section;
+      for (std::size_t k = 0; k < n; ++k)
+        if (const auto& change = d_section_[first + k]; !change.empty())
+          d_force.col(static_cast<Eigen::Index>(k)) += change[static_cast<std::size_t>(cell)] * Eigen::Map<const ElementVector<nodes, axes>>(element_forces_.data() + static_cast<long>(dofs) * cell);
       for (std::size_t k = 0; k < n; ++k)
         std::copy_n(d_force.col(static_cast<Eigen::Index>(k)).data(), dofs, d_element_forces_[first + k].begin() + dofs * cell);
     }

@@ -103,7 +103,7 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
     throw std::invalid_argument("Equilibrium: no direct differentiation of hex8s elements");
   s.work = {};
   s.derivatives.start(free, static_cast<std::size_t>(directions), accuracy);
-  s.balance.start(parameters, optical, s.derivatives.size());
+  s.balance.start(parameters, optical, s.derivatives.size(), steps.empty() ? Eigen::MatrixXd() : steps.front().d_section);
   LoadPath path(s.balance, s.factors, s.newton, s.derivatives, s.options, accuracy, start_time);
   PathStatus status;
   for (int frame = 0; frame < static_cast<int>(steps.size()); ++frame) {

@@ -36,11 +36,11 @@ void ForceBalance::attach_near_null_space() {
   IMIC3D_PETSC(MatSetNearNullSpace(assembler_.tangent(), rigid));
 }
 
-void ForceBalance::start(std::span<const double> parameters, const OpticalTerm* optical, int directions) {
+void ForceBalance::start(std::span<const double> parameters, const OpticalTerm* optical, int directions, const Eigen::MatrixXd& d_section) {
   parameters_ = parameters;
   optical_ = optical;
   optical_stiffness_.reset();
-  assembler_.start(directions);
+  assembler_.start(directions, d_section);
   IMIC3D_PETSC(VecSet(u_, 0.0));
 }
 

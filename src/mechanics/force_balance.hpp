@@ -47,7 +47,7 @@ class ForceBalance {
   [[nodiscard]] Vec missing() const { return missing_; }    ///< prescribed - u at constrained degrees, 0 elsewhere
 
   /// Begins a run with the virgin specimen at U = 0. `parameters` and `optical` (null: none) are those of the run, and outlive it.
-  void start(std::span<const double> parameters, const OpticalTerm* optical, int directions);
+  void start(std::span<const double> parameters, const OpticalTerm* optical, int directions, const Eigen::MatrixXd& d_section = {});
   /// What acts from now on.
   void apply(const Load& load);
 

@@ -25,7 +25,12 @@ struct Strip {
     model.priors.assign(plate.truth.size(), 0.0), model.free.assign(plate.truth.size(), 0);
     model.free[0] = 1;
     model.specimen = [](const MeshChange& change) {
-      return identification::make_specimen(mesh::extrude(identification::testing::strip(), 0.5 * change.thickness, 1), "bottom", "top", 1, true);
+      mesh::Mesh mesh = mesh::extrude(identification::testing::strip(), 0.5 * change.thickness, 1);
+      if (change.section) {
+        mesh.section.resize(mesh.cells.rows());
+        for (Eigen::Index cell = 0; cell < mesh.cells.rows(); ++cell) mesh.section[cell] = change.section(mesh.nodes(mesh.cells.row(cell).transpose(), Eigen::all).colwise().mean().transpose());
+      }
+      return identification::make_specimen(std::move(mesh), "bottom", "top", 1, true);
     };
   }
 

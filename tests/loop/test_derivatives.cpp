@@ -41,6 +41,25 @@ TEST(ResidualsNear, WhatTheCameraAddsMovesTheEnds) {
   }
 }
 
+/// From the declared section, and from one that is another already.
+TEST(ResidualsNear, WhatActsOnTheSection) {
+  const Strip strip(0.0);
+  FieldExperiment experiment = strip.experiment();
+  const auto at = [&](const char* name) { return static_cast<std::size_t>(place_of(experiment, name)); };
+  for (const char* name : {"region", "taper_x", "taper_y"}) EXPECT_LT(error_of(experiment, declared(experiment), static_cast<int>(at(name)), 2e-4), 1e-3) << name;
+  auto values = declared(experiment);
+  values[at("region")] = -0.2, values[at("region_y")] = 0.3, values[at("taper_y")] = 0.01;
+  for (const char* name : {"region", "region_x", "region_y", "region_radius", "taper_x", "taper_y"}) {
+    EXPECT_FALSE(experiment.takes_simulations(static_cast<int>(at(name)))) << name;
+    EXPECT_LT(error_of(experiment, values, static_cast<int>(at(name)), 2e-4), 1e-3) << name;
+  }
+  const int before = experiment.simulations();
+  auto moved = values;
+  moved[at("region_x")] += 1e-3;
+  (void)experiment.residuals_near(values, {moved, moved, moved});
+  EXPECT_EQ(experiment.simulations() - before, 1) << "derivatives of one series";
+}
+
 TEST(ResidualsNear, WhatHasNoDerivativeIsSimulated) {
   const Strip strip(0.0);
   FieldExperiment experiment = strip.experiment();

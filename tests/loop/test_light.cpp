@@ -214,6 +214,14 @@ TEST_P(PlantedLight, IsNamedWithItsSize) {
 }
 INSTANTIATE_TEST_SUITE_P(Effects, PlantedLight, ::testing::Range(0, 4));
 
+TEST(Light, TheNoiseOfEachFrameIsMeasured) {
+  const auto planted = [](int t) { return t == 3 ? 2.5 : t == 6 ? 0.5 : 1.0; };
+  Filmed test(5100, as_it_is, [&](int t) { return noise * planted(t); });
+  const Eigen::MatrixXd found = test.experiment().frame_noise();
+  ASSERT_EQ(found.cols(), count);
+  for (int t = 0; t < count; ++t) EXPECT_NEAR(found(0, t), planted(t + 1), 0.05 * planted(t + 1)) << "frame " << t + 1;
+}
+
 /// Blobs of so many pixels, integrated over whole pixels: what is beyond half a wave per pixel is not planted by the effect's formula. Taken for noise, it doubles it.
 TEST(Light, FineSpeckleIsAliased) {
   double before = 1.0;

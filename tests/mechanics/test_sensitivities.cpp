@@ -108,6 +108,10 @@ class Bar {
 
   /// As if there were so much memory [bytes]; 0: what there is.
   void solve_within(double memory) { memory_ = memory; }
+  /// Cells of different sections, the one more than the other changed by `by`.
+  void change_section(double by) { mesh_.section = initial_section() + by * change_of_section(); }
+  /// Two directions beside those of the forces: the section's change, and twice that.
+  void differentiate_by_section() { by_section_ = true; }
   [[nodiscard]] const LawCase& law() const { return case_; }
   [[nodiscard]] bool under_given_forces() const { return driven_ == Driven::by_force; }
 
@@ -134,8 +138,15 @@ class Bar {
         for (int k = 0; k < directions; ++k) turned.col(k) = std::cos(turn * k) * across + std::sin(turn * k) * along;
         step.d_force = turned.sparseView();
       }
+      if (by_section_) {
+        step.d_prescribed.setZero(step.prescribed.size(), directions + 2);
+        step.d_section.setZero(mesh_.cells.rows(), directions + 2);
+        for (int k = 0; k < 2; ++k) step.d_section.col(directions + k) = (1.0 + k) * change_of_section().cwiseQuotient(mesh_.section);
+        step.d_force.conservativeResize(3 * mesh_.nodes.rows(), directions + 2);
+      }
       steps.push_back(std::move(step));
     }
+    if (by_section_) directions += 2;
     const Communicator world;
     const mesh::Partition partition = mesh::partition(mesh_, world);
     const double tight = driven_ == Driven::by_images ? 1e-12 : 1e-13;
@@ -159,8 +170,16 @@ class Bar {
   }
 
  private:
+  [[nodiscard]] Eigen::VectorXd initial_section() const { return Eigen::VectorXd::LinSpaced(mesh_.cells.rows(), 0.9, 1.1); }
+  [[nodiscard]] Eigen::VectorXd change_of_section() const {
+    Eigen::VectorXd change(mesh_.cells.rows());
+    for (Eigen::Index cell = 0; cell < change.size(); ++cell) change[cell] = cell % 3 == 1 ? 0.5 : 0.1 * static_cast<double>(cell % 2);
+    return change;
+  }
+
   mesh::Mesh mesh_;
   Driven driven_;
+  bool by_section_ = false;
   LawCase case_;
   double memory_ = 0.0;
   std::shared_ptr<const material::FiniteStrainLaw> law_;
@@ -234,6 +253,36 @@ TEST(Sensitivities, InADirectionOfTheForces) {
       if (driven == Driven::by_displacement) {
         EXPECT_GT(path.d_reaction[1].norm(), 1.0);
       }
+    }
+}
+
+/// In a direction of the cells' section, beside a parameter and a direction of the forces.
+TEST(Sensitivities, InADirectionOfTheSection) {
+  for (const auto type : {mesh::CellType::hex20, mesh::CellType::hex8, mesh::CellType::quad4, mesh::CellType::quad8})
+    for (const Driven driven : {Driven::by_displacement, Driven::by_force}) {
+      Bar bar(type, driven, power);
+      bar.change_section(0.0);
+      bar.differentiate_by_section();
+      const Path path = bar.pull(power.parameters, {2}, 0.0, 1);
+      ASSERT_EQ(path.status.frames, 4) << path.status.message;
+      ASSERT_EQ(path.d_displacement.size(), 4U);
+      EXPECT_LE((path.d_displacement[3] - 2.0 * path.d_displacement[2]).norm(), 1e-9 * path.d_displacement[2].norm());
+      double best = 1.0, coarse = 0.0;
+      for (const double h : {1e-2, 1e-3, 1e-4, 1e-5, 1e-6}) {
+        const auto at = [&](double by) {
+          Bar moved(type, driven, power);
+          moved.change_section(by);
+          return moved.pull(power.parameters);
+        };
+        const Path plus = at(h), minus = at(-h);
+        if (plus.status.increments != path.status.increments || minus.status.increments != path.status.increments) continue;
+        const auto error_of = [&](const Eigen::VectorXd& above, const Eigen::VectorXd& below, const Eigen::VectorXd& derivative) { return ((above - below) / (2.0 * h) - derivative).norm() / derivative.norm(); };
+        double error = error_of(plus.displacement, minus.displacement, path.d_displacement[2]);
+        if (driven == Driven::by_displacement) error = std::max(error, error_of(plus.reaction, minus.reaction, path.d_reaction[2]));
+        best = std::min(best, error), coarse = std::max(coarse, error);
+      }
+      EXPECT_LE(best, 1e-6) << mesh::name(type);
+      EXPECT_GT(coarse, 10.0 * best);
     }
 }
 

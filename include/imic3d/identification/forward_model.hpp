@@ -45,10 +45,11 @@ struct ForceDistribution {
   Eigen::MatrixXd pattern;  ///< nodal forces [dofs x frames] on the simulated part for a resultant of 1 on the whole section
 };
 
-/// A direction in which what drives a specimen moves, for the path's derivatives.
+/// A direction in which what drives a specimen moves, or its section, for the path's derivatives.
 struct Direction {
   Eigen::MatrixXd prescribed;             ///< displacement [constrained dofs x frames, length]
   Eigen::SparseMatrix<double> force{};    ///< external nodal forces [3 * nodes x frames]; empty: they stay
+  Eigen::VectorXd section{};              ///< change of each cell's section (mesh::Mesh::section) over it [cells]; empty: it stays
 };
 
 /// One of several simulations that run side by side.

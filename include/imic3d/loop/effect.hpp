@@ -108,6 +108,8 @@ class Effect {
   virtual void place(Values, const Scene&, Eigen::Vector2d& /*point*/) const {}
   /// Geometry and material: multiplies the section force of a cell whose middle is at `point` [length].
   [[nodiscard]] virtual double section(Values, const Scene&, const Eigen::Vector3d& /*point*/) const { return 1.0; }
+  /// Whether that is all that it does: a series is differentiated by it.
+  [[nodiscard]] virtual bool acts_on_section() const { return false; }
   /// Geometry: the thickness over the declared one. Where that is not simulated the motion is the same, and the force on the specimen so much larger.
   [[nodiscard]] virtual double thickness(Values) const { return 1.0; }
   /// Initial state: the elastic strain (axial, in the direction of the load) of a cell before the test.

@@ -1,10 +1,12 @@
 #pragma once
 // Measured displacement fields of a surface with the force of each frame, seen through the DIC-driven simulation.
 
+#include <Eigen/SparseCholesky>
 #include <Eigen/SparseCore>
 #include <functional>
 #include <map>
 #include <memory>
+#include <random>
 
 #include "imic3d/core/groups.hpp"
 #include "imic3d/identification/forward_model.hpp"
@@ -24,6 +26,7 @@ struct FieldFace {
   Eigen::Matrix2d pixels = Eigen::Matrix2d::Identity();    ///< d(pixel)/d(displacement) [px/length]
   Eigen::Vector2d axis_of_lens = Eigen::Vector2d::Zero();  ///< where the optical axis meets the specimen [length]
   std::vector<Sight> sights{};    ///< of each camera, where there are several and three components
+  Eigen::VectorXd frame_noise{};  ///< standard deviation of each frame's noise over FieldData::noise [frames]; empty: 1
   [[nodiscard]] Eigen::Index unknowns() const { return components * surface.nodes.rows(); }
 };
 
@@ -181,10 +184,14 @@ class FieldExperiment final : public Experiment {
   /// What the cameras show in frame t beyond a displacement U of all faces [unknowns].
   [[nodiscard]] Eigen::VectorXd seen_beyond(const std::vector<double>& values, Eigen::Index t, const Eigen::VectorXd& U) const;
 
+  /// Draws of the noise of all frames, that of the references included [unknowns x frames], and of further frames as at rest [unknowns x rest].
+  [[nodiscard]] std::pair<Eigen::MatrixXd, Eigen::MatrixXd> drawn_fields(const Eigen::SimplicialLLT<Eigen::SparseMatrix<double>>& factor, std::mt19937_64& random, Eigen::Index rest = 0) const;
+
   struct Side {
     Scene scene;
     SurfaceModes modes;
     Eigen::Index first = 0;         // unknown
+    Eigen::MatrixXd over_time;      // whitens S^2 + 11^T/references, S of frame_noise [frames x frames]
   };
 
   Communicator world_;
@@ -198,8 +205,8 @@ class FieldExperiment final : public Experiment {
   std::vector<Parameter> parameters_;
   std::vector<Candidate> candidates_;
   std::vector<Datum> data_;
+  bool differentiable_ = false;     // its series
   Eigen::MatrixXd motion_;          // of the faces under the declared model [unknowns x frames]
-  Eigen::MatrixXd over_time_;       // whitens 1 + 11^T/references [frames x frames]
   struct Groups;
   std::unique_ptr<Groups> groups_;
   /// The series of a synthetic test, side by side: on refined meshes, the finest first, whose ends are driven by `driving_as_seen` [unknowns x frames]; then on the declared mesh in the same and in
@@ -219,6 +226,10 @@ class FieldExperiment final : public Experiment {
   /// The part of a simulation's key that says geometry and numerics (refinements, factor of the increments, whether there is a state before the test, values of all parameters), made if the
   /// simulation is that of the declared ones.
   [[nodiscard]] std::vector<double>& specimen_key(Simulation& one) const;
+  /// `key` in full, or other values of all parameters behind `first` others, with those of effects on the section as in `values`.
+  [[nodiscard]] std::vector<double> with_section(std::vector<double> key, const std::vector<double>& values, std::ptrdiff_t first = 3) const;
+  /// Relative change of the cells' section from one key to another [cells of `specimen`].
+  [[nodiscard]] Eigen::VectorXd change_of_section(const identification::Specimen& specimen, const Key& from, const std::vector<double>& to) const;
   std::shared_ptr<const Bias> bias_;  // taken off the measured displacement and force
   int simulations_ = 0;
 };

@@ -43,6 +43,9 @@ class LightExperiment final : public Experiment {
   [[nodiscard]] const Eigen::VectorXd& measured() const { return z_; }
   /// The rows of a cell: those of its offset and gain where they are data, then that of its mean square. `frame`: place.
   [[nodiscard]] std::vector<Eigen::Index> rows_of(std::size_t camera, Eigen::Index cell, int frame) const;
+  /// Standard deviation of the noise of each image over the camera's, by the median mean square of its places less what is learned of what is no light: what leaves so much of the grey levels, be it
+  /// noise or what pixels do not resolve, moves the correlation as much [cameras x frames].
+  [[nodiscard]] Eigen::MatrixXd frame_noise() const;
   /// Share of the linear numbers' square beyond noise that a gain and an offset of each frame (with `gradient`: and a linear growth of
   /// the gain over the surface) would take away; 0 where nothing is beyond it, or they are fitted.
   [[nodiscard]] double share_of_gain_and_offset(bool gradient = false) const;
@@ -67,6 +70,7 @@ class LightExperiment final : public Experiment {
   std::vector<Datum> data_;
   std::vector<std::shared_ptr<const Whitening>> whitening_;  // of each camera
   Eigen::VectorXd z_, bias_;        // measured; what is learned of what is no light [N]
+  std::vector<Eigen::MatrixXd> learned_squares_;  // of each camera, over the expected ones [cells x frames]; empty before
 };
 
 }  // namespace imic3d::loop

@@ -65,11 +65,12 @@ class Assembler {
   [[nodiscard]] bool assemble(Vec u, double time_increment, std::span<const double> parameters, Vec force,
                               Vec increment = nullptr, Vec lifting = nullptr);
 
-  /// Takes the material points to their state before the test, and their derivatives in `directions` directions to 0.
-  void start(int directions = 0);
+  /// Takes the material points to their state before the test, and their derivatives in `directions` directions to 0. In the last of these the cells' section moves
+  /// relatively by `d_section` [cells x some]; empty: in none.
+  void start(int directions = 0, const Eigen::MatrixXd& d_section = {});
 
   /// Where `assemble` succeeded at u: the derivatives of the internal forces, `d_force[k]`, when the displacement moves by
-  /// `du[k]`, the parameters by `d_parameters` [directions x number of parameters] and the old history by its derivatives.
+  /// `du[k]`, the parameters by `d_parameters` [directions x number of parameters], the section as `start` was told, and the old history by its derivatives.
   /// Leaves those of the new history behind. Collective; false on every rank if an element anywhere failed.
   [[nodiscard]] bool differentiate(const std::vector<Vec>& du, double time_increment, std::span<const double> parameters,
                                    std::span<const double> d_parameters, const std::vector<Vec>& d_force);
@@ -112,6 +113,7 @@ class Assembler {
   int axes_, nodes_per_cell_;
   double thickness_;         // of a plane mesh
   std::vector<double> section_, initial_strain_;  // of each local cell; empty: all of it, none
+  std::vector<std::vector<double>> d_section_;    // of each direction, relative; empty: the section does not move
   int initial_axis_;
   mesh::Nodes nodes_;        // reference positions, cell by cell [local cells * nodes per cell x 3]
   mesh::Cells local_nodes_;  // of each local cell, into local arrays

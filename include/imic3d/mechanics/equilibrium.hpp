@@ -24,6 +24,7 @@ struct LoadStep {
   Eigen::VectorXd force;       ///< external nodal forces [3 * nodes, force]; empty if there are none
   Eigen::MatrixXd d_prescribed{};  ///< directions in which `prescribed` moves [constrained degrees x directions], as many in every step
   Eigen::SparseMatrix<double> d_force{};  ///< and in which `force` does, the same ones [3 * nodes x directions]; empty if it does not
+  Eigen::MatrixXd d_section{};  ///< and in which the cells' section does, relatively (mesh::Mesh::section) [cells x directions]; that of the first step holds for all; empty if it does not
 };
 
 /// The state at one converged frame. U and reactions in natural numbering, the same on every rank.

@@ -32,6 +32,7 @@ class StiffRegion final : public Effect {
     const double r = (point.head<2>() - middle).norm() / (values[3] * (scene.high - scene.low).minCoeff());
     return 1.0 + values[0] * std::exp(-r * r);
   }
+  [[nodiscard]] bool acts_on_section() const override { return true; }
   [[nodiscard]] bool changes_simulation(const Scene&) const override { return true; }
 };
 

@@ -24,6 +24,7 @@ class Taper final : public Effect {
     const Eigen::Vector2d from = point.head<2>() - scene.middle();
     return 1.0 + values[0] * from[0] + values[1] * from[1];
   }
+  [[nodiscard]] bool acts_on_section() const override { return true; }
   [[nodiscard]] bool changes_simulation(const Scene&) const override { return true; }
 };
 
