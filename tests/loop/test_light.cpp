@@ -357,6 +357,9 @@ TEST(Light, WhatTheMeshCannotFollowIsLearned) {
     const Report report = close_loop(experiment, quick());
     std::cout << "[          ] " << report.sentence << '\n';
     if (report.verdict != Verdict::nothing_found) ++alarms;
+    // Nor is it noise: of the last frame, where the waves are largest.
+    EXPECT_GT(plain.frame_noise()(0, count - 1), 1.15);
+    EXPECT_NEAR(experiment.frame_noise()(0, count - 1), 1.0, 0.1);  // to which the level is known
   }
   EXPECT_LE(alarms, 1);
 }
