@@ -116,20 +116,6 @@ ExtendedMaterial make_extended_material(const io::Case& test) {
   return material_of(test, chosen);
 }
 
-namespace {
-/// A number for each cell from its middle.
-Eigen::VectorXd of_cells(const mesh::Mesh& mesh, const std::function<double(const Eigen::Vector3d&)>& of_point) {
-  Eigen::VectorXd values(mesh.cells.rows());
-  const int corners = mesh::corners_per_cell(mesh.type);
-  for (Eigen::Index cell = 0; cell < mesh.cells.rows(); ++cell) {
-    Eigen::Vector3d middle = Eigen::Vector3d::Zero();
-    for (int a = 0; a < corners; ++a) middle += mesh.nodes.row(mesh.cells(cell, a)).transpose() / corners;
-    values[cell] = of_point(middle);
-  }
-  return values;
-}
-}  // namespace
-
 std::vector<int> cameras_of(const io::Case& test, bool back) {
   std::vector<int> found;
   for (std::size_t c = 0; c < test.cameras.size(); ++c)
@@ -178,9 +164,9 @@ identification::Specimen make_specimen(const io::Case& test, bool all_components
   if (!declared.plane_stress()) mesh.nodes.col(2) *= change.thickness;
   if (declared.quadratic()) mesh = mesh::quadratic(mesh);
   if (declared.one_point()) mesh.integration = declared.element == "hex8r" ? mesh::Integration::one_point : mesh::Integration::one_point_stabilised;
-  if (change.section) mesh.section = of_cells(mesh, change.section);
+  if (change.section) mesh.section = loop::of_cells(mesh, change.section);
   if (change.initial_strain) {
-    mesh.initial_strain = of_cells(mesh, change.initial_strain);
+    mesh.initial_strain = loop::of_cells(mesh, change.initial_strain);
     mesh.initial_axis = declared.axis == "x" ? 0 : 1;
   }
   return identification::make_specimen(std::move(mesh), declared.held, declared.loaded, declared.axis == "x" ? 0 : 1,

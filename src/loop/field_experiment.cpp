@@ -11,7 +11,6 @@
 #include <cstdint>
 #include <optional>
 #include <random>
-#include <tuple>
 
 #include "imic3d/core/error.hpp"
 #include "imic3d/loop/law_effects.hpp"
@@ -369,8 +368,8 @@ std::vector<Eigen::VectorXd> FieldExperiment::residuals_near(const std::vector<d
   for (std::size_t s = 0; s < sets.size(); ++s) {
     const auto there = simulations_of(sets[s], true_motion(sets[s], measured_.driving));
     const bool near = std::equal(there.begin(), there.end(), here.begin(), here.end(), [&](const auto& a, const auto& b) {
-      const auto alike = [&](const Simulation& one) { return std::tuple(with_section(one.variant.specimen, values), one.variant.law_effects, one.loading.empty() ? one.loading : with_section(one.loading, values, 0)); };
-      return a.first == b.first && alike(a.second) == alike(b.second);
+      const Simulation one = with_section(a.second, values), other = with_section(b.second, values);
+      return a.first == b.first && one.variant == other.variant && one.loading == other.loading;
     });
     if (!near) {
       far.push_back(s);

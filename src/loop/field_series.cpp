@@ -35,6 +35,17 @@ Eigen::SparseMatrix<double> mean_of(const std::vector<FieldFace>& faces) {
 }
 }  // namespace
 
+Eigen::VectorXd of_cells(const mesh::Mesh& mesh, const std::function<double(const Eigen::Vector3d&)>& of_point) {
+  Eigen::VectorXd values(mesh.cells.rows());
+  const int corners = mesh::corners_per_cell(mesh.type);
+  for (Eigen::Index cell = 0; cell < mesh.cells.rows(); ++cell) {
+    Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+    for (int a = 0; a < corners; ++a) middle += mesh.nodes.row(mesh.cells(cell, a)).transpose() / corners;
+    values[cell] = of_point(middle);
+  }
+  return values;
+}
+
 MeshChange FieldExperiment::mesh_of(const Key& wanted) const {
   const std::vector<double>& key = wanted.specimen;
   MeshChange change;
@@ -313,26 +324,21 @@ std::vector<double>& FieldExperiment::specimen_key(Simulation& one) const {
   return key;
 }
 
-std::vector<double> FieldExperiment::with_section(std::vector<double> key, const std::vector<double>& values, std::ptrdiff_t first) const {
-  Simulation one;
-  one.variant.specimen = std::move(key);
-  specimen_key(one);
-  for (std::size_t k = 0; k < effects_.size(); ++k)
-    if (effects_[k]->acts_on_section()) std::ranges::copy(values_of(k, values), one.variant.specimen.begin() + first + static_cast<std::ptrdiff_t>(first_[k]));
-  return one.variant.specimen;
+FieldExperiment::Simulation FieldExperiment::with_section(Simulation one, const std::vector<double>& values) const {
+  const auto put = [&](std::span<double> own) {
+    for (std::size_t k = 0; k < effects_.size(); ++k)
+      if (effects_[k]->acts_on_section()) std::ranges::copy(values_of(k, values), own.begin() + static_cast<std::ptrdiff_t>(first_[k]));
+  };
+  put(std::span(specimen_key(one)).subspan(3));
+  if (!one.loading.empty()) put(one.loading);
+  return one;
 }
 
-Eigen::VectorXd FieldExperiment::change_of_section(const identification::Specimen& specimen, const Key& from, const std::vector<double>& to) const {
-  const auto here = mesh_of(from).section, there = mesh_of({.specimen = to}).section;
-  const mesh::Mesh& volume = specimen.volume;
-  const int corners = mesh::corners_per_cell(volume.type);
-  Eigen::VectorXd change(volume.cells.rows());
-  for (Eigen::Index cell = 0; cell < change.size(); ++cell) {
-    Eigen::Vector3d middle = Eigen::Vector3d::Zero();
-    for (int a = 0; a < corners; ++a) middle += volume.nodes.row(volume.cells(cell, a)).transpose() / corners;
-    change[cell] = there(middle) / (here ? here(middle) : 1.0) - 1.0;
-  }
-  return change;
+Eigen::VectorXd FieldExperiment::change_of_section(const identification::Specimen& specimen, const Key& from, const Key& to) const {
+  const auto section = [&](const Key& key) { return of_cells(specimen.volume, mesh_of(key).section).array().eval(); };
+  const Eigen::ArrayXd there = section(to);
+  if (from.specimen.empty()) return there - 1.0;
+  return there / section(from) - 1.0;
 }
 
 std::vector<std::pair<double, FieldExperiment::Simulation>> FieldExperiment::simulations_of(const std::vector<double>& values, const Eigen::MatrixXd& driving) const {
@@ -414,7 +420,7 @@ std::pair<FieldExperiment::Prediction, std::vector<FieldExperiment::Prediction>>
       for (std::size_t k = first; k < last; ++k)
         if (tangents[k].uneven >= 0) one.uneven.push_back(tangents[k].uneven), use.order.push_back(k);
       for (std::size_t k = first; k < last; ++k)
-        if (!tangents[k].section.empty()) one.sections.push_back(with_section(one.variant.specimen, tangents[k].section)), use.order.push_back(k);
+        if (!tangents[k].section.empty()) one.sections.push_back(with_section(one, tangents[k].section).variant), use.order.push_back(k);
       wanted.push_back(std::move(one));
       uses.push_back(std::move(use));
     }

@@ -26,10 +26,7 @@ struct Strip {
     model.free[0] = 1;
     model.specimen = [](const MeshChange& change) {
       mesh::Mesh mesh = mesh::extrude(identification::testing::strip(), 0.5 * change.thickness, 1);
-      if (change.section) {
-        mesh.section.resize(mesh.cells.rows());
-        for (Eigen::Index cell = 0; cell < mesh.cells.rows(); ++cell) mesh.section[cell] = change.section(mesh.nodes(mesh.cells.row(cell).transpose(), Eigen::all).colwise().mean().transpose());
-      }
+      if (change.section) mesh.section = of_cells(mesh, change.section);
       return identification::make_specimen(std::move(mesh), "bottom", "top", 1, true);
     };
   }

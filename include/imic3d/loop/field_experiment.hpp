@@ -68,6 +68,9 @@ struct MeshChange {
   int refinements = 0;                                             ///< beyond the declared ones
 };
 
+/// A number for each cell from its middle [cells].
+[[nodiscard]] Eigen::VectorXd of_cells(const mesh::Mesh& mesh, const std::function<double(const Eigen::Vector3d&)>& of_point);
+
 struct DeclaredModel {
   std::shared_ptr<const material::FiniteStrainLaw> law;
   std::vector<ParameterInfo> information;  ///< of the law's parameters, in its order
@@ -226,10 +229,10 @@ class FieldExperiment final : public Experiment {
   /// The part of a simulation's key that says geometry and numerics (refinements, factor of the increments, whether there is a state before the test, values of all parameters), made if the
   /// simulation is that of the declared ones.
   [[nodiscard]] std::vector<double>& specimen_key(Simulation& one) const;
-  /// `key` in full, or other values of all parameters behind `first` others, with those of effects on the section as in `values`.
-  [[nodiscard]] std::vector<double> with_section(std::vector<double> key, const std::vector<double>& values, std::ptrdiff_t first = 3) const;
+  /// The simulation with the section that `values` make.
+  [[nodiscard]] Simulation with_section(Simulation one, const std::vector<double>& values) const;
   /// Relative change of the cells' section from one key to another [cells of `specimen`].
-  [[nodiscard]] Eigen::VectorXd change_of_section(const identification::Specimen& specimen, const Key& from, const std::vector<double>& to) const;
+  [[nodiscard]] Eigen::VectorXd change_of_section(const identification::Specimen& specimen, const Key& from, const Key& to) const;
   std::shared_ptr<const Bias> bias_;  // taken off the measured displacement and force
   int simulations_ = 0;
 };
