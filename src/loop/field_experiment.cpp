@@ -165,7 +165,7 @@ void FieldExperiment::make_scene() {
   }
   Eigen::Index first = 0;
   for (const auto& face : measured_.faces) {
-    faces_.push_back({scene, {}, first});
+    faces_.push_back({scene, {}, first, {}});
     Scene& own = faces_.back().scene;
     own.surface = &face.surface, own.components = face.components;
     measure(own, face.surface);

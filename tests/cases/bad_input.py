@@ -1,13 +1,14 @@
 #!/usr/bin/python3
 """Bad input: each row of the table spoils one thing of a good small case and says what the program must answer.
 
-Usage: bad_input.py EXECUTABLE [--ranks 2] [--only NAME] [--limit SECONDS] [--keep FOLDER] [--launcher "mpirun ..."]
+Usage: bad_input.py EXECUTABLE [--ranks 2] [--only NAME] [--limit SECONDS] [--jobs 2] [--keep FOLDER] [--launcher "mpirun ..."]
 
 For each row `EXECUTABLE check case.yaml` runs on some ranks. Every rank must end with status 2; stderr must be the golden
 lines and nothing else (so rank 0 alone speaks); the time from the start of the ranks must stay below the limit. The good
 case itself must pass with status 0, without a warning; what is only doubted passes with one warning. A golden line that starts with "re:" is a regular expression.
 """
 import argparse
+import concurrent.futures
 import os
 import pathlib
 import re
@@ -252,26 +253,32 @@ def main():
     parser.add_argument("--limit", type=float, default=5.0, help="seconds for a run with the launcher's own start")
     parser.add_argument("--keep", type=pathlib.Path, help="a folder for the cases, kept")
     parser.add_argument("--launcher", default="mpirun --oversubscribe")
+    parser.add_argument("--jobs", type=int, default=1, help="rows side by side")
     arguments = parser.parse_args()
     folder = (arguments.keep or pathlib.Path(tempfile.mkdtemp(prefix="imic3d_bad_input_"))).resolve()
     rows = [("good_case", lambda _: None, None, []), *((name, spoil, None, warnings) for name, spoil, warnings in DOUBTED), *((*row, []) for row in TABLE)]
-    failed, longest = 0, 0.0
-    for name, spoil, golden, doubted in rows:
-        if arguments.only and arguments.only not in name:
-            continue
+
+    def answer(row):
+        """What is wrong with the program's answer to a row, and how long it took."""
+        name, spoil, golden, doubted = row
         case = folder / name
         shutil.rmtree(case, ignore_errors=True)
         write_good_case(case)
         spoil(case)
         statuses, lines, warnings, seconds = run(arguments, case)
-        longest = max(longest, seconds)
         found = faults(statuses, lines, seconds, golden, 0 if golden is None else 2, arguments)
         if warnings != doubted:
             found.append(f"warned {warnings}, not {doubted}")
         if golden is None and found:
             found += ["said:"] + [f"  {line}" for line in lines]
-        failed += bool(found)
-        print(f"{'FAILED' if found else 'passed'}  {name}  {seconds:.2f} s", *found, sep="\n        ")
+        return found, seconds
+
+    rows = [row for row in rows if not arguments.only or arguments.only in row[0]]
+    failed, longest = 0, 0.0
+    with concurrent.futures.ThreadPoolExecutor(arguments.jobs) as pool:
+        for (name, *_), (found, seconds) in zip(rows, pool.map(answer, rows)):
+            failed, longest = failed + bool(found), max(longest, seconds)
+            print(f"{'FAILED' if found else 'passed'}  {name}  {seconds:.2f} s", *found, sep="\n        ")
     if not arguments.keep:
         shutil.rmtree(folder)
     print(f"{failed} failed; the longest run took {longest:.2f} s")

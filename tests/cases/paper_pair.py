@@ -2,7 +2,7 @@
 """The paper's pair of laws (Figs 22b, 23): images made with the power law, linear hardening declared. The loop must name the missing term, with the
 parameters of Eq. 18 in it, and leave nothing but noise on held-out frames.
 
-Usage: paper_pair.py EXECUTABLE
+Usage: paper_pair.py EXECUTABLE [two_faces]      two_faces: in space, by a camera on the front and a stereo pair on the back (Sec. 5)
 """
 import json
 import pathlib
@@ -16,16 +16,17 @@ ROOT = pathlib.Path(__file__).resolve().parents[2]
 
 
 def main():
-    program = sys.argv[1]
+    program, case = sys.argv[1], sys.argv[2] if len(sys.argv) > 2 else "paper_pair"
     folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_pair_"))
-    for name in ("paper_pair", "plate_with_hole"):
+    for name in {case, "plate_with_hole"}:
         shutil.copytree(ROOT / "inputs" / name, folder / "inputs" / name)
-    run(program, "virtual", folder / "inputs/paper_pair/virtual.yaml", 1)
-    run(program, "loop", folder / "inputs/paper_pair/loop.yaml", 1)
-    result = json.loads((folder / "runs/paper_pair/loop/result.json").read_text())
+    run(program, "virtual", folder / "inputs" / case / "virtual.yaml", 1)
+    run(program, "loop", folder / "inputs" / case / "loop.yaml", 1)
+    result = json.loads((folder / "runs" / case / "loop/result.json").read_text())
     before, after = result["before"]["chi"], result["after"]["chi"]
     print(result["sentence"])
-    require(before["fitted"] > 3 * before["null_fitted"], f"linear hardening does not do: chi {before['fitted']:.2f}, null {before['null_fitted']:.2f}")
+    times = {"paper_pair": 3.0, "two_faces": 1.5}[case]  # elements of 1 to 2 mm in space leave much in doubt
+    require(before["fitted"] > times * before["null_fitted"], f"linear hardening does not do: chi {before['fitted']:.2f}, null {before['null_fitted']:.2f}")
     best = max(result["before"]["candidates"], key=lambda one: one["z"])
     require(best["name"] == "power_term", f"the largest score is that of {best['name']}")
     require(result["verdict"] in ("attributed", "ambiguous") and "power_term" in result["set"], f"verdict: {result['verdict']}, {result['set']}")
@@ -33,7 +34,8 @@ def main():
     if result["named"] == ["power_term"]:
         found = {name: one["value"] for name, one in result["after"]["parameters"].items()}
         for name, truth, tolerance in (("E", 198e3, 0.01), ("H", 1480.0, 0.01), ("n_p", 0.042, 0.05)):
-            require(abs(found[name] / truth - 1) < tolerance, f"{name} {found[name]:.5g} +- {result['after']['parameters'][name]['standard_deviation']:.2g}, true {truth:g}")
+            deviation = result["after"]["parameters"][name]["standard_deviation"]
+            require(abs(found[name] - truth) < max(tolerance * truth, 3 * deviation), f"{name} {found[name]:.5g} +- {deviation:.2g}, true {truth:g}")
         # S_y and eps_p make up for each other below the plastic strain of the first frames; the curve is what the test shows.
         eps_0 = 0.042 * 284 / (198e3 - 1480)
         for p in (1e-3, 1e-2, 1e-1):
