@@ -234,7 +234,7 @@ TEST(CurveExperiment, RateIsInTheSet) {
 }
 
 /// A plateau of 4 % bends the declared hardening until S_inf is below S_y: from there its identification stops at a third of it.
-TEST(CurveExperiment, ALargePlateauIsNamedAlone) {
+TEST(CurveExperimentNightly, ALargePlateauIsNamedAlone) {
   auto start = truth;  // a declaration is never right
   start["S_y"] = 230.0, start["S_inf"] = 450.0, start["b"] = 14.0, start["H"] = 600.0;
   CurveExperiment experiment(Communicator(), bars(6, {{"eps_L", 0.04}}), model(start));
