@@ -23,7 +23,7 @@ class Suite:
         self.digest = hashlib.sha256(pathlib.Path(self.program).read_bytes()).hexdigest()
 
     def run(self, folder, planted, seed):
-        """result.json of a trial, None if the program failed. What the same program ran is not run again."""
+        """result.json of a trial, None if the program failed, "refused" if it took the data for a mistake. What the same program ran is not run again."""
         done, what = folder / "run/result.json", folder / "planted.json"
         text = json.dumps({"planted": planted, "seed": seed, "program": self.digest}, sort_keys=True)
         if not (done.exists() and what.exists() and what.read_text() == text):
@@ -31,7 +31,7 @@ class Suite:
             with open(folder / "log.txt", "w") as log:
                 status = subprocess.run([self.program, "loop", "case.yaml"], cwd=folder, stdout=log, stderr=subprocess.STDOUT).returncode
             if status != 0:
-                return None
+                return "refused" if status == 2 else None
             what.write_text(text)
         return json.loads(done.read_text())
 
@@ -41,7 +41,9 @@ class Suite:
         nan = math.nan
         row = dict(kind=kind, effect=effect, multiple=multiple, seed=seed, verdict="failed", named="", set="", outcome="failed", chi=nan, null=nan, held_before=nan, held_after=nan, held_null=nan,
                    worst_bias_before=nan, worst_bias_after=nan, size=nan, deviation=nan, planted=nan, inside=nan, kappa=nan, p=nan, seconds=nan, chi_squared="", cosine="", bic="")
-        if result is not None:
+        if result == "refused":
+            row |= dict(verdict="refused", outcome="refused")
+        elif result is not None:
             self.formula_for |= {one["name"]: one["formula_for"] for one in result["before"]["candidates"] if "formula_for" in one}
             named, chosen, verdict = result["named"], result["set"], result["verdict"]
             row |= dict(verdict=verdict, named=" + ".join(named), set=", ".join(chosen), outcome=self.outcome(kind, effect, verdict, named, chosen), chi=result["before"]["chi"]["fitted"],
@@ -96,13 +98,13 @@ class Suite:
             writer = csv.DictWriter(stream, self.rows[0].keys())
             writer.writeheader()
             writer.writerows(self.rows)
-        lines = ["| trial | n | found | right, alone | in the set, or with another | unexplained | missed | another formula for the same function | wrong | failed |", "|---|---|---|---|---|---|---|---|---|---|"]
+        lines = ["| trial | n | found | right, alone | in the set, or with another | unexplained | missed | another formula for the same function | wrong | refused | failed |", "|---|---|---|---|---|---|---|---|---|---|---|"]
         title = lambda kind, m: {"outside": "outside the library", "pair": "two at once", "without": "10 × MDE, not among the candidates", "fault": "a fault of the test"}.get(kind) or {"usual": "an engineer's size", "-": "law or mesh"}.get(m, f"{m} × MDE")
         for kind, multiple in dict.fromkeys((r["kind"], r["multiple"]) for r in self.rows if r["kind"] != "null"):
             its = [r for r in self.rows if r["kind"] == kind and r["multiple"] == multiple]
             count = lambda *names: sum(r["outcome"] in names for r in its)
             lines.append(f"| {title(kind, multiple)} | {len(its)} | {len(its) - count('missed', 'failed')} | {count('right')} | {count('in the set', 'right and more', 'half')} | {count('unexplained')} |"
-                         f" {count('missed')} | {count('another formula')} | {count('wrong')} | {count('failed')} |")
+                         f" {count('missed')} | {count('another formula')} | {count('wrong')} | {count('refused')} | {count('failed')} |")
         nulls = [r for r in self.rows if r["kind"] == "null"]
         lines.append(f"\nFalse alarms: {sum(r['outcome'] != 'nothing' for r in nulls)} of {len(nulls)}. Invisible: {', '.join(sorted(self.invisible)) or 'none'}.")
         named = [r for r in self.rows if r["kind"] == "effect" and r["outcome"] in ("right", "in the set")]

@@ -146,6 +146,18 @@ void FieldExperiment::make_candidates() {
   std::stable_sort(candidates_.begin(), candidates_.end(), [](const auto& a, const auto& b) { return a.link < b.link; });
 }
 
+namespace {
+
+/// Refuses a measured force [frames] beyond its noise that has another sign than the declared model's, or is a hundred times larger or smaller: no identification leads from there.
+void check_force(const Eigen::VectorXd& measured, double noise, const Eigen::VectorXd& reaction) {
+  if (!std::isfinite(noise) || reaction.squaredNorm() == 0.0 || measured.squaredNorm() < 9.0 * noise * noise * static_cast<double>(measured.size())) return;
+  const double ratio = measured.dot(reaction) / reaction.squaredNorm();
+  if (ratio < 0.01 || ratio > 100.0)
+    throw InputError("loads.force", fmt::format("{:.3g} times the forces that the declared parameters give", ratio), "0.01 to 100 times: force, length and material in the units of the case file, tension positive");
+}
+
+}  // namespace
+
 void FieldExperiment::make_scene() {
   Scene scene;
   scene.thickness = model_.thickness;
@@ -175,6 +187,7 @@ void FieldExperiment::make_scene() {
   const auto paths = simulate({Simulation{model_.values, {}, measured_.driving, {}}});
   if (paths.front().R.size() == 0) throw ConvergenceError("the declared model cannot follow the measured displacement of the ends");
   motion_ = paths.front().U;
+  check_force(measured_.force, measured_.force_noise, paths.front().R);
   // The elastic field: that of the last of the first loaded frames whose reaction is below 0.3 of the largest.
   const Eigen::VectorXd& reaction = paths.front().R;
   const double largest = reaction.cwiseAbs().maxCoeff();

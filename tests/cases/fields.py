@@ -107,11 +107,20 @@ def main():
     page = (folder / "nothing/run/report.html").read_text()
     require(page.count("data:image/png") == 4 and "in 4 of 100 tests" in page and "class=\"band\"" in page and "class=\"shaded\"" in page, "the page shows the residual, what is left, and both about the worst place")
     require("doubts" not in result, "nothing is doubted")
-    shutil.copytree(folder / "nothing", folder / "kilonewton", ignore=shutil.ignore_patterns("run"))
-    rows = (folder / "nothing/loads.csv").read_text().split()
-    (folder / "kilonewton/loads.csv").write_text("\n".join([rows[0]] + [",".join([*row.split(",")[:2], f"{float(row.split(',')[2]) / 1000:.6f}"]) for row in rows[1:]]) + "\n")
-    result = loop("kilonewton", "", 1, load_noise=LOAD_NOISE / 1000)
-    require(abs(result["before"]["parameters"]["E"]["value"] / E * 1000 - 1) < 0.05 and len(result.get("doubts", [])) == 1 and "units" in result["doubts"][0], f"a force in kN is doubted: {result.get('doubts')}")
+    rows = [row.split(",") for row in (folder / "nothing/loads.csv").read_text().split()]
+
+    def with_force(name, factor):
+        shutil.copytree(folder / "nothing", folder / name, ignore=shutil.ignore_patterns("run"))
+        (folder / name / "loads.csv").write_text("\n".join([",".join(rows[0])] + [f"{frame},{time},{factor * float(force):.6f}" for frame, time, force in rows[1:]]) + "\n")
+        (folder / f"{name}.yaml").write_text(case(name, load_noise=abs(factor) * LOAD_NOISE))
+
+    for name, factor, said in (("kilonewton", 1e-3, "0.00105 times"), ("pushed", -1.0, "-1.05 times")):
+        with_force(name, factor)
+        refused = run(program, "loop", folder / f"{name}.yaml", 2, status=2, errors=True)
+        require("loads.force" in refused and f"{said} the forces that the declared parameters give" in refused, f"a force times {factor} is refused: {refused.strip()}")
+    with_force("thirtieth", 1 / 30)
+    result = loop("thirtieth", "", 1, load_noise=LOAD_NOISE / 30)
+    require(abs(result["before"]["parameters"]["E"]["value"] / E * 30 - 1) < 0.05 and len(result.get("doubts", [])) == 1 and "units" in result["doubts"][0], f"a thirtieth of the force is doubted: {result.get('doubts')}")
 
     drift = 1.5e-3
     tables(folder / "drift", 0.05, 12.0, True, (300.0, 410.0), drift, seed=2)
