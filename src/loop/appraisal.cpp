@@ -24,9 +24,12 @@ Eigen::MatrixXd stacked(const Eigen::MatrixXd& above, const Eigen::MatrixXd& bel
   return all;
 }
 
-std::string why_without(const Mark& mark) {
+/// Of a usual step of a candidate, in units of the noise: less than that is round-off.
+constexpr double no_mark = 1e-7;
+
+std::string why_without(const Mark& mark, double step) {
   if (mark.failed > 0) return "the model could not be computed with it";
-  return mark.columns.isZero(0.0) ? "it changes nothing that was measured" : "it changes nothing in the frames that are fitted";
+  return mark.columns.norm() * step < no_mark ? "it changes nothing that was measured" : "it changes nothing in the frames that are fitted";
 }
 
 /// Importance beside significance: a fifth of the excess energy, or a shift of a parameter by 1 % or by one standard deviation.
@@ -192,8 +195,11 @@ void Appraisal::trace(Model& model) const {
   std::vector<Mark> marks_of_kept;
   for (std::size_t i = 0; i < signatures.size(); ++i) {
     const Eigen::MatrixXd signature = signatures[i].columns(rows_, Eigen::all);
-    if (signature.norm() == 0.0) {
-      model.untested.push_back({model.others[i], why_without(signatures[i])});
+    const auto& its = candidate(model.others[i]).parameters;
+    double step = 0.0;
+    for (int j : its) step = std::max(step, experiment_.parameters()[static_cast<std::size_t>(j)].step);
+    if (signature.norm() * step < no_mark) {
+      model.untested.push_back({model.others[i], why_without(signatures[i], step)});
       continue;
     }
     const auto with_prior = [&](const Eigen::MatrixXd& columns) { return stacked(columns, Eigen::MatrixXd::Zero(prior.residual.size(), columns.cols())); };
@@ -201,7 +207,6 @@ void Appraisal::trace(Model& model) const {
     const Eigen::MatrixXd none(signatures[i].columns.rows(), 0), &elsewhere = signatures[i].elsewhere.size() > 0 ? signatures[i].elsewhere : none;
     problem.elsewhere.push_back(with_prior(elsewhere(rows_, Eigen::all)));
     problem.held_out.elsewhere.emplace_back(elsewhere(held_rows_, Eigen::all));
-    const auto& its = candidate(model.others[i]).parameters;
     problem.sizes.push_back(static_cast<int>(std::count_if(its.begin(), its.end(), [&](int j) { return !experiment_.parameters()[static_cast<std::size_t>(j)].info.shape; })));
     kept.push_back(model.others[i]);
     marks_of_kept.push_back(signatures[i]);
