@@ -5,7 +5,7 @@ declared). Something is done to the test that the case file does not declare, an
 images   a speckle of discs given by formulas, mapped back sample by sample, averaged over the pixels, with noise, in 8 bits: 250 x 320 px
 fields   the displacement at points as a subset correlation would give it, with noise, rounded
 
-tools/blind_plate.py {images,fields} [--reduced] [--waist] [--by imic3d] [--seeds N] [--nulls N] [--only NAME,NAME] [--out FOLDER] [--imic3d PROGRAM]
+tools/blind_plate.py {images,fields} [--reduced] [--waist] [--by imic3d] [--seeds N] [--nulls N] [--only NAME,NAME] [--bricks N,N,N] [--out FOLDER] [--imic3d PROGRAM]
 tools/blind_plate.py {images,fields} --together [...]
 
 --together: three plates of one material in one loop; the load cell of the first reads 6 % too much, which none of them shows alone. Fails unless that is named.
@@ -64,17 +64,17 @@ class Waisted(cx.Plate):
 class Generator:
     """The plate's front face in every frame, for each hole and Poisson's ratio: nodes (n, 2), faces (m, 8), displacement (FRAMES + 1, n, 3), force (FRAMES + 1); simulated once."""
 
-    def __init__(self, folder, fine, waist, program=None):
-        self.folder, self.fine, self.waist, self.program = folder, fine, waist, program
+    def __init__(self, folder, bricks, increment, waist, program=None):
+        self.folder, self.bricks, self.increment, self.waist, self.program = folder, bricks, increment, waist, program
 
     def __call__(self, radius, nu):
         file = self.folder / f"radius_{radius:.5f}_nu_{nu:.5f}.npz"
         if not file.exists() and self.program:
             np.savez(file, **self.by_imic3d(radius, nu, file.with_suffix("")))
         elif not file.exists():
-            around, outward, along, increment = (12, 14, 7, 0.05) if self.fine else (8, 9, 5, 0.1)
+            around, outward, along = self.bricks
             plate = (Waisted if self.waist else cx.Plate)(length=LENGTH, thickness=THICKNESS, radius=radius, around=around, outward=outward, along=along, through=1)
-            result = simulate(SimpleNamespace(strain=STRAIN, frames=FRAMES, theory="hencky", increment=increment), cx.Law(nu=nu), file.with_suffix(""), plate)
+            result = simulate(SimpleNamespace(strain=STRAIN, frames=FRAMES, theory="hencky", increment=self.increment), cx.Law(nu=nu), file.with_suffix(""), plate)
             np.savez(file, **dict(zip(("nodes", "faces", "displacement", "force"), result)))
         known = np.load(file)
         return known["nodes"], known["faces"], known["displacement"][STATIC - 1:], known["force"][STATIC - 1:]
@@ -278,11 +278,13 @@ def main():
     parser.add_argument("--nulls", type=int, default=10)
     parser.add_argument("--multiples", default="1,3,10,50")
     parser.add_argument("--only", default="", help="names, with commas between them")
+    parser.add_argument("--bricks", help="CalculiX's, of a quarter of the plate: around the hole, outwards, along the rest (12,14,7; reduced 8,9,5)")
     parser.add_argument("--out", type=Path)
     parser.add_argument("--imic3d", default="build/release/imic3d")
     options = parser.parse_args()
     out = options.out or Path(f"runs/blind_{options.kind}")
-    generator = Generator(out / options.by, not options.reduced, options.waist, options.imic3d if options.by == "imic3d" else None)
+    bricks = options.bricks or ("8,9,5" if options.reduced else "12,14,7")
+    generator = Generator(out / options.by, [int(n) for n in bricks.split(",")], 0.1 if options.reduced else 0.05, options.waist, options.imic3d if options.by == "imic3d" else None)
     suite = blind.Suite(out, options.imic3d, lambda folder, planted, seed: make(options.kind, generator, folder, planted, seed), TRUTH)
     if options.together:
         together(options.kind, generator, out, options.imic3d)

@@ -56,6 +56,14 @@ Eigen::MatrixXd rigid_motions(const FieldFace& face) {
   return R;
 }
 
+/// Refuses a measured force [frames] beyond its noise that has another sign than the declared model's, or is a hundred times larger or smaller: no identification leads from there.
+void check_force(const Eigen::VectorXd& measured, double noise, const Eigen::VectorXd& reaction) {
+  if (!std::isfinite(noise) || reaction.squaredNorm() == 0.0 || measured.squaredNorm() < 9.0 * noise * noise * static_cast<double>(measured.size())) return;
+  const double ratio = measured.dot(reaction) / reaction.squaredNorm();
+  if (ratio < 0.01 || ratio > 100.0)
+    throw InputError("loads.force", fmt::format("{:.3g} times the forces that the declared parameters give", ratio), "0.01 to 100 times: force, length and material in the units of the case file, tension positive");
+}
+
 }  // namespace
 
 FieldExperiment::FieldExperiment(Communicator world, FieldData data, DeclaredModel model, const FieldOptions& options)
@@ -145,18 +153,6 @@ void FieldExperiment::make_candidates() {
   candidates_.insert(candidates_.end(), ordered.begin(), ordered.end());
   std::stable_sort(candidates_.begin(), candidates_.end(), [](const auto& a, const auto& b) { return a.link < b.link; });
 }
-
-namespace {
-
-/// Refuses a measured force [frames] beyond its noise that has another sign than the declared model's, or is a hundred times larger or smaller: no identification leads from there.
-void check_force(const Eigen::VectorXd& measured, double noise, const Eigen::VectorXd& reaction) {
-  if (!std::isfinite(noise) || reaction.squaredNorm() == 0.0 || measured.squaredNorm() < 9.0 * noise * noise * static_cast<double>(measured.size())) return;
-  const double ratio = measured.dot(reaction) / reaction.squaredNorm();
-  if (ratio < 0.01 || ratio > 100.0)
-    throw InputError("loads.force", fmt::format("{:.3g} times the forces that the declared parameters give", ratio), "0.01 to 100 times: force, length and material in the units of the case file, tension positive");
-}
-
-}  // namespace
 
 void FieldExperiment::make_scene() {
   Scene scene;

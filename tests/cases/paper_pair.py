@@ -21,8 +21,18 @@ def main():
     for name in {case, "plate_with_hole"}:
         shutil.copytree(ROOT / "inputs" / name, folder / "inputs" / name)
     run(program, "virtual", folder / "inputs" / case / "virtual.yaml", 1)
-    run(program, "loop", folder / "inputs" / case / "loop.yaml", 1)
-    result = json.loads((folder / "runs" / case / "loop/result.json").read_text())
+
+    def loop(name):
+        run(program, "loop", folder / "inputs" / case / f"{name}.yaml", 1)
+        return json.loads((folder / "runs" / case / name / "result.json").read_text())
+
+    if case == "two_faces":
+        nothing = loop("loop_null")
+        require(nothing["verdict"] == "nothing found", f"its own law declared: {nothing['sentence']}")
+        for name, truth in (("E", 198e3), ("S_y", 284.0), ("H", 1480.0), ("delta", 0.042)):
+            its = nothing["after"]["parameters"][name]
+            require(abs(its["value"] - truth) < 3.5 * its["standard_deviation"] < 0.1 * truth, f"{name} {its['value']:.5g} +- {its['standard_deviation']:.2g}, true {truth:g}")
+    result = loop("loop")
     before, after = result["before"]["chi"], result["after"]["chi"]
     print(result["sentence"])
     times = {"paper_pair": 3.0, "two_faces": 1.5}[case]  # elements of 1 to 2 mm in space leave much in doubt
