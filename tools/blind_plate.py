@@ -16,6 +16,7 @@ Each effect at 10 x MDE is planted once more and left out of the candidates. Siz
 trial), FOLDER/table.md and prints the table. A trial whose result is there is not run again."""
 
 import argparse
+import io
 import json
 import shutil
 import subprocess
@@ -47,7 +48,7 @@ DECLARED = {
 }
 # What the generator can do to a test. Lengths in mm, forces in N, times in frames; `mesh`: declared sizes at the hole and far from it.
 NOTHING = dict(force_offset=0.0, force_gain=1.0, force_delay=0.0, preload=0.0, jumps=0.0, hole_radius_error=0.0, nu=LAW.nu, magnification_drift=0.0, drift_with_load=0.0, inverse_distance=0.0, k1=0.0,
-               bump=0.0, oscillation=0.0, debonded=0.0, dropped=0, duplicated=0, white=255.0, declared_noise=0.0, force_unit=1.0, thickness=THICKNESS, declared="power", mesh=None, leave_out=[])
+               bump=0.0, oscillation=0.0, debonded=0.0, dropped=0, duplicated=0, black=0.0, white=255.0, jpeg=0, declared_noise=0.0, force_unit=1.0, thickness=THICKNESS, declared="power", mesh=None, leave_out=[])
 
 
 def waisted(points):
@@ -171,8 +172,11 @@ def pictures(folder, nodes, faces, seen, p, seed, random):
     if p["duplicated"]:  # an image that was written twice, in the place of the next
         frames[REST + p["duplicated"]] = p["duplicated"]
     for number, frame in enumerate(frames):
-        grey = np.clip(np.rint(clean[frame] + random.normal(size=clean[frame].shape) * GREY_NOISE), 0, p["white"])
-        Image.fromarray(grey.astype(np.uint8)).save(folder / f"images/frame_{number:03}.png")
+        grey = Image.fromarray(np.clip(np.rint(clean[frame] + random.normal(size=clean[frame].shape) * GREY_NOISE), p["black"], p["white"]).astype(np.uint8))
+        if p["jpeg"]:
+            grey.save(packed := io.BytesIO(), "JPEG", quality=p["jpeg"])
+            grey = Image.open(packed)
+        grey.save(folder / f"images/frame_{number:03}.png")
     noise = f", noise: {p['declared_noise']}" if p["declared_noise"] else ""
     return f"cameras: [{{name: front, pixel_size: {PIXEL}, place: {{origin: [{(WIDTH - 1) / 2}, {(HEIGHT - 1) / 2}]}}, images: \"images/*.png\", reference: 0-{REST - 1}{noise}}}]"
 
@@ -238,6 +242,8 @@ FAULTS = {
     "load cell and thickness by 5 %": dict(force_gain=1.05, thickness=1.05 * THICKNESS),
     "magnification that goes with the load": dict(drift_with_load=1e-3),
     "saturated speckle": dict(white=190.0),
+    "speckle cut in the dark": dict(black=40.0),
+    "images compressed by JPEG": dict(jpeg=75),
     "an image that is missing": dict(dropped=9),
     "an image that is there twice": dict(duplicated=9),
     "force in kN read as N": dict(force_unit=1000.0),

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <map>
 #include <optional>
+#include <set>
 
 #include "imic3d/app/observation.hpp"
 #include "imic3d/app/output.hpp"
@@ -45,6 +46,13 @@ void say(const Material& material, const std::vector<int>& free, const id::Itera
                at.displacement_rms, at.image_rms,
                at.force_rms > 0.0 ? fmt::format("  force {:.4g}", at.force_rms) : std::string());
   if (!at.message.empty()) spdlog::warn("      {} frames took part: {}", at.frames, at.message);
+}
+
+/// Bounds are approached by halves, to within a step that ends a stage.
+bool ends_on_bound(const Material& material, int parameter, double declared, const id::GaussNewtonOptions& solver) {
+  const auto k = static_cast<std::size_t>(parameter);
+  const auto& info = material.information[k];
+  return std::min(material.values[k] - info.lower, info.upper - material.values[k]) <= 2.0 * solver.eta * std::max(std::abs(declared), solver.scale[k]);
 }
 
 }  // namespace
@@ -113,6 +121,8 @@ void identify(const Communicator& world, const CommandOptions& options) {
   const auto parameters = static_cast<Eigen::Index>(material.values.size());
   Eigen::MatrixXd covariance = Eigen::MatrixXd::Constant(parameters, parameters, std::nan(""));
   std::vector<StageSummary> stages;
+  const std::vector<double> first = material.values;
+  std::set<int> on_bound;
   if (found.solutions) model.start_from(*found.solutions);
   for (std::size_t k = 0; k < test.identify.stages.size(); ++k) {
     const auto& declared = test.identify.stages[k];
@@ -150,7 +160,13 @@ void identify(const Communicator& world, const CommandOptions& options) {
       for (std::size_t j = 0; j < stage.free.size(); ++j)
         covariance(stage.free[i], stage.free[j]) = result.covariance.total(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j));
     stages.push_back({declared.free, static_cast<int>(result.iterates.size()) - 1, result.converged, result.message, result.covariance});
-    output.identified(material.values, covariance);
+    for (const int j : stage.free) {
+      on_bound.erase(j);
+      if (!ends_on_bound(material, j, first[static_cast<std::size_t>(j)], solver)) continue;
+      on_bound.insert(j);
+      spdlog::warn("  {} = {:.6g} is on its bound: the data ask for more, or do not show it", material.information[static_cast<std::size_t>(j)].name, material.values[static_cast<std::size_t>(j)]);
+    }
+    output.identified(material.values, covariance, on_bound);
   }
 
   // The identified model on every frame, used or held out.

@@ -43,18 +43,6 @@ void check_law_and_cameras(const io::Case& test) {
   }
 }
 
-/// The work, whose mistakes are added with the file before their places.
-void collect(std::vector<Mistake>& mistakes, const std::filesystem::path& file, const std::function<void()>& work) {
-  try {
-    work();
-  } catch (const InputError& error) {
-    for (auto mistake : error.mistakes()) {
-      if (!mistake.place.starts_with(file.string())) mistake.place = file.string() + ": " + mistake.place;
-      mistakes.push_back(std::move(mistake));
-    }
-  }
-}
-
 void check_units(const io::Units& units, const io::Case& first) {
   const auto text = [](const io::Units& of) { return fmt::format("{}, {}, {}", of.length, of.force, of.time); };
   if (text(units) != text(first.units)) throw InputError("units", text(units), text(first.units) + " as in " + first.file.string());
@@ -75,6 +63,17 @@ void check_law(const io::Case& test, const io::Case& other) {
 }
 
 }  // namespace
+
+void collect(std::vector<Mistake>& mistakes, const std::filesystem::path& file, const std::function<void()>& work) {
+  try {
+    work();
+  } catch (const InputError& error) {
+    for (auto mistake : error.mistakes()) {
+      if (!mistake.place.starts_with(file.string())) mistake.place = file.string() + ": " + mistake.place;
+      mistakes.push_back(std::move(mistake));
+    }
+  }
+}
 
 void check_loop_case(const io::Case& test) {
   check_law_and_cameras(test);

@@ -1,6 +1,7 @@
 #pragma once
 // What can be said of a case of imic3d loop before anything is correlated or simulated.
 
+#include <filesystem>
 #include <functional>
 #include <string>
 #include <vector>
@@ -8,6 +9,9 @@
 #include "imic3d/app/setup.hpp"
 
 namespace imic3d::app {
+
+/// The work, whose mistakes are added with the file before their places.
+void collect(std::vector<Mistake>& mistakes, const std::filesystem::path& file, const std::function<void()>& work);
 
 /// Throws InputError: candidates left out that no test has, cameras and laws that the loop does not take.
 void check_loop_case(const io::Case& test);

@@ -153,7 +153,8 @@ class Summary {
     for (std::size_t j = 0; j < model.fit.free.size(); ++j) {
       const auto& info = parameter(model.fit.free[j]).info;
       const auto place = static_cast<Eigen::Index>(j);
-      one["parameters"][info.name] = {{"value", model.fit.values[static_cast<std::size_t>(model.fit.free[j])]}, {"standard_deviation", std::sqrt(model.covariance(place, place))}, {"unit", info.unit}};
+      const double value = model.fit.values[static_cast<std::size_t>(model.fit.free[j])];
+      one["parameters"][info.name] = {{"value", value}, {"standard_deviation", std::sqrt(model.covariance(place, place))}, {"unit", info.unit}, {"on_bound", loop::on_bound(parameter(model.fit.free[j]), value)}};
     }
     one["omnibus"] = {{"deviations", model.scores.omnibus}, {"threshold", model.scores.omnibus_threshold}, {"p", model.scores.omnibus_p}};
     one["threshold"] = model.scores.threshold, one["largest_p"] = model.scores.largest_p;

@@ -128,8 +128,8 @@ void RunOutput::iteration(int stage, int iteration, const identification::Iterat
   if (file_) io::write_iteration(*file_, stage, iteration, at.parameters, at.eta, at.image_rms);
 }
 
-void RunOutput::identified(const std::vector<double>& values, const Eigen::MatrixXd& covariance) {
-  if (file_) io::write_identified(*file_, values, span_of(covariance));
+void RunOutput::identified(const std::vector<double>& values, const Eigen::MatrixXd& covariance, const std::set<int>& on_bound) {
+  if (file_) io::write_identified(*file_, values, span_of(covariance), on_bound);
 }
 
 void RunOutput::simulation_frame(int place, const mechanics::FrameState& state) {
@@ -221,7 +221,8 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
     const auto k = static_cast<Eigen::Index>(j);
     const double deviation = std::sqrt(covariance(k, k));
     fmt::print("  {:8} {:14.6g} {:10} {}\n", material.information[j].name, material.values[j], material.information[j].unit,
-               std::isfinite(deviation) ? fmt::format("+- {:.2g} (noise alone)", deviation) : "(fixed)");
+               json["parameters"][material.information[j].name]["on_bound"] == true ? "(on its bound)"
+               : std::isfinite(deviation) ? fmt::format("+- {:.2g} (noise alone)", deviation) : "(fixed)");
   }
   if (test_.identify.noise_draws > 0)
     for (const auto& stage : stages)

@@ -50,6 +50,7 @@ class Report {
     const auto names = file_.read_texts("identification/parameters"), units = file_.read_texts("identification/units");
     const auto initial = file_.read("identification/initial"), values = file_.read("identification/values"),
                deviation = file_.read("identification/standard_deviation");
+    const auto on_bound = file_.has("identification/on_bound") ? file_.read_integers("identification/on_bound") : std::vector<int>(names.size(), 0);
     out_ +=
         "<h2>Parameters</h2>\n<table>\n<tr><th>parameter</th><th>identified</th><th>standard deviation</th>"
         "<th>relative</th><th>start</th><th>unit</th></tr>\n";
@@ -59,8 +60,8 @@ class Report {
       finished = finished || std::isfinite(values[i]);
       out_ += fmt::format(
           "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td class=\"left\">{}</td></tr>\n",
-          escaped(names[i]), shown_with(values[i], deviation[i]), free ? shown(deviation[i], 2) : "fixed",
-          free ? shown(100 * deviation[i] / std::abs(values[i]), 2) + " %" : "", shown(initial[i]), escaped(units[i]));
+          escaped(names[i]), shown_with(values[i], deviation[i]), on_bound[i] > 0 ? "on its bound" : free ? shown(deviation[i], 2) : "fixed",
+          free && on_bound[i] <= 0 ? shown(100 * deviation[i] / std::abs(values[i]), 2) + " %" : "", shown(initial[i]), escaped(units[i]));
     }
     out_ += "</table>\n";
     if (!finished) out_ += "<p>The identification was not finished; see the parameters by iteration.</p>\n";

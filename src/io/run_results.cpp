@@ -115,6 +115,7 @@ void declare_identification(ResultsFile& file, const Case& test, const RunPlan& 
   file.declare(group + "values", {n}, unit, "identified values");
   file.declare(group + "standard_deviation", {n}, unit, "standard deviation; NaN where a parameter was not free");
   file.declare(group + "covariance", {n, n}, unit, "covariance (Eq. 14)");
+  file.declare(group + "on_bound", {n}, "-", "1 where a free parameter ended on a bound: its standard deviation says nothing", Storage::integer);
   file.declare(group + "iterations/count", {1}, "-", "number of rows that are written", Storage::integer);
   file.declare(group + "iterations/stage", {most}, "-", "stage of the iteration, from 0", Storage::integer);
   file.declare(group + "iterations/iteration", {most}, "-", "number within the stage, 0: the start", Storage::integer);
@@ -197,13 +198,16 @@ void write_iteration(ResultsFile& file, int stage, int iteration, std::span<cons
   file.write(group + "count", 0, {&count, 1});  // last, so that a row that counts is whole
 }
 
-void write_identified(ResultsFile& file, std::span<const double> values, std::span<const double> covariance) {
+void write_identified(ResultsFile& file, std::span<const double> values, std::span<const double> covariance, const std::set<int>& on_bound) {
   const auto n = values.size();
   if (covariance.size() != n * n) throw std::invalid_argument("write_identified: covariance is not [P x P]");
   std::vector<double> deviation(n);
   for (std::size_t i = 0; i < n; ++i) deviation[i] = std::sqrt(covariance[i * n + i]);
   file.write("identification/covariance", covariance);
   file.write("identification/standard_deviation", deviation);
+  std::vector<double> marks(n, 0.0);
+  for (const int j : on_bound) marks[static_cast<std::size_t>(j)] = 1.0;
+  file.write("identification/on_bound", marks);
   file.write("identification/values", values);
 }
 

@@ -45,6 +45,8 @@ json parameters(const ResultsFile& file) {
                        {"standard_deviation", number_or_null(deviation[i])},
                        {"initial", number_or_null(initial[i])},
                        {"unit", units[i]}};
+  if (file.has("identification/on_bound"))
+    for (std::size_t i = 0; const auto mark : file.read_integers("identification/on_bound")) table[names[i++]]["on_bound"] = mark > 0;
   return table;
 }
 

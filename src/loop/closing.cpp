@@ -425,13 +425,9 @@ class Loop {
     const auto& parameters = experiment_.parameters();
     for (int k : model.added)
       for (int j : candidate(k).parameters) {
-        const auto& info = parameters[static_cast<std::size_t>(j)].info;
-        if (info.shape) continue;
+        const auto& parameter = parameters[static_cast<std::size_t>(j)];
         const double value = model.fit.values[static_cast<std::size_t>(j)];
-        const double margin = std::isfinite(info.upper - info.lower) ? 0.01 * (info.upper - info.lower) : 0.1 * parameters[static_cast<std::size_t>(j)].step;
-        if (value < info.lower + margin || value > info.upper - margin) {
-          object(fmt::format("{} = {:.4g} is at its bound", info.name, value));
-        }
+        if (on_bound(parameter, value)) object(fmt::format("{} = {:.4g} is at its bound", parameter.info.name, value));
       }
     if (model.misfit.checkerboard > at.misfit.checkerboard * 1.02 && at.misfit.checkerboard > at.misfit.null_checkerboard) {
       object(fmt::format("half of the surface is explained worse by the other half: chi {:.3f} after {:.3f}", model.misfit.checkerboard, at.misfit.checkerboard));

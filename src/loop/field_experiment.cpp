@@ -56,11 +56,11 @@ Eigen::MatrixXd rigid_motions(const FieldFace& face) {
   return R;
 }
 
-/// Refuses a measured force [frames] beyond its noise that has another sign than the declared model's, or is a hundred times larger or smaller: no identification leads from there.
+/// Refuses a measured force [frames] that has, beyond its noise, another sign than the declared model's, or is a hundred times larger or smaller: no identification leads from there.
 void check_force(const Eigen::VectorXd& measured, double noise, const Eigen::VectorXd& reaction) {
-  if (!std::isfinite(noise) || reaction.squaredNorm() == 0.0 || measured.squaredNorm() < 9.0 * noise * noise * static_cast<double>(measured.size())) return;
-  const double ratio = measured.dot(reaction) / reaction.squaredNorm();
-  if (ratio < 0.01 || ratio > 100.0)
+  if (!std::isfinite(noise) || reaction.squaredNorm() == 0.0) return;
+  const double ratio = measured.dot(reaction) / reaction.squaredNorm(), doubt = 3.0 * noise / reaction.norm();
+  if (ratio + doubt < 0.01 || ratio - doubt > 100.0)
     throw InputError("loads.force", fmt::format("{:.3g} times the forces that the declared parameters give", ratio), "0.01 to 100 times: force, length and material in the units of the case file, tension positive");
 }
 

@@ -61,6 +61,13 @@ std::vector<Eigen::Index> rows_of_frames(const std::vector<Datum>& data, const s
   return rows;
 }
 
+bool on_bound(const Parameter& parameter, double value) {
+  const auto& info = parameter.info;
+  if (info.shape) return false;
+  const double margin = info.null_value && std::isfinite(info.upper - info.lower) ? 0.01 * (info.upper - info.lower) : 0.1 * parameter.step;
+  return value < info.lower + margin || value > info.upper - margin;
+}
+
 namespace {
 
 /// A step of the parameter that stays within its bounds.

@@ -258,12 +258,20 @@ LightStatistics::Moments LightStatistics::moments() const {
   return result;
 }
 
-/// Files of 16 bits hold what cameras of 10, 12 and 14 bits record, at their lower or their upper end.
+/// Noise spreads whatever levels a specimen has, and the largest have the fewest pixels. Where they pile up at the largest instead, the record was cut there: at the end of a camera's range of any number of bits,
+/// or by what was done to the images. Noise far below the step between levels spreads nothing, and tells nothing.
 float LightStatistics::largest_grey(const imaging::Image& image) const {
-  const float most = *std::max_element(image.grey.begin(), image.grey.end());
-  for (const float limit : {1023.0F, 4095.0F, 16383.0F, 65472.0F, 65520.0F, 65532.0F})
-    if (image.depth == 16 && most == limit) return limit;
-  return image.dynamic();
+  std::vector<double> pixels(static_cast<std::size_t>(image.dynamic()) + 1, 0.0);  // of each level
+  for (const float grey : image.grey) pixels[static_cast<std::size_t>(std::lround(std::clamp(grey, 0.0F, image.dynamic())))] += 1.0;
+  const auto next = [&](std::size_t below) {
+    while (below > 0 && pixels[below - 1] == 0.0) --below;
+    return below > 0 ? below - 1 : 0;
+  };
+  const std::size_t most = next(pixels.size()), step = most - next(most);
+  const auto reach = std::max(2 * step, static_cast<std::size_t>(2.0 * optics_.noise));
+  const double beneath = *std::max_element(pixels.begin() + static_cast<std::ptrdiff_t>(most - std::min(most, reach)), pixels.begin() + static_cast<std::ptrdiff_t>(most));
+  const bool cut = optics_.noise > 0.25 * static_cast<double>(step) && pixels[most] > 3.0 * beneath + 5.0 * std::sqrt(beneath);
+  return cut ? static_cast<float>(most) : image.dynamic();
 }
 
 /// Where several cameras see a face in space, pixels of one that moved across the others' lines of sight (it was pushed, its lens distorts) are no motion that the correlation

@@ -42,9 +42,18 @@ std::string changes(const Experiment& experiment, const Model& before, const Mod
   return text.empty() ? "" : text + ".";
 }
 
-}  // namespace
+/// The declared model's parameters that stand on a bound.
+std::string bounds(const Experiment& experiment, const Model& declared, const Model& after) {
+  std::string text;
+  for (const int j : declared.fit.free) {
+    const auto& parameter = experiment.parameters()[static_cast<std::size_t>(j)];
+    const double value = after.fit.values[static_cast<std::size_t>(j)];
+    if (on_bound(parameter, value)) text += fmt::format(" {} = {:.4g}{} is on its bound: these data ask for more, or do not show it.", parameter.info.name, value, parameter.info.unit == "-" ? "" : " " + parameter.info.unit);
+  }
+  return text;
+}
 
-std::string sentence_of(const Experiment& experiment, const Report& report) {
+std::string verdict_in_words(const Experiment& experiment, const Report& report) {
   const Model &before = report.declared, &after = report.final;
   const std::string change = fmt::format("Held-out error {:.2f} -> {:.2f} (null {:.2f}).", before.misfit.held_out, after.misfit.held_out, after.misfit.null_held_out);
   const auto candidate = [&](int k) -> const Candidate& { return experiment.candidates()[static_cast<std::size_t>(k)]; };
@@ -94,5 +103,9 @@ std::string sentence_of(const Experiment& experiment, const Report& report) {
   }
   return text + change + changes(experiment, before, after) + by_chance;
 }
+
+}  // namespace
+
+std::string sentence_of(const Experiment& experiment, const Report& report) { return verdict_in_words(experiment, report) + bounds(experiment, report.declared, report.final); }
 
 }  // namespace imic3d::loop

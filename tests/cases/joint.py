@@ -102,6 +102,15 @@ def main():
     case.write_text(ALL.replace("additions: 2", "additions: 2, leave_out: [nonsense]"))
     require("loop.leave_out: nonsense" in run(program, "check", case, 1, status=2, errors=True), "and what no test can leave out")
 
+    (folder / "in_kN.yaml").write_text((folder / "second.yaml").read_text().replace("second/loads.csv", "second/in_kN.csv"))
+    with open(folder / "second/in_kN.csv", "w") as file:
+        for number, line in enumerate((folder / "second/loads.csv").read_text().splitlines()):
+            frame, time, force = line.split(",")
+            print(frame, time, force if number == 0 else f"{1e-3 * float(force):.6f}", sep=",", file=file)
+    case.write_text(ALL.replace("second.yaml", "in_kN.yaml"))
+    said = run(program, "loop", case, ranks_of(sys.argv), status=2, errors=True)
+    require("in_kN.yaml: loads.force: 0.001" in said, f"whose force is a thousandth of what the law gives: {said.strip()}")
+
     case = folder / "twice.yaml"
     case.write_text(ALL.replace("second strip", "first strip").replace("second.yaml", "none.yaml") + "material: {law: elastic}\n")
     said = run(program, "loop", case, 1, status=2, errors=True)

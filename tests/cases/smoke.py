@@ -76,6 +76,14 @@ def main():
         E, S_y = (result["parameters"][name]["value"] for name in ("E", "S_y"))
         require(abs(E / 198e3 - 1) < 0.05 and abs(S_y / 284 - 1) < 0.03, f"{functional}: E {E:.0f}, S_y {S_y:.2f}")
 
+    bounded = folder / "bounded.yaml"
+    bounded.write_text(cases["displacement_driven"].read_text().replace("S_y: 265", "S_y: {value: 265, upper: 270}").replace("output: displacement", "output: bounded"))
+    said = run(program, "identify", bounded)
+    found = json.loads((folder / "bounded/result.json").read_text())["parameters"]
+    require(found["S_y"]["on_bound"] and 269.7 < found["S_y"]["value"] <= 270 and not found["E"]["on_bound"] and "(on its bound)" in said and "on its bound" in (folder / "bounded/report.html").read_text(),
+            f"a yield stress of 284 that may be 270 at most is on its bound: {found['S_y']}")
+    require(not any(one["on_bound"] for one in result["parameters"].values()), "those that may be what they are, are on none")
+
     run(program, "report", folder / "force_1/results.h5", 2, ["--output", str(folder / "report")])
     page = (folder / "report/report.html").read_text()
     require("S_y" in page and "data:image/png;base64" in page, "the report has the parameters and its pictures")

@@ -456,6 +456,16 @@ TEST(Closing, WhatActsSomewhereIsFoundThere) {
   EXPECT_NE(at_the_middle.named, std::vector<int>{7}) << at_the_middle.sentence;
 }
 
+TEST(Closing, ADeclaredParameterOnItsBoundIsSaid) {
+  Curves experiment(5);
+  experiment.limit(0, 1e-3, 10.3);  // 10.6 is there
+  const Report held = close_loop(experiment, usual);
+  EXPECT_EQ(held.declared.fit.values[0], 10.3);
+  EXPECT_TRUE(held.sentence.ends_with("p0 = 10.3 is on its bound: these data ask for more, or do not show it.")) << held.sentence;
+  const std::string sentence = loop_on(Curves(5)).sentence;
+  EXPECT_EQ(sentence.find("bound"), std::string::npos) << sentence;
+}
+
 /// Alone the kink takes 1.9 of its 4, with the other effect 4.6: beyond what it may be.
 TEST(Closing, AnEffectAddedEarlierStaysWithinItsBounds) {
   Curves experiment(5, {{Curves::kink, 4.0}, {Curves::curved, 6.0}});

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -37,7 +38,7 @@ class RunOutput {
   void dic_frame(int place, const correlation::DicFrame& frame);
   void noise(double sigma);
   void iteration(int stage, int iteration, const identification::Iterate& at);
-  void identified(const std::vector<double>& values, const Eigen::MatrixXd& covariance);
+  void identified(const std::vector<double>& values, const Eigen::MatrixXd& covariance, const std::set<int>& on_bound);
   void simulation_frame(int place, const mechanics::FrameState& state);
   /// Residual of the model on every frame (collective) and the force of the DIC-driven simulation; pictures of the
   /// residual at a few frames.

@@ -63,7 +63,7 @@ struct StageResult {
   std::vector<Iterate> iterates;  ///< the first is the start
   Covariance covariance;          ///< of the free parameters
   bool converged = false;
-  std::string message;            ///< what the user should know: frames that could not be simulated, bounds reached
+  std::string message;            ///< what the user should know: frames that could not be simulated
 };
 
 /// Simulations at some parameters: the nominal one and, per free parameter, the derivative of what is observed.

@@ -19,6 +19,7 @@
 #include <filesystem>
 #include <map>
 #include <nlohmann/json_fwd.hpp>
+#include <set>
 #include <span>
 #include <string>
 #include <vector>
@@ -73,8 +74,8 @@ void write_model_residual(ResultsFile& file, std::size_t index, double rms, std:
 void write_iteration(ResultsFile& file, int stage, int iteration, std::span<const double> values, double eta,
                      double residual);
 
-/// The final values [P] and covariance [P x P], NaN for parameters that were not free.
-void write_identified(ResultsFile& file, std::span<const double> values, std::span<const double> covariance);
+/// The final values [P] and covariance [P x P], NaN for parameters that were not free; `on_bound`: parameters that ended on a bound.
+void write_identified(ResultsFile& file, std::span<const double> values, std::span<const double> covariance, const std::set<int>& on_bound = {});
 
 /// The .xdmf for a results file, to be put beside it; opens in ParaView (with its "XDMF Reader"; the Xdmf3 readers skip
 /// the fields). Its time is the frame's number, because static frames share a time. Every frame is there; those that are

@@ -47,7 +47,7 @@ struct LightFrame {
   /// What aliasing of all of f leaves of the square of r, over the variance of f: the mean of sum over x and y of 1 - cos(2 pi displacement [px]) [cells].
   Eigen::VectorXd aliasing;
   std::vector<Eigen::Vector2d> motion;  ///< mean displacement of the cells [cells, length]
-  double saturated = 0.0;       ///< pixels at the largest grey level
+  double saturated = 0.0;       ///< pixels at the largest grey level, or where the record was cut below it
   double pixels = 0.0;
 };
 
