@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "imic3d/core/log.hpp"
+#include "imic3d/imaging/compression.hpp"
 #include "imic3d/imaging/image.hpp"
 #include "imic3d/loop/statistics.hpp"
 #include "loop_summary.hpp"
@@ -159,6 +160,8 @@ LightFindings look_at_light(const Observation& seen, const io::Case& test, int f
   findings.json["map"] = map_of(experiment, report);
   if (const auto& map = findings.json["map"]; report.verdict == loop::Verdict::unexplained && map.contains("place"))
     findings.sentence += fmt::format(" It is {:.1f} times the noise about ({:.3g}, {:.3g}) in frame {}.", map["largest"].get<double>(), map["place"][0].get<double>(), map["place"][1].get<double>(), map["frame"].get<int>());
+  if (found && std::any_of(test.cameras.begin(), test.cameras.end(), [](const auto& camera) { return imaging::block_excess(imaging::read_image(camera.images.front())) > 0.0; }))
+    findings.sentence += " The images were compressed, which no candidate stands for: it may be that instead.";
   findings.json["sentence"] = findings.sentence;
   return findings;
 }

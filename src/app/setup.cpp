@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "imic3d/core/log.hpp"
+#include "imic3d/imaging/compression.hpp"
 #include "imic3d/mesh/mesh.hpp"
 #include "test_effects.hpp"
 
@@ -59,6 +60,11 @@ io::Case read_case(const CommandOptions& options, std::vector<std::string> secti
                         .images = images,
                         .fields = fields,
                         .several = several});
+  for (const auto& camera : test.cameras)
+    if (images && !camera.images.empty())
+      if (const double excess = imaging::block_excess(imaging::read_image(camera.images.front())); excess > 0.0)
+        test.doubts.push_back(fmt::format("{}: grey levels change by {:.2g} % more across the borders of blocks of 8 x 8 px, as in images that were saved as JPEG: it loses noise and adds patterns, which no effect of the light stands for; save images without loss",
+                                          camera.images.front().string(), 100.0 * excess));
   for (const auto& doubt : test.doubts) spdlog::warn("{}", doubt);
   return test;
 }

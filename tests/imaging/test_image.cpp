@@ -7,6 +7,7 @@
 #include <random>
 
 #include "imic3d/imaging/image.hpp"
+#include "imic3d/imaging/compression.hpp"
 #include "imic3d/imaging/noise.hpp"
 
 namespace imic3d::imaging {
@@ -106,6 +107,38 @@ TEST_F(ImageFiles, OfAHundredMegapixelsAreRead) {
   const Image image = read_image(folder / "large.png");
   EXPECT_EQ(image.width, 12000);
   EXPECT_EQ(image(11999, 8999), 77.0F);
+}
+
+/// Each block of 8 x 8 px loses the upper half of its cosines, as at a strong compression; the image may be a part of a larger one.
+TEST(Compression, BlocksAreFoundWhereThereAreAny) {
+  std::mt19937 generator(6);
+  std::normal_distribution<float> noise(0.0F, 3.0F);
+  const int width = 200, height = 160;
+  Image plain(width, height), compressed(width, height);
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x) plain(x, y) = std::round(120.0F + 40.0F * std::sin(0.9F * static_cast<float>(x) + 0.3F * static_cast<float>(y)) * std::cos(0.7F * static_cast<float>(y)) + noise(generator));
+  for (int y = 0; y < height; ++y)
+    for (int x = 0; x < width; ++x) {
+      const int left = x / 8 * 8, top = y / 8 * 8;
+      double sum = 0.0;
+      for (int u = 0; u < 4; ++u)
+        for (int v = 0; v < 4; ++v) {
+          double amplitude = 0.0;
+          const auto wave = [](int frequency, int place) { return std::cos(M_PI * frequency * (place + 0.5) / 8.0) * (frequency == 0 ? std::sqrt(0.125) : 0.5); };
+          for (int j = 0; j < 8; ++j)
+            for (int i = 0; i < 8; ++i) amplitude += plain(left + i, top + j) * wave(u, i) * wave(v, j);
+          sum += amplitude * wave(u, x - left) * wave(v, y - top);
+        }
+      compressed(x, y) = static_cast<float>(std::round(sum));
+    }
+  Image part(width - 13, height - 21);
+  for (int y = 0; y < part.height; ++y)
+    for (int x = 0; x < part.width; ++x) part(x, y) = compressed(x + 5, y + 11);
+  EXPECT_EQ(block_excess(plain), 0.0);
+  EXPECT_GT(block_excess(compressed), 0.1);
+  EXPECT_GT(block_excess(part), 0.1);
+  EXPECT_EQ(block_excess(Image(50, 50, 8, 100.0F)), 0.0);
+  EXPECT_EQ(block_excess(Image(200, 200, 8, 100.0F)), 0.0);
 }
 
 TEST(Noise, OfStaticFramesIsFoundDespiteQuantisationAndOutliers) {
