@@ -19,6 +19,7 @@ namespace {
 
 constexpr double level_known_to = 0.1;     // of a cell's mean square, constant over time: noise goes with brightness
 constexpr double noise_known_to = 0.03;     // of a cell's mean square, over time: it goes with brightness, and no interpolation is right to better than that
+constexpr double light_known_to = 1e-4;    // of the light, over time: neither lamp nor sensor is steady, nor interpolation right, to better than that
 constexpr double saturated_allowed = 1e-4; // share of the pixels: hot ones
 constexpr double judged_by_ratio = 10.0;   // standard deviations
 
@@ -316,20 +317,31 @@ Eigen::MatrixXd LightExperiment::noise(const std::vector<double>&, int draws) {
   std::normal_distribution<double> normal;
   Eigen::MatrixXd result(z_.size(), draws);
   for (double& x : result.reshaped()) x = normal(random);
-  // Random functions of time, of second degree, of each cell and of all.
+  // Random functions of time, of second degree: of the light of each camera; of the mean square of each cell and of all.
   const auto count = static_cast<Eigen::Index>(frames_.size());
   Eigen::MatrixXd in_time(count, 3);
   for (Eigen::Index t = 0; t < count; ++t) {
     const double s = count > 1 ? 2.0 * static_cast<double>(t) / static_cast<double>(count - 1) - 1.0 : 0.0;
     in_time.row(t) << 1.0, s, 0.5 * (3.0 * s * s - 1.0);
   }
+  in_time /= std::sqrt(1.0 + 1.0 / 3.0 + 0.2);
   for (int b = 0; b < draws; ++b)
     for (std::size_t k = 0; k < cameras_.size(); ++k) {
       const auto& w = *whitening_[k];
       const auto drawn = [&] { return Eigen::Vector3d(normal(random), normal(random), normal(random)); };
+      if (linear(k) > 0) {
+        const auto& [optics, scene, its] = cameras_[k];
+        Eigen::Vector2d reach = Eigen::Vector2d::Zero();
+        for (const auto& middle : optics.middle) reach = reach.cwiseMax((middle - scene.middle()).cwiseAbs() + 0.5 * optics.size);
+        const Eigen::Vector4d unit(optics.mean.mean(), 1.0, 1.0 / reach[0], 1.0 / reach[1]);  // of offset, gain and its slopes
+        Eigen::MatrixXd changes(count, 4);
+        for (int j = 0; j < 4; ++j) changes.col(j) = light_known_to * unit[j] * in_time * drawn();
+        const Eigen::MatrixXd z = w.of_fitted * (w.linear_over_time * changes).transpose();
+        for (Eigen::Index t = 0; t < count; ++t) result.col(b).segment(t * z_.size() / count + w.first_row, z.rows()) += z.col(t);
+      }
       const Eigen::Vector3d whole = drawn();
       for (Eigen::Index c = 0; c < w.deviation.rows(); ++c) {
-        const Eigen::VectorXd changes = noise_known_to / std::sqrt(2.0 * (1.0 + 1.0 / 3.0 + 0.2)) * (in_time * (whole + drawn()));
+        const Eigen::VectorXd changes = noise_known_to / std::sqrt(2.0) * (in_time * (whole + drawn()));
         const Eigen::VectorXd z = w.over_time[static_cast<std::size_t>(c)] * changes.cwiseQuotient(w.deviation.row(c).transpose());
         for (Eigen::Index t = 0; t < count; ++t) result(rows_of(k, c, static_cast<int>(t)).back(), b) += z[t];
       }

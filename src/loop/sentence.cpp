@@ -65,7 +65,10 @@ std::string verdict_in_words(const Experiment& experiment, const Report& report)
   std::string text = fmt::format("Something is missing (chi {:.2f}, null up to {:.2f}). ", before.misfit.fitted, before.misfit.null_fitted);
   const auto list = [&](const std::vector<int>& which) {
     std::string all;
-    for (int k : which) all += (all.empty() ? "" : "; ") + candidate(k).sentence + " (" + size_of(experiment, k, after) + ")";
+    for (int k : which) {
+      const std::string sizes = size_of(experiment, k, after);
+      all += (all.empty() ? "" : "; ") + candidate(k).sentence + (sizes.empty() ? "" : " (" + sizes + ")");
+    }
     return all;
   };
   // Whatever has the same course has left the same marks.

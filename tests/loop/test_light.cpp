@@ -60,6 +60,7 @@ struct Filmed {
   mesh::Mesh quads = made::rectangle(1.0, 1.0, 9.0, 11.0, 8, 10);
   std::shared_ptr<imaging::TelecentricCamera> camera = made::camera(scale);
   std::unique_ptr<GlobalDic> dic;
+  double known_noise = noise;
 
   explicit Filmed(unsigned seed, const Seen& seen = as_it_is, const std::function<double(int)>& sigma = [](int) { return noise; }, const Clean& from = clean()) {
     std::mt19937 random(seed);
@@ -82,7 +83,7 @@ struct Filmed {
     one.scene.surface = &quads;
     measure(one.scene, quads);
     one.scene.time = Eigen::VectorXd::LinSpaced(count, 1.0, count), one.scene.force = Eigen::VectorXd::Ones(count);
-    const LightStatistics statistics(*dic, 0, images.front(), 1, std::sqrt(noise * noise + 1.0 / 12.0), one.scene);
+    const LightStatistics statistics(*dic, 0, images.front(), 1, std::sqrt(known_noise * known_noise + 1.0 / 12.0), one.scene);
     one.optics = statistics.optics();
     std::vector<int> numbers;
     for (int t = 0; t < count; ++t) {
@@ -272,6 +273,19 @@ TEST(Light, WavesThatSplinesLoseHaveTheirShare) {
     EXPECT_NEAR(share, planted, std::min(3.0 * deviation, 0.1 * planted));
     const auto [lost, its_deviation] = found(experiment, report, "contrast_lost");
     EXPECT_NEAR(lost, 1.0 / h, std::min(3.0 * its_deviation, 0.5));
+  }
+}
+
+/// Many pixels of little noise tell a gain of 3e-5 or less, which is none of the lamp's.
+TEST(Light, NoLightIsSteadyToATenThousandth) {
+  for (const double drift : {0.0, 2e-4, 4e-3}) {
+    Filmed test(6050, [&](double grey, int t, const auto&, const auto&) { return (1.0 + drift * t / count) * grey; }, [](int) { return 0.5; });
+    test.known_noise = 0.5;
+    auto experiment = test.experiment();
+    const Report report = close_loop(experiment, quick());
+    std::cout << "[          ] " << drift << ": " << report.sentence << '\n';
+    EXPECT_EQ(has(experiment, report.set, "light gain"), drift > 1e-3);
+    EXPECT_EQ(report.verdict, drift > 1e-3 ? Verdict::attributed : Verdict::nothing_found);
   }
 }
 

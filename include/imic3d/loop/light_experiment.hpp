@@ -16,7 +16,7 @@ struct LightCamera {
 };
 
 /// The numbers of every frame and camera: the linear ones (offset and gain of each cell, gradient of all), whitened; the mean square of each cell over what noise
-/// predicts, its constant level unknown to a tenth, its course to 3 % (in the null); the saturated pixels, a ten-thousandth of them allowed. The reference's noise, common to all frames, is
+/// predicts, its constant level unknown to a tenth, its course to 3 % (in the null); the light of each camera known to 1e-4 over time (in the null); the saturated pixels, a ten-thousandth of them allowed. The reference's noise, common to all frames, is
 /// whitened over time. Each is then z -> 10 asinh(z/10): what lies beyond ten standard deviations is judged by its ratio to the model's, as no model of
 /// light is right to better than a tenth. Free is the noise of each camera. What the correlation has fitted (gain and offset of a frame, of each
 /// element) is no data.
