@@ -297,10 +297,12 @@ void loop_on_tests(const Communicator& world, const CommandOptions& options, con
   LoopCheckpoint checkpoint(world, folder, all, cases, options.resume);
   std::vector<std::unique_ptr<LoopTest>> tests;
   std::vector<loop::JointExperiment::Test> joined;
-  std::vector<Mistake> mistakes;
-  for (const auto& test : cases) collect(mistakes, test.file, [&] { tests.push_back(make_test(world, test, say)); });
-  if (!mistakes.empty()) throw InputError(std::move(mistakes));
-  for (std::size_t k = 0; k < cases.size(); ++k) joined.push_back({all.tests[k].name, &tests[k]->experiment(), tests[k]->held_out()});
+  for (std::size_t k = 0; k < cases.size(); ++k) {
+    std::vector<Mistake> mistakes;
+    collect(mistakes, cases[k].file, [&] { tests.push_back(make_test(world, cases[k], say)); });
+    if (!mistakes.empty()) throw InputError(std::move(mistakes));
+    joined.push_back({all.tests[k].name, &tests.back()->experiment(), tests.back()->held_out()});
+  }
   loop::JointExperiment experiment(std::move(joined));
   auto options_of_all = how(all, experiment.held_out());
   options_of_all.leave_out = of_candidates(experiment, options_of_all.leave_out);
