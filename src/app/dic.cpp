@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <chrono>
+#include <cmath>
 #include <map>
 
 #include "imic3d/app/observation.hpp"
@@ -32,7 +33,7 @@ void dic(const Communicator& world, const CommandOptions& options) {
   }, {.reached = [&](std::size_t, const correlation::DicSeries& series) { times["correlation"] = series.group_times; }});
   say(times);
   output.noise(seen.noise);
-  output.finish(Material{}, {}, {}, std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(), times);
+  output.finish(Material{}, {}, {}, std::nan(""), std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(), times);
 }
 
 }  // namespace imic3d::app

@@ -201,7 +201,7 @@ void identify(const Communicator& world, const CommandOptions& options) {
   if (by_all_ranks) work += by_all_ranks->work();
   spdlog::info("{} frames simulated with {} factorisations, {} passes over the elements, and {} for derivatives", work.frames, work.factorisations, work.passes, work.derivative_passes);
   app::say(times);
-  output.finish(material, covariance, stages, seconds, times);
+  output.finish(material, covariance, stages, gap ? std::nan("") : solver.force_noise, seconds, times);
 }
 
 }  // namespace imic3d::app

@@ -19,6 +19,8 @@ namespace imic3d::app {
 
 namespace {
 
+constexpr double unlikely_force = 2.0;  // of the noise, left by a model
+
 std::span<const double> span_of(const auto& matrix) { return {matrix.data(), static_cast<std::size_t>(matrix.size())}; }
 
 double von_mises(const Eigen::Matrix<double, 1, 6>& s) {
@@ -187,11 +189,17 @@ void RunOutput::draw_residual(int t, const identification::Record& record, const
 }
 
 void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covariance,
-                       const std::vector<StageSummary>& stages, double seconds, const GroupTimes& groups) {
+                       const std::vector<StageSummary>& stages, double force_noise, double seconds, const GroupTimes& groups) {
   if (!file_) return;
   auto json = io::summary(*file_);
   auto doubts = test_.doubts;
   for (auto& doubt : unlikely_values(test_, material, material.values)) doubts.push_back(std::move(doubt));
+  const nlohmann::json::json_pointer of_force("/fitted/force_rms_difference/value");
+  if (const double left = json.contains(of_force) && json[of_force].is_number() ? json[of_force].get<double>() : 0.0; left > unlikely_force * force_noise) {
+    doubts.push_back(fmt::format("the model leaves {:.3g} {} of the force (rms of the fitted frames), {:.1f} times its noise: what it lacks (a finer mesh, an effect that imic3d loop finds) may move the parameters by more than their standard deviations, which are those of noise alone",
+                                 left, test_.units.force, left / force_noise));
+    spdlog::warn("{}", doubts.back());
+  }
   if (!doubts.empty()) json["doubts"] = doubts;
   for (const auto& stage : stages) {
     json["stages"].push_back({{"free", stage.free}, {"iterations", stage.iterations}, {"converged", stage.converged}, {"message", stage.message}});

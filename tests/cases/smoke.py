@@ -79,6 +79,10 @@ def main():
     bounded = folder / "bounded.yaml"
     bounded.write_text(cases["displacement_driven"].read_text().replace("S_y: 265", "S_y: {value: 265, upper: 270}").replace("output: displacement", "output: bounded"))
     said = run(program, "identify", bounded)
+    result = json.loads((folder / "bounded/result.json").read_text())
+    require(any("of the force" in doubt and "times its noise" in doubt for doubt in result["doubts"]), f"what it leaves of the force is doubted: {result['doubts']}")
+    result = json.loads((folder / "displacement/result.json").read_text())
+    require("doubts" not in result, f"nothing is where it may be what it is: {result.get('doubts')}")
     found = json.loads((folder / "bounded/result.json").read_text())["parameters"]
     require(found["S_y"]["on_bound"] and 269.7 < found["S_y"]["value"] <= 270 and not found["E"]["on_bound"] and "(on its bound)" in said and "on its bound" in (folder / "bounded/report.html").read_text(),
             f"a yield stress of 284 that may be 270 at most is on its bound: {found['S_y']}")
