@@ -6,7 +6,7 @@
 namespace imic3d::imaging {
 namespace {
 
-constexpr int block = 8;  // [px]
+constexpr int side = 8;  // of a block [px]
 
 double median(std::vector<double> values) {
   const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
@@ -26,15 +26,15 @@ std::vector<double> third_differences(const Image& image, bool of_columns) {
 
 /// Of the border that shows most, wherever the image was cut out.
 double excess(const std::vector<double>& differences) {
-  const std::size_t blocks = differences.size() / block;
-  if (blocks < block) return 0.0;
+  const std::size_t blocks = differences.size() / side;
+  if (blocks < side) return 0.0;
   double largest = 0.0, deviations = 4.0;
-  for (std::size_t border = 0; border < block; ++border) {
+  for (std::size_t border = 0; border < side; ++border) {
     std::vector<double> ratio;
     for (std::size_t b = 0; b < blocks; ++b) {
       double within = 0.0;
-      for (std::size_t x = 0; x < block; ++x) within += x == border ? 0.0 : differences[block * b + x] / (block - 1);
-      ratio.push_back(within > 0.0 ? differences[block * b + border] / within - 1.0 : 0.0);
+      for (std::size_t x = 0; x < side; ++x) within += x == border ? 0.0 : differences[side * b + x] / (side - 1);
+      ratio.push_back(within > 0.0 ? differences[side * b + border] / within - 1.0 : 0.0);
     }
     const double middle = median(ratio);
     std::vector<double> from_it;
