@@ -276,7 +276,7 @@ TEST(Light, WavesThatSplinesLoseHaveTheirShare) {
   }
 }
 
-/// Many pixels of little noise tell a gain of 3e-5 or less, which is none of the lamp's.
+/// Little noise tells a gain of 1e-4, which need not be the lamp's.
 TEST(Light, NoLightIsSteadyToATenThousandth) {
   for (const double drift : {0.0, 2e-4, 4e-3}) {
     Filmed test(6050, [&](double grey, int t, const auto&, const auto&) { return (1.0 + drift * t / count) * grey; }, [](int) { return 0.5; });
