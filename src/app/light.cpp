@@ -7,6 +7,7 @@
 #include <cmath>
 
 #include "imic3d/core/log.hpp"
+#include "imic3d/core/median.hpp"
 #include "imic3d/imaging/compression.hpp"
 #include "imic3d/imaging/image.hpp"
 #include "imic3d/loop/statistics.hpp"
@@ -36,8 +37,7 @@ double noise_of(const loop::LightCamera& camera) {
   double least = INFINITY;
   for (const auto& frame : camera.frames) {
     Eigen::VectorXd ratio = frame.squares.array() / ((1.0 - camera.optics.absorbed) * (frame.frame_noise.array() + camera.optics.level / camera.optics.references));
-    std::nth_element(ratio.begin(), ratio.begin() + ratio.size() / 2, ratio.end());
-    least = std::min(least, std::sqrt(ratio[ratio.size() / 2]));
+    least = std::min(least, std::sqrt(median(ratio)));
   }
   return least;
 }

@@ -12,6 +12,7 @@
 #include <set>
 
 #include "imic3d/core/log.hpp"
+#include "imic3d/core/median.hpp"
 #include "imic3d/correlation/smoothing.hpp"
 #include "imic3d/imaging/noise.hpp"
 #include "imic3d/io/results_file.hpp"
@@ -274,8 +275,7 @@ Eigen::MatrixXd driving_noise(const Observation& observation, int draws) {
     const auto measure = measure_of(face);
     Eigen::MatrixXd noise = correlation::noise_draws(measure, noise_of_pair(observation, face), draws);
     if (auto cut_offs = face.driving_cut_off; !cut_offs.empty()) {
-      std::nth_element(cut_offs.begin(), cut_offs.begin() + static_cast<std::ptrdiff_t>(cut_offs.size() / 2), cut_offs.end());
-      if (const double median = cut_offs[cut_offs.size() / 2]; median > 0.0) noise = correlation::smooth(measure, noise, median);
+      if (const double cut_off = median(cut_offs); cut_off > 0.0) noise = correlation::smooth(measure, noise, cut_off);
     }
     all.middleRows(unknowns, noise.rows()) = noise;
     unknowns += noise.rows();

@@ -9,6 +9,7 @@
 
 #include "imic3d/core/error.hpp"
 #include "imic3d/core/log.hpp"
+#include "imic3d/core/median.hpp"
 #include "imic3d/correlation/covariance.hpp"
 #include "imic3d/correlation/smoothing.hpp"
 #include "imic3d/imaging/pyramid.hpp"
@@ -52,12 +53,10 @@ double largest_change(const std::vector<Eigen::Matrix2d>& a, const std::vector<E
 std::vector<int> noisy_nodes(const Eigen::VectorXd& variance, int dofs) {
   constexpr double much = 10.0;
   const Eigen::VectorXd of_node = variance.reshaped(dofs, variance.size() / dofs).colwise().sum();
-  std::vector<double> sorted(of_node.begin(), of_node.end());
-  const auto median = sorted.begin() + static_cast<std::ptrdiff_t>(sorted.size() / 2);
-  std::nth_element(sorted.begin(), median, sorted.end());
+  const double middle = median(Eigen::VectorXd(of_node));
   std::vector<int> nodes;
   for (Eigen::Index node = 0; node < of_node.size(); ++node)
-    if (of_node[node] > much * much * *median) nodes.push_back(static_cast<int>(node));
+    if (of_node[node] > much * much * middle) nodes.push_back(static_cast<int>(node));
   return nodes;
 }
 

@@ -10,6 +10,7 @@
 #include "imic3d/core/bounded_step.hpp"
 #include "imic3d/core/error.hpp"
 #include "imic3d/core/linear.hpp"
+#include "imic3d/core/median.hpp"
 
 namespace imic3d::identification {
 
@@ -80,9 +81,7 @@ namespace {
 /// From the median of absolute values.
 double robust_deviation(std::vector<double>& sizes) {
   if (sizes.empty()) return 0.0;
-  const auto middle = sizes.begin() + static_cast<std::ptrdiff_t>(sizes.size() / 2);
-  std::nth_element(sizes.begin(), middle, sizes.end());
-  return *middle / 0.6745;
+  return median(sizes) / 0.6745;
 }
 }  // namespace
 

@@ -3,16 +3,12 @@
 #include <algorithm>
 #include <cmath>
 
+#include "imic3d/core/median.hpp"
+
 namespace imic3d::imaging {
 namespace {
 
 constexpr int side = 8;  // of a block [px]
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 /// Sums over each column of the third difference to the right, about the border between the next two; or over rows.
 std::vector<double> third_differences(const Image& image, bool of_columns) {

@@ -6,14 +6,10 @@
 #include <cmath>
 #include <utility>
 
+#include "imic3d/core/median.hpp"
+
 namespace imic3d::imaging {
 namespace {
-
-float median(std::vector<float>& values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
-}
 
 // Variance of a - b over two.
 double half_variance_of_difference(const Image& a, const Image& b, const Image* mask) {

@@ -9,6 +9,7 @@
 #include <opencv2/imgproc.hpp>
 
 #include "imic3d/core/linear.hpp"
+#include "imic3d/core/median.hpp"
 
 namespace imic3d::imaging {
 
@@ -97,11 +98,7 @@ Eigen::Vector2d centroid(const Image& image, Eigen::Vector2d centre, double reac
       if (r > 0.85 * reach) around.push_back(image(x, y));
     });
     if (inside.empty() || around.empty()) return centre;
-    const auto median = [](std::vector<float>& values) {
-      std::nth_element(values.begin(), values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2), values.end());
-      return static_cast<double>(values[values.size() / 2]);
-    };
-    const double blob = median(inside), surrounding = median(around);
+    const double blob = static_cast<double>(median(inside)), surrounding = static_cast<double>(median(around));
     if (blob == surrounding) return centre;
     double weights = 0.0;
     Eigen::Vector2d sum(0.0, 0.0);

@@ -41,7 +41,7 @@ nlohmann::json to_json(const CurveRun& run) {
     of["standard_deviation"] = quantity(p.deviation, p.unit)["value"];
     of["standard_deviation_noise_alone"] = quantity(p.noise_deviation, p.unit)["value"];
     of["free"] = p.free;
-    if (p.at_bound) of["at_bound"] = true;
+    of["on_bound"] = p.at_bound;
     if (!p.effect.empty()) of["effect"] = p.effect;
   }
   for (const auto& g : run.groups)

@@ -10,6 +10,7 @@
 
 #include "imic3d/core/error.hpp"
 #include "imic3d/core/linear.hpp"
+#include "imic3d/core/median.hpp"
 #include "imic3d/loop/statistics.hpp"
 #include "declared.hpp"
 
@@ -36,12 +37,6 @@ Eigen::MatrixXd over_time(const Eigen::VectorXd& deviation, double shared, doubl
 double root_of_count(double count, double pixels) {
   const double allowed = 0.375 + saturated_allowed * pixels;
   return 2.0 * (std::sqrt(std::max(0.0, count) + allowed) - std::sqrt(allowed));
-}
-
-double median(std::vector<double> values) {
-  const auto middle = values.begin() + static_cast<std::ptrdiff_t>(values.size() / 2);
-  std::nth_element(values.begin(), middle, values.end());
-  return *middle;
 }
 
 }  // namespace

@@ -125,5 +125,18 @@ TEST(Declared, WhatTheSpecimenLacksIsRefused) {
   EXPECT_THROW((void)strip.experiment(), InputError);
 }
 
+/// kN read as N, or compression as tension: no identification leads from there. A force within its noise tells neither.
+TEST(Declared, AForceThatTheLawCannotGiveIsRefused) {
+  const auto with = [](double factor, double noise) {
+    Strip strip(0.0);
+    strip.data.force *= factor, strip.data.force_noise = noise;
+    return strip.experiment().candidates().size();
+  };
+  for (const double factor : {1e-3, -1.0, 200.0}) EXPECT_THROW((void)with(factor, 5.0), InputError) << factor;
+  EXPECT_GT(with(0.05, 5.0), 0U);
+  EXPECT_GT(with(1e-3, 1e6), 0U);
+  EXPECT_GT(with(-1.0, 1e6), 0U);
+}
+
 }  // namespace test_declared
 }  // namespace imic3d::loop
