@@ -196,7 +196,7 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
   for (auto& doubt : unlikely_values(test_, material, material.values)) doubts.push_back(std::move(doubt));
   const nlohmann::json::json_pointer of_force("/fitted/force_rms_difference/value");
   if (const double left = json.contains(of_force) && json[of_force].is_number() ? json[of_force].get<double>() : 0.0; left > unlikely_force * force_noise) {
-    doubts.push_back(fmt::format("the model leaves {:.3g} {} of the force (rms of the fitted frames), {:.1f} times its noise: what it lacks (a finer mesh, an effect that imic3d loop finds) may move the parameters by more than their standard deviations, which are those of noise alone",
+    doubts.push_back(fmt::format("the model leaves {:.3g} {} of the force (rms of the fitted frames), {:.1f} times its noise: what it lacks (a finer mesh, more load increments between frames: identify.steps_per_frame, an effect that imic3d loop finds) may move the parameters by more than their standard deviations, which are those of noise alone",
                                  left, test_.units.force, left / force_noise));
     spdlog::warn("{}", doubts.back());
   }
@@ -222,7 +222,7 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
   if (auto times = to_json(groups); !times.empty()) json["groups"] = std::move(times);
   io::write_json(folder_ / "result.json", json);
   io::draw_pictures(*file_, folder_);
-  io::write_report(folder_ / "report.html", *file_, io::pictures_in(folder_));
+  io::write_report(folder_ / "report.html", *file_, io::pictures_in(folder_), doubts);
 
   fmt::print("\n{}\n", test_.title);
   for (std::size_t j = 0; j < material.values.size(); ++j) {

@@ -36,8 +36,11 @@ void report_loop(const std::filesystem::path& page, const std::filesystem::path&
 }
 
 void report_run(const std::filesystem::path& page, const io::ResultsFile& file) {
+  const auto summary = nlohmann::json::parse(std::ifstream(file.path().parent_path() / "result.json"), nullptr, false);
+  std::vector<std::string> doubts;
+  if (summary.is_object() && summary.contains("doubts")) doubts = summary["doubts"].get<std::vector<std::string>>();
   io::draw_pictures(file, page.parent_path());
-  io::write_report(page, file, io::pictures_in(page.parent_path()));
+  io::write_report(page, file, io::pictures_in(page.parent_path()), doubts);
 }
 
 }  // namespace

@@ -236,7 +236,7 @@ void dic_of_face(const Communicator& world, const io::Case& test, const identifi
   io::write_json(folder / "result.json", json);
   io::write_text_file(folder / "motion.csv", csv);
   io::draw_pictures(*file, folder);
-  io::write_report(folder / "report.html", *file, io::pictures_in(folder));
+  io::write_report(folder / "report.html", *file, io::pictures_in(folder), test.doubts);
   fmt::print("  {:.0f} s; report: {}\n", seconds, (folder / "report.html").string());
 }
 

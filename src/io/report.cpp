@@ -25,7 +25,7 @@ class Report {
  public:
   explicit Report(const ResultsFile& file) : file_(file), numbers_(file.read_integers("frames/number")) {}
 
-  std::string page(const std::vector<ReportPicture>& pictures) {
+  std::string page(const std::vector<ReportPicture>& pictures, const std::vector<std::string>& doubts) {
     const auto title = escaped(file_.read_text("case/title"));
     out_ = fmt::format(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<title>{0}</title>\n"
@@ -34,6 +34,7 @@ class Report {
     const auto text_of = [&](const std::string& name) { return file_.has(name) ? file_.read_text(name) : "?"; };
     out_ += fmt::format("<p class=\"note\">{} · imic3d {}</p>\n", escaped(file_.read_text("case/file")),
                         escaped(text_of("program/imic3d")));
+    for (const auto& doubt : doubts) out_ += fmt::format("<p><strong>Doubted:</strong> {}</p>\n", escaped(doubt));
     parameters();
     headline();
     curves();
@@ -228,8 +229,8 @@ std::vector<ReportPicture> pictures_in(const std::filesystem::path& folder) {
 }
 
 void write_report(const std::filesystem::path& page, const ResultsFile& file,
-                  const std::vector<ReportPicture>& pictures) {
-  write_text_file(page, Report(file).page(pictures));
+                  const std::vector<ReportPicture>& pictures, const std::vector<std::string>& doubts) {
+  write_text_file(page, Report(file).page(pictures, doubts));
 }
 
 }  // namespace imic3d::io

@@ -272,7 +272,8 @@ std::vector<FieldExperiment::Series> FieldExperiment::synthetic_tests(const std:
   };
   std::vector<Simulation> wanted;
   for (int refined = refinements(); refined > 0; --refined) wanted.push_back(one(driving_as_seen, refined, 1.0));
-  for (const double increments : {1.0, again}) wanted.push_back(one(measured_.driving, 0.0, increments));
+  for (const double increments : {1.0, again, 1.0}) wanted.push_back(one(measured_.driving, 0.0, increments));
+  wanted.back().straight = true;
   return simulate(wanted);
 }
 
@@ -312,12 +313,17 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
   } else {
     doubt_too(of_noise(bias));
   }
-  if (const auto &few = series[series.size() - 2], &many = series.back(); few.R.size() > 0 && many.R.size() > 0) {
+  const auto &few = series[series.size() - 3], &many = series[series.size() - 2], &straight = series.back();
+  if (few.R.size() > 0 && many.R.size() > 0) {
     constexpr double all = again / (again - 1.0);  // what infinitely many increments would show: the error goes with their length
     const Prediction of_few = observed(values, {few.U, few.R}), of_many = observed(values, {many.U, many.R});
     const Prediction more{all * (of_many.displacement - of_few.displacement), all * (of_many.force - of_few.force)};
     bias.displacement += more.displacement, bias.force += more.force;
     doubt_too(0.5 * of_noise(more));
+  }
+  if (few.R.size() > 0 && straight.R.size() > 0) {  // how the ends go between two frames no image tells
+    const Prediction bent = observed(values, {few.U, few.R}), other = observed(values, {straight.U, straight.R});
+    doubt_too(0.5 * of_noise({bent.displacement - other.displacement, bent.force - other.force}));
   }
   if (const auto second = second_order_of_noise(values, nominal)) {
     bias.displacement += second->displacement, bias.force += second->force;

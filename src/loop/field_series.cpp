@@ -206,7 +206,7 @@ std::vector<FieldExperiment::Series> FieldExperiment::simulate(const std::vector
         return all;
       };
       const Eigen::MatrixXd driving = on_variant(one.driving), beyond = driven_beyond(with, one.loading);
-      id::Run run{.parameters = one.law, .driving = &driving, .free = one.free, .accuracy = one.variant.synthetic ? accuracy_of_bias : accuracy_of_series};
+      id::Run run{.parameters = one.law, .driving = &driving, .free = one.free, .straight = one.straight, .accuracy = one.variant.synthetic ? accuracy_of_bias : accuracy_of_series};
       if (beyond.size() > 0) run.beyond = &beyond;
       for (const auto& direction : one.directions) run.directions.push_back({.prescribed = with.specimen.from_surface(id::Control::displacement) * on_variant(direction)});
       for (const int shape : one.uneven) run.directions.push_back(uneven_end(with, shape));

@@ -45,6 +45,7 @@ struct FieldExperiment::Simulation {
   std::vector<Eigen::MatrixXd> directions{};  // and in which `driving` moves
   std::vector<int> uneven{};                  // and shapes of ends that are uneven at depth
   std::vector<Key> sections{};                // and specimens towards whose section it moves
+  bool straight = false;                      // identification::Run::straight
 };
 
 /// What a series is differentiated by: a number of the law, a change of what drives the ends, a shape in which the ends are uneven at depth, or a change of the section.

@@ -32,8 +32,10 @@ void LoadPath::Place::copy(const Place& other) {
 
 int LoadPath::go_to(const LoadStep& step, const Eigen::VectorXd* near, int increments, PathStatus& status) {
   const double begin = previous_ != nullptr ? previous_->time : start_time_;
-  const Eigen::VectorXd from = prescribed_by(previous_), to = prescribed_by(&step), force_from = force_of(previous_), force_to = force_of(&step);
+  const Eigen::VectorXd from = natural(previous_ != nullptr ? &previous_->prescribed : nullptr), to = natural(&step.prescribed), force_from = force_of(previous_), force_to = force_of(&step);
   const Eigen::Index dofs = balance_.numbering().natural_size();
+  const bool bent = step.bend[0].size() > 0;
+  const std::array<Eigen::VectorXd, 2> bend{natural(bent ? &step.bend[0] : nullptr), natural(bent ? &step.bend[1] : nullptr)};
   int count = increments, cuts = 0, iterations = 0;
   bool offers = near != nullptr && near->size() == dofs;
   if (offers) balance_.numbering().to_global(*near, offered_);
@@ -43,7 +45,7 @@ int LoadPath::go_to(const LoadStep& step, const Eigen::VectorXd* near, int incre
   Start start = Start::offered;
   for (int increment = 0; increment < count;) {
     const double target = increment + 1 == count ? 1.0 : static_cast<double>(increment + 1) / count;
-    balance_.apply({.prescribed = from + target * (to - from), .force = force_from + target * (force_to - force_from), .time_increment = (step.time - begin) / count, .frame = frame_, .fraction = target});
+    balance_.apply({.prescribed = from + target * (to - from) + target * (1.0 - target) * ((1.0 - target) * bend[0] - target * bend[1]), .force = force_from + target * (force_to - force_from), .time_increment = (step.time - begin) / count, .frame = frame_, .fraction = target});
     Eigen::VectorXd load(2 * dofs);  // a change of sign or size matters, not the units: where there are forces, they count
     load << (to - from) / count, (force_to - force_from) / count;
     const double times = now_.load.size() > 0 && balance_.optical() == nullptr ? load.dot(now_.load) / now_.load.squaredNorm() : 0.0;
@@ -84,12 +86,12 @@ int LoadPath::go_to(const LoadStep& step, const Eigen::VectorXd* near, int incre
   return iterations;
 }
 
-/// Natural, 0 at free degrees and before the first step.
-Eigen::VectorXd LoadPath::prescribed_by(const LoadStep* step) const {
+/// Values of the constrained degrees among all of them, 0 elsewhere or where there are none.
+Eigen::VectorXd LoadPath::natural(const Eigen::VectorXd* of_constrained) const {
   Eigen::VectorXd values = Eigen::VectorXd::Zero(balance_.numbering().natural_size());
   const auto& constrained = balance_.constrained();
-  if (step != nullptr)
-    for (std::size_t i = 0; i < constrained.size(); ++i) values[constrained[i]] = step->prescribed[static_cast<Eigen::Index>(i)];
+  if (of_constrained != nullptr)
+    for (std::size_t i = 0; i < constrained.size(); ++i) values[constrained[i]] = (*of_constrained)[static_cast<Eigen::Index>(i)];
   return values;
 }
 
@@ -125,6 +127,7 @@ void LoadPath::differentiate(const LoadStep& step, double target, PathStatus& st
   Eigen::MatrixXd d_prescribed = target * step.d_prescribed;
   Eigen::SparseMatrix<double> d_force = target * step.d_force;
   if (previous_ != nullptr) d_prescribed += (1.0 - target) * previous_->d_prescribed;
+  if (step.d_bend[0].size() > 0) d_prescribed += target * (1.0 - target) * ((1.0 - target) * step.d_bend[0] - target * step.d_bend[1]);
   if (previous_ != nullptr && d_force.size() > 0) d_force += (1.0 - target) * previous_->d_force;
   if (!derivatives_.differentiate(d_prescribed, d_force, status.derivative_corrections))
     throw ConvergenceError(fmt::format("no derivative by the parameters at frame {} of the series (time {:.6g}); with identify.sensitivities: perturbed none is needed", frame_ + 1, step.time));

@@ -32,7 +32,7 @@ class LoadPath {
     void copy(const Place& other);
   };
 
-  [[nodiscard]] Eigen::VectorXd prescribed_by(const LoadStep* step) const;
+  [[nodiscard]] Eigen::VectorXd natural(const Eigen::VectorXd* of_constrained) const;
   [[nodiscard]] Eigen::VectorXd force_of(const LoadStep* step) const;
   void place(Start start, double target, double times);
   [[nodiscard]] Outcome solve(Start start, int& iterations);

@@ -81,6 +81,9 @@ def main():
     said = run(program, "identify", bounded)
     result = json.loads((folder / "bounded/result.json").read_text())
     require(any("of the force" in doubt and "times its noise" in doubt for doubt in result["doubts"]), f"what it leaves of the force is doubted: {result['doubts']}")
+    run(program, "report", folder / "bounded/results.h5", 1, ["--output", str(folder / "report_bounded")])
+    for page in (folder / "bounded/report.html", folder / "report_bounded/report.html"):
+        require("Doubted:" in page.read_text() and "times its noise" in page.read_text(), f"and its page says so ({page.parent.name})")
     result = json.loads((folder / "displacement/result.json").read_text())
     require("doubts" not in result, f"nothing is where it may be what it is: {result.get('doubts')}")
     found = json.loads((folder / "bounded/result.json").read_text())["parameters"]

@@ -61,6 +61,7 @@ struct Run {
   const Eigen::MatrixXd* beyond = nullptr;     ///< added to the prescribed displacement [constrained dofs x frames, length]
   std::vector<int> free{};                     ///< parameters by which the path is differentiated directly; the forces stay as they are
   std::vector<Direction> directions{};         ///< by which it is differentiated, too; Control::displacement
+  bool straight = false;                       ///< whether the ends go straight from frame to frame, not as `bends` says
   mechanics::Accuracy accuracy{};
 };
 

@@ -213,7 +213,7 @@ class FieldExperiment final : public Experiment {
   struct Groups;
   std::unique_ptr<Groups> groups_;
   /// The series of a synthetic test, side by side: on refined meshes, the finest first, whose ends are driven by `driving_as_seen` [unknowns x frames]; then on the declared mesh in the same and in
-  /// `again` times as many increments.
+  /// `again` times as many increments, and in the same with ends that go straight from frame to frame.
   [[nodiscard]] std::vector<Series> synthetic_tests(const std::vector<double>& values, const Eigen::MatrixXd& driving_as_seen);
   static constexpr double again = 4.0;
   /// What the noise of what drives the ends changes in the mean, the model not being linear in it: sim(d) - E sim(d + noise), from pairs of opposite draws.

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/SparseCore>
+#include <array>
 #include <functional>
 #include <memory>
 #include <span>
@@ -21,8 +22,12 @@ namespace imic3d::mechanics {
 struct LoadStep {
   double time = 0.0;
   Eigen::VectorXd prescribed;  ///< displacement of the constrained degrees, in the order of Constraints::dofs [length]
+  /// By how much `prescribed` changes faster at the begin and at the end of the way from the step before than on a straight one, in parts of the way
+  /// [constrained degrees, length]; empty: straight. With u0, u1 at its ends u(s) = u0 + s (u1 - u0) + s (1 - s) ((1 - s) bend[0] - s bend[1]).
+  std::array<Eigen::VectorXd, 2> bend{};
   Eigen::VectorXd force;       ///< external nodal forces [3 * nodes, force]; empty if there are none
   Eigen::MatrixXd d_prescribed{};  ///< directions in which `prescribed` moves [constrained degrees x directions], as many in every step
+  std::array<Eigen::MatrixXd, 2> d_bend{};  ///< and in which `bend` does; empty where that is
   Eigen::SparseMatrix<double> d_force{};  ///< and in which `force` does, the same ones [3 * nodes x directions]; empty if it does not
   Eigen::MatrixXd d_section{};  ///< and in which the cells' section does, relatively (mesh::Mesh::section) [cells x directions]; that of the first step holds for all; empty if it does not
 };

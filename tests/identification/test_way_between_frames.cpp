@@ -1,0 +1,99 @@
+// How the driven ends move between two frames.
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <cmath>
+
+#include "imic3d/identification/way_between_frames.hpp"
+#include "plate.hpp"
+
+namespace imic3d::identification {
+namespace test_way_between_frames {
+
+double at(const Eigen::MatrixXd& u, const std::array<Eigen::MatrixXd, 2>& bend, Eigen::Index dof, Eigen::Index frame, double s) {
+  const double from = frame > 0 ? u(dof, frame - 1) : 0.0, to = u(dof, frame);
+  return from + s * (to - from) + s * (1 - s) * ((1 - s) * bend[0](dof, frame) - s * bend[1](dof, frame));
+}
+
+/// The first degree pulls, the second follows a curve of it: a cubic leaves a fifth of what straight ways leave at most.
+TEST(WayBetweenFrames, FollowsACurveAndNeverLeavesItsFrames) {
+  const Eigen::VectorXd pulled{{0.3, 0.8, 1.0, 1.7, 2.2, 3.0}};
+  const auto curve = [](double x) { return -0.1 * x * x; };
+  Eigen::MatrixXd u(2, 6);
+  for (Eigen::Index t = 0; t < 6; ++t) u.col(t) << pulled[t], curve(pulled[t]);
+  const auto bend = bends(u);
+  double straight = 0.0, bent = 0.0;
+  for (Eigen::Index t = 0; t < 6; ++t)
+    for (const double s : {0.1, 0.3, 0.5, 0.7, 0.9}) {
+      const double x = at(u, bend, 0, t, s), from = t > 0 ? u(1, t - 1) : 0.0;
+      bent = std::max(bent, std::abs(at(u, bend, 1, t, s) - curve(x)));
+      straight = std::max(straight, std::abs(from + s * (u(1, t) - from) - curve(pulled[t] * s + (t > 0 ? pulled[t - 1] : 0.0) * (1 - s))));
+      EXPECT_LE(at(u, bend, 1, t, s), from + 1e-12);
+      EXPECT_GE(at(u, bend, 1, t, s), u(1, t) - 1e-12);
+    }
+  EXPECT_GT(straight, 0.01);
+  EXPECT_LT(bent, 0.2 * straight);
+}
+
+TEST(WayBetweenFrames, IsStraightInProportionAndBeginsAnewWhereItTurnsBack) {
+  Eigen::MatrixXd u(2, 5);
+  u << 1.0, 3.0, 2.0, 2.0, 2.5, -0.3, -0.9, -0.6, -0.6, -0.75;  // pulls, unloads, stands, pulls
+  const auto bend = bends(u);
+  EXPECT_LT(bend[0].cwiseAbs().maxCoeff() + bend[1].cwiseAbs().maxCoeff(), 1e-12);
+  u(1, 2) = -0.8;  // the turn is not smoothed: the first two frames know nothing of what follows
+  const auto other = bends(u);
+  for (int side = 0; side < 2; ++side) EXPECT_LT((other[static_cast<std::size_t>(side)] - bend[static_cast<std::size_t>(side)]).leftCols(2).cwiseAbs().maxCoeff(), 1e-12);
+  EXPECT_EQ(bends(Eigen::MatrixXd::Zero(2, 3))[0].norm(), 0.0);
+}
+
+/// A series with every other frame follows the series with all of them, better than with one increment from frame to frame, and so do its derivatives where the ends move.
+TEST(WayBetweenFrames, DrivesTheSimulation) {
+  const Communicator world;
+  const testing::Plate plate({0.003, 0.006, 0.02, 0.04, 0.08, 0.12});
+  Record bent = plate.record;
+  for (Eigen::Index t = 0; t < bent.driving.cols(); ++t)
+    for (const Face& face : plate.specimen.faces)
+      for (Eigen::Index i = 0; i < face.nodes(); ++i)  // the ends narrow ever faster
+        bent.driving(face.first_unknown + face.components * i, t) = -0.3 * std::pow(bent.driving.col(t).maxCoeff(), 2) * face.surface.mesh.nodes(i, 0);
+  const mechanics::EquilibriumOptions tight{.increments = 3, .max_iterations = 40, .tolerance = 1e-13, .derivative_tolerance = 1e-11};
+  ForwardModel model(world, plate.specimen, plate.law, bent, tight, 1, 1);
+  Eigen::MatrixXd direction = bent.driving;
+  for (Eigen::Index i = 0; i < direction.size(); ++i) direction.data()[i] *= std::sin(static_cast<double>(i));
+  const Path path = model.simulate(Control::displacement, {{.parameters = plate.truth, .directions = {{.prescribed = plate.specimen.from_surface(Control::displacement) * direction}}}}, 6).front();
+  ASSERT_EQ(path.frames, 6) << path.message;
+  double best = 1.0;
+  for (const double h : {1e-4, 1e-5, 1e-6}) {
+    const Eigen::MatrixXd more = bent.driving + h * direction, less = bent.driving - h * direction;
+    const auto both = model.simulate(Control::displacement, {{.parameters = plate.truth, .driving = &more}, {.parameters = plate.truth, .driving = &less}}, 6);
+    best = std::min(best, ((both[0].reaction - both[1].reaction) / (2 * h) - path.d_reaction[0]).norm() / path.d_reaction[0].norm());
+  }
+  EXPECT_LT(best, 1e-6);
+
+  // Frames far from one another, in increments that begin and end where those of all frames do.
+  const auto reaction_at = [&](const std::vector<Eigen::Index>& kept, bool straight) {
+    Record record = bent;
+    const int between = 12 * (static_cast<int>(bent.driving.cols()) / static_cast<int>(kept.size())), ways = straight ? between : 1;
+    const auto count = static_cast<Eigen::Index>(kept.size()) * ways;
+    record.time.resize(count), record.driving.resize(bent.driving.rows(), count);
+    for (std::size_t k = 0; k < kept.size(); ++k)
+      for (int part = 1; part <= ways; ++part) {
+        const double s = static_cast<double>(part) / ways;
+        const Eigen::Index t = static_cast<Eigen::Index>(k) * ways + part - 1;
+        record.time[t] = s * bent.time[kept[k]] + (k > 0 ? (1 - s) * bent.time[kept[k - 1]] : 0.0);
+        record.driving.col(t) = s * bent.driving.col(kept[k]);
+        if (k > 0) record.driving.col(t) += (1 - s) * bent.driving.col(kept[k - 1]);
+      }
+    record.force.setZero(count), record.surface_displacement = record.driving;
+    ForwardModel its(world, plate.specimen, plate.law, record, {.increments = between / ways, .with_fields = false}, 1, 1);
+    const Eigen::VectorXd reaction = its.simulate(Control::displacement, {{.parameters = plate.truth}}, static_cast<int>(count)).front().reaction;
+    return Eigen::VectorXd(reaction(Eigen::seq(ways - 1, count - 1, ways)));
+  };
+  const std::vector<Eigen::Index> kept = {1, 3, 5};
+  const Eigen::VectorXd all = reaction_at({0, 1, 2, 3, 4, 5}, false)(kept);
+  const double of_bent = (reaction_at(kept, false) - all).norm() / all.norm(), of_straight = (reaction_at(kept, true) - all).norm() / all.norm();
+  EXPECT_GT(of_straight, 1e-3);
+  EXPECT_LT(of_bent, 0.5 * of_straight) << of_straight;
+}
+
+}  // namespace test_way_between_frames
+}  // namespace imic3d::identification
