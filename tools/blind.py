@@ -17,6 +17,7 @@ class Suite:
 
     def __init__(self, folder, program, make, truth):
         self.folder, self.program, self.make, self.truth, self.rows, self.invisible, self.formula_for = folder, os.path.abspath(program), make, truth, [], set(), {}
+        self.off = []  # of each test without any effect: parameter -> relative error, error in standard deviations
         os.environ.setdefault("OMP_NUM_THREADS", "1")
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         folder.mkdir(parents=True, exist_ok=True)
@@ -65,6 +66,8 @@ class Suite:
                 size = next(iter(planted.values()))
                 row |= dict(size=found["value"], deviation=found["standard_deviation"], planted=size, inside=int(abs(found["value"] - size) < 1.96 * found["standard_deviation"]))
             self.invisible |= set(result["invisible"])
+            if kind == "null":
+                self.off.append({n: (one["value"] / self.truth[n] - 1.0, (one["value"] - self.truth[n]) / one["standard_deviation"]) for n, one in result["after"]["parameters"].items() if n in self.truth})
         self.rows.append(row)
         print(f"{kind:8} {effect:24} {multiple:6} seed {seed}: {row['verdict']:14} {row['outcome']:18} {row['set'] or row['named']:32} {row['seconds']:5.0f} s", flush=True)
         return result
@@ -107,6 +110,10 @@ class Suite:
                          f" {count('missed')} | {count('another formula')} | {count('wrong')} | {count('refused')} | {count('failed')} |")
         nulls = [r for r in self.rows if r["kind"] == "null"]
         lines.append(f"\nFalse alarms: {sum(r['outcome'] != 'nothing' for r in nulls)} of {len(nulls)}. Invisible: {', '.join(sorted(self.invisible)) or 'none'}.")
+        if self.off:
+            mean = lambda n, k: np.mean([one[n][k] for one in self.off])
+            rms = lambda n: np.sqrt(np.mean([one[n][1] ** 2 for one in self.off]))
+            lines.append("Without any effect, parameters off in the mean (in standard deviations; rms): " + ", ".join(f"{n} {100 * mean(n, 0):+.2f} % ({mean(n, 1):+.1f}; {rms(n):.1f})" for n in self.off[0]) + ".")
         named = [r for r in self.rows if r["kind"] == "effect" and r["outcome"] in ("right", "in the set")]
         if named:
             lines.append(f"Held-out χ within the null's 95 % (5 % more allowed) after an attribution: {sum(r['held_after'] <= 1.05 * r['held_null'] for r in named)} of {len(named)}.")

@@ -5,7 +5,7 @@ declared). Something is done to the test that the case file does not declare, an
 images   a speckle of discs given by formulas, mapped back sample by sample, averaged over the pixels, with noise, in 8 bits: 250 x 320 px
 fields   the displacement at points as a subset correlation would give it, with noise, rounded
 
-tools/blind_plate.py {images,fields} [--reduced] [--waist] [--by imic3d] [--seeds N] [--nulls N] [--only NAME,NAME] [--bricks N,N,N] [--grey-noise N] [--frames N] [--out FOLDER] [--imic3d PROGRAM]
+tools/blind_plate.py {images,fields} [--reduced] [--waist] [--by imic3d] [--seeds N] [--nulls N] [--only NAME,NAME] [--bricks N,N,N] [--grey-noise N] [--frames N] [--mesh HOLE,FAR] [--out FOLDER] [--imic3d PROGRAM]
 tools/blind_plate.py {images,fields} --together [...]
 
 --together: three plates of one material in one loop; the load cell of the first reads 6 % too much, which none of them shows alone. Fails unless that is named.
@@ -288,13 +288,16 @@ def main():
     parser.add_argument("--bricks", help="CalculiX's, of a quarter of the plate: around the hole, outwards, along the rest (12,14,7; reduced 8,9,5)")
     parser.add_argument("--grey-noise", type=float, default=GREY_NOISE, help="of an image [grey levels]")
     parser.add_argument("--frames", type=int, default=FRAMES, help="to the same elongation")
+    parser.add_argument("--mesh", help="declared sizes of elements at the hole and far from it [mm]")
     parser.add_argument("--out", type=Path)
     parser.add_argument("--imic3d", default="build/release/imic3d")
     options = parser.parse_args()
-    usual = (options.frames, options.grey_noise) == (FRAMES, GREY_NOISE)
-    out = options.out or Path(f"runs/blind_{options.kind}" + ("" if usual else f"_{options.frames}_frames_noise_{options.grey_noise:g}"))
+    usual = (options.frames, options.grey_noise, options.mesh) == (FRAMES, GREY_NOISE, None)
+    out = options.out or Path(f"runs/blind_{options.kind}" + ("" if usual else f"_{options.frames}_frames_noise_{options.grey_noise:g}" + (f"_mesh_{options.mesh}" if options.mesh else "")))
     bricks = options.bricks or ("8,9,5" if options.reduced else "12,14,7")
     GREY_NOISE, FRAMES = options.grey_noise, options.frames
+    if options.mesh:
+        NOTHING["mesh"] = tuple(float(size) for size in options.mesh.split(","))
     generator = Generator(out / options.by, [int(n) for n in bricks.split(",")], 0.1 if options.reduced else 0.05, options.waist, options.imic3d if options.by == "imic3d" else None)
     suite = blind.Suite(out, options.imic3d, lambda folder, planted, seed: make(options.kind, generator, folder, planted, seed), TRUTH)
     if options.together:
