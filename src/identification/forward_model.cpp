@@ -128,7 +128,7 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
     std::vector<std::array<Eigen::MatrixXd, 2>> d_bend;
     for (std::size_t k = 0; k < run.directions.size() && !run.straight; ++k) {
       const auto& direction = run.directions[k];
-      const double h = 1e-6 * prescribed.norm() / std::max(1e-300, direction.prescribed.norm());
+      const double h = std::max(1e-300, 1e-6 * prescribed.norm() / std::max(1e-300, direction.prescribed.norm()));
       const auto more = bends(prescribed + h * direction.prescribed.leftCols(frames)), less = bends(prescribed - h * direction.prescribed.leftCols(frames));
       d_bend.push_back({(more[0] - less[0]) / (2.0 * h), (more[1] - less[1]) / (2.0 * h)});
     }
