@@ -163,7 +163,7 @@ LightFindings look_at_light(const Observation& seen, const io::Case& test, int f
   findings.json["map"] = map_of(experiment, report);
   if (const auto& map = findings.json["map"]; report.verdict == loop::Verdict::unexplained && map.contains("place"))
     findings.sentence += fmt::format(" It is {:.1f} times the noise about ({:.3g}, {:.3g}) in frame {}.", map["largest"].get<double>(), map["place"][0].get<double>(), map["place"][1].get<double>(), map["frame"].get<int>());
-  if (found && compressed) findings.sentence += " The images were compressed, which leaves less noise in images at rest and looks like a noise that grows, which was no candidate therefore: it may be that instead.";
+  if (found && compressed) findings.sentence += " The images were compressed: noise level and aliasing, which that looks like, were no candidates; it may be that instead.";
   findings.json["sentence"] = findings.sentence;
   return findings;
 }

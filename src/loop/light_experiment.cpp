@@ -78,7 +78,7 @@ LightExperiment::LightExperiment(std::vector<LightCamera> cameras, std::vector<i
     }
     const auto fitted = [&](bool LightOptics::*what) { return std::all_of(cameras_.begin(), cameras_.end(), [&](const auto& camera) { return camera.optics.*what; }); };
     if ((candidate.name == "light gain" || candidate.name == "light offset") && fitted(&LightOptics::gain_and_offset_fitted)) candidate.parameters.clear();
-    if (candidate.name == "noise level" && std::any_of(cameras_.begin(), cameras_.end(), [](const auto& camera) { return camera.optics.compressed; })) candidate.parameters.clear();
+    if ((candidate.name == "noise level" || candidate.name == "aliasing") && std::any_of(cameras_.begin(), cameras_.end(), [](const auto& camera) { return camera.optics.compressed; })) candidate.parameters.clear();
     if (candidate.name == "light gradient" && fitted(&LightOptics::local)) candidate.parameters.clear();
     if (candidate.name == "aliasing" && fitted(&LightOptics::local)) std::erase_if(candidate.parameters, [&](int j) { return parameters_[static_cast<std::size_t>(j)].info.shape; });
     if (std::any_of(candidate.parameters.begin(), candidate.parameters.end(), [&](int j) { return !parameters_[static_cast<std::size_t>(j)].info.shape; })) candidates_.push_back(std::move(candidate));

@@ -103,7 +103,7 @@ def main():
     noise, deviation = size(light["after"], "noise")
     require(light["verdict"] == "nothing found" and "The light" not in result["sentence"] and "corrected" not in light and "doubts" not in result, "nothing is found in noise alone, and nothing is changed")
     candidates = lambda light: [one["name"] for one in light["before"]["candidates"]]
-    require("noise level" in candidates(light), "the noise level is a candidate")
+    require({"noise level", "aliasing"} <= set(candidates(light)), "noise level and aliasing are candidates")
     require(abs(noise - numpy.sqrt(NOISE**2 + 1 / 12)) < max(0.05 * NOISE, 3 * deviation), f"the noise is {noise:.3f} +- {deviation:.3f} grey levels, {NOISE} were put in")
 
     result = loop("gain", lambda grey, t: grey * (1 - 0.04 * t / FRAMES), 12)
@@ -125,7 +125,7 @@ def main():
     result = loop("patch", lambda grey, t: numpy.where(patch & (t >= onset), foreign, grey), 13, jpeg=90)
     light = result["light"]
     require("JPEG" in result["doubts"][0] and "were compressed" in light["sentence"], "these images were compressed, which is doubted and said")
-    require("noise level" not in candidates(light), "and what compression leaves is no noise level")
+    require(not {"noise level", "aliasing"} & set(candidates(light)), "and what compression leaves is neither noise level nor aliasing")
     require("speckle debonding" in light["named"] + light["set"], f"a patch of foreign speckle is named ({light['verdict']})")
     places = {name: one["value"] for name, one in light["after"]["parameters"].items() if name.startswith("loose_")}
     # The twelve places of the mesh, 7 x 18 mm: 2 columns, 6 rows, from the lower left.
