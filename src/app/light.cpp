@@ -101,7 +101,6 @@ LightFindings look_at_light(const Observation& seen, const io::Case& test, int f
   Eigen::Index unknowns = 0;
   LightFindings findings;
   std::size_t all_cameras = 0;
-  bool compressed = false;
   for (std::size_t k = 0; k < seen.faces.size(); ++k) {
     const auto& face = seen.faces[k];
     const loop::Scene scene = scene_of(face, seen, test, frames);
@@ -110,7 +109,6 @@ LightFindings look_at_light(const Observation& seen, const io::Case& test, int f
       statistics.emplace_back(*face.dic, static_cast<int>(c), face.rig->views[c].reference, seen.references, seen.camera_noise[number], scene);
       loop::LightCamera camera{statistics.back().optics(), scene, {}};
       camera.optics.compressed = imaging::block_excess(imaging::read_image(test.cameras[number].images.front())) > 0.0;
-      compressed = compressed || camera.optics.compressed;
       camera.optics.camera = test.cameras[number].name;
       auto& listed = findings.json["cameras"][camera.optics.camera];
       for (int t = 0; t < frames; ++t) {
@@ -163,7 +161,7 @@ LightFindings look_at_light(const Observation& seen, const io::Case& test, int f
   findings.json["map"] = map_of(experiment, report);
   if (const auto& map = findings.json["map"]; report.verdict == loop::Verdict::unexplained && map.contains("place"))
     findings.sentence += fmt::format(" It is {:.1f} times the noise about ({:.3g}, {:.3g}) in frame {}.", map["largest"].get<double>(), map["place"][0].get<double>(), map["place"][1].get<double>(), map["frame"].get<int>());
-  if (found && compressed) findings.sentence += " The images were compressed: noise level and aliasing, which that looks like, were no candidates; it may be that instead.";
+  if (found && experiment.images_compressed()) findings.sentence += " The images were compressed: noise level and aliasing, which that looks like, were no candidates; it may be that instead.";
   findings.json["sentence"] = findings.sentence;
   return findings;
 }

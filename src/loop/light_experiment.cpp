@@ -78,7 +78,7 @@ LightExperiment::LightExperiment(std::vector<LightCamera> cameras, std::vector<i
     }
     const auto fitted = [&](bool LightOptics::*what) { return std::all_of(cameras_.begin(), cameras_.end(), [&](const auto& camera) { return camera.optics.*what; }); };
     if ((candidate.name == "light gain" || candidate.name == "light offset") && fitted(&LightOptics::gain_and_offset_fitted)) candidate.parameters.clear();
-    if ((candidate.name == "noise level" || candidate.name == "aliasing") && std::any_of(cameras_.begin(), cameras_.end(), [](const auto& camera) { return camera.optics.compressed; })) candidate.parameters.clear();
+    if ((candidate.name == "noise level" || candidate.name == "aliasing") && images_compressed()) candidate.parameters.clear();
     if (candidate.name == "light gradient" && fitted(&LightOptics::local)) candidate.parameters.clear();
     if (candidate.name == "aliasing" && fitted(&LightOptics::local)) std::erase_if(candidate.parameters, [&](int j) { return parameters_[static_cast<std::size_t>(j)].info.shape; });
     if (std::any_of(candidate.parameters.begin(), candidate.parameters.end(), [&](int j) { return !parameters_[static_cast<std::size_t>(j)].info.shape; })) candidates_.push_back(std::move(candidate));
@@ -111,6 +111,10 @@ LightExperiment::LightExperiment(std::vector<LightCamera> cameras, std::vector<i
         candidate.sentence += fmt::format(", from {:.0f} % of the test's time on", 100.0 * onset);
         return true;
       });
+}
+
+bool LightExperiment::images_compressed() const {
+  return std::any_of(cameras_.begin(), cameras_.end(), [](const auto& camera) { return camera.optics.compressed; });
 }
 
 /// Clock time of the largest jump of a cell's mean square over time, if it is far beyond noise: then the data's own choice is no chance. 0: none.

@@ -41,6 +41,8 @@ class LightExperiment final : public Experiment {
   [[nodiscard]] const std::vector<LightCamera>& cameras() const { return cameras_; }
   /// The measured numbers in standard deviations, before anything is predicted [N]: under the null without a noise of f they are N(0, 1).
   [[nodiscard]] const Eigen::VectorXd& measured() const { return z_; }
+  /// Whether a camera has images that were compressed: what that leaves looks like a noise level or aliasing, which are no candidates then.
+  [[nodiscard]] bool images_compressed() const;
   /// The rows of a cell: those of its offset and gain where they are data, then that of its mean square. `frame`: place.
   [[nodiscard]] std::vector<Eigen::Index> rows_of(std::size_t camera, Eigen::Index cell, int frame) const;
   /// Standard deviation of the noise of each image over the camera's, by the median mean square of its places less what is learned of what is no light: what leaves so much of the grey levels, be it

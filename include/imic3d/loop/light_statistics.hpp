@@ -19,7 +19,7 @@ struct LightOptics {
   double noise = 1.0;                ///< standard deviation of one image [grey level]
   int references = 1;                ///< images averaged to the reference
   bool gain_and_offset_fitted = false, local = false;  ///< taken off each frame by the correlation (of each element, if local)
-  bool compressed = false;           ///< its images were: what that leaves looks like a noise level or aliasing, no candidates then
+  bool compressed = false;           ///< its images were (imaging::block_excess)
   std::vector<int> places;           ///< of each cell, in loop::Places
   std::vector<Eigen::Vector2d> middle;  ///< of their places [cells, length]
   Eigen::Vector2d size;              ///< of a place [length]
