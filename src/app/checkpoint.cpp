@@ -58,7 +58,7 @@ void put(Checkpoint& into, const std::string& at, const std::vector<id::Iterate>
   for (std::size_t i = 0; i < iterates.size(); ++i) {
     const auto& one = iterates[i];
     into.put(fmt::format("{}{}/parameters", at, i), column(one.parameters));
-    into.put(fmt::format("{}{}/numbers", at, i), column({one.eta, one.displacement_rms, one.image_rms, one.force_rms, one.cost, static_cast<double>(one.frames)}));
+    into.put(fmt::format("{}{}/numbers", at, i), column({one.eta, one.displacement_rms, one.image_rms, one.force_rms, one.cost, static_cast<double>(one.frames), static_cast<double>(one.increments)}));
     into.put(fmt::format("{}{}/message", at, i), one.message);
   }
 }
@@ -73,6 +73,7 @@ std::vector<id::Iterate> iterates_of(const Checkpoint& from, const std::string& 
                         .force_rms = numbers.at(3),
                         .cost = numbers.at(4),
                         .frames = static_cast<int>(numbers.at(5)),
+                        .increments = static_cast<int>(numbers.at(6)),
                         .message = from.text(fmt::format("{}{}/message", at, i))});
   }
   return iterates;
@@ -88,6 +89,11 @@ void put(Checkpoint& into, const std::string& at, const id::StagePoint& point) {
   into.put(at + "free", static_cast<double>(point.linear.sensitivity.size()));
   for (std::size_t j = 0; j < point.linear.sensitivity.size(); ++j) into.put(fmt::format("{}sensitivity/{}", at, j), point.linear.sensitivity[j]);
   into.put(at + "force_sensitivity", columns(point.linear.force_sensitivity));
+  into.put(at + "finer/number", static_cast<double>(point.finer.number));
+  into.put(at + "finer/parameters", column(point.finer.parameters));
+  into.put(at + "finer/surface", point.finer.surface);
+  into.put(at + "finer/reaction", point.finer.reaction);
+  into.put(at + "finer/unsure", point.finer.unsure);
   const auto& normal = point.normal;
   into.put(at + "matrix", normal.matrix);
   into.put(at + "right", normal.right);
@@ -103,6 +109,11 @@ id::StagePoint point_of(const Checkpoint& from, const std::string& at) {
   point.linear.message = from.text(at + "message");
   for (int j = 0; j < from.count(at + "free"); ++j) point.linear.sensitivity.push_back(from.matrix(fmt::format("{}sensitivity/{}", at, j)));
   point.linear.force_sensitivity = vectors_of(from.matrix(at + "force_sensitivity"));
+  point.finer = {.number = from.count(at + "finer/number"),
+                 .parameters = values_of(from.matrix(at + "finer/parameters")),
+                 .surface = from.matrix(at + "finer/surface"),
+                 .reaction = from.matrix(at + "finer/reaction"),
+                 .unsure = from.matrix(at + "finer/unsure")};
   point.normal.matrix = from.matrix(at + "matrix");
   point.normal.right = from.matrix(at + "right");
   const auto sums = values_of(from.matrix(at + "sums"));
@@ -116,6 +127,7 @@ void put(Checkpoint& into, const std::string& at, const StageDone& stage) {
   put(into, at + "iterates/", stage.result.iterates);
   into.put(at + "converged", stage.result.converged ? 1.0 : 0.0);
   into.put(at + "message", stage.result.message);
+  into.put(at + "unsure", stage.result.unsure);
   const auto& covariance = stage.result.covariance;
   for (const auto& [name, part] : {std::pair{"image", &covariance.image}, {"force", &covariance.force}, {"boundary", &covariance.boundary}, {"calibration", &covariance.calibration}, {"total", &covariance.total}})
     into.put(at + "covariance/" + name, *part);
@@ -125,6 +137,7 @@ StageDone stage_of(const Checkpoint& from, const std::string& at) {
   stage.result.iterates = iterates_of(from, at + "iterates/");
   stage.result.converged = from.number(at + "converged") > 0.5;
   stage.result.message = from.text(at + "message");
+  stage.result.unsure = from.matrix(at + "unsure");
   auto& covariance = stage.result.covariance;
   for (const auto& [name, part] : {std::pair{"image", &covariance.image}, {"force", &covariance.force}, {"boundary", &covariance.boundary}, {"calibration", &covariance.calibration}, {"total", &covariance.total}})
     *part = from.matrix(at + "covariance/" + name);

@@ -126,7 +126,7 @@ class VirtualIdentification {
     for (const int j : free_) model.free[static_cast<std::size_t>(j)] = 1;
     model.specimen = [&test](const loop::MeshChange& change) { return make_specimen(test, false, change); };
     model.thickness = test.specimen.thickness;
-    model.increments = test.identify.steps_per_frame;
+    model.increments = test.identify.increments();
     model.groups = test.identify.groups;
     model.unit = [&test](std::string unit) { return unit_in(std::move(unit), test.units); };
     experiment_ = std::make_unique<loop::FieldExperiment>(world, data_, std::move(model), loop::FieldOptions{.modes = 10});
@@ -220,7 +220,7 @@ class VirtualIdentification {
       std::size_t most_free = 1;
       for (const auto& stage : stages_) most_free = std::max(most_free, stage.free.size());
       id::ForwardModel forward(world_, specimen_, material_.law, std::move(record),
-                               {.increments = test_.identify.steps_per_frame, .with_fields = false},
+                               {.increments = test_.identify.increments(), .with_fields = false},
                                options.sensitivities == id::Sensitivities::direct ? 1 : static_cast<int>(1 + most_free), test_.identify.groups);
       options.functional = id::functional_from(test_.identify.functional);
       options.alpha = test_.identify.alpha;

@@ -44,9 +44,12 @@ void say(const Material& material, const std::vector<int>& free, const id::Itera
     values += fmt::format("{} {:.6g}  ", material.information[static_cast<std::size_t>(j)].name, at.parameters[static_cast<std::size_t>(j)]);
   spdlog::info("  {:2}  {} eta {:.1e}  distance {:.4f} px  residual {:.4f} grey levels{}", iteration, values, at.eta,
                at.displacement_rms, at.image_rms,
-               at.force_rms > 0.0 ? fmt::format("  force {:.4g}", at.force_rms) : std::string());
+               (at.force_rms > 0.0 ? fmt::format("  force {:.4g}", at.force_rms) : std::string()) + (at.increments > 1 ? fmt::format("  increments {}", at.increments) : std::string()));
   if (!at.message.empty()) spdlog::warn("      {} frames took part: {}", at.frames, at.message);
 }
+
+/// Of `steps_per_frame: auto`.
+constexpr int most_increments = 32;
 
 /// Bounds are approached by halves, to within a step that ends a stage.
 bool ends_on_bound(const Material& material, int parameter, double declared, const id::GaussNewtonOptions& solver) {
@@ -96,6 +99,7 @@ void identify(const Communicator& world, const CommandOptions& options) {
   solver.eta = test.identify.eta;
   solver.max_iterations = test.identify.max_iterations;
   solver.force_noise = force_noise(seen, test);
+  if (test.identify.steps_per_frame == 0) solver.most_increments = most_increments;
   for (const auto& info : material.information) solver.scale.push_back(info.effect.empty() ? 0.0 : info.scale);
   spdlog::info("noise: {:.3f} grey levels ({}), {:.4g} {} of the force", fmt::join(seen.camera_noise, ", "),
                seen.noise_is_measured ? "static frames or given" : "from the DIC's residual", solver.force_noise, test.units.force);
@@ -107,7 +111,7 @@ void identify(const Communicator& world, const CommandOptions& options) {
                         .calibration = calibration_errors(seen, test, specimen, record.surface_displacement, test.identify.noise_draws),
                         .draws = test.identify.noise_draws};
   const SimulationTasks tasks = simulation_tasks(test);
-  id::ForwardModel model(world, specimen, material.law, record, {.increments = test.identify.steps_per_frame},
+  id::ForwardModel model(world, specimen, material.law, record, {.increments = test.identify.increments()},
                          tasks.side_by_side, test.identify.groups, tasks.before);
 
   const bool gap = solver.functional == id::Functional::equilibrium_gap;
@@ -123,6 +127,7 @@ void identify(const Communicator& world, const CommandOptions& options) {
   std::vector<StageSummary> stages;
   const std::vector<double> first = material.values;
   std::set<int> on_bound;
+  int increments = 1;  // that the identified model takes between two frames
   if (found.solutions) model.start_from(*found.solutions);
   for (std::size_t k = 0; k < test.identify.stages.size(); ++k) {
     const auto& declared = test.identify.stages[k];
@@ -159,7 +164,8 @@ void identify(const Communicator& world, const CommandOptions& options) {
     for (std::size_t i = 0; i < stage.free.size(); ++i)
       for (std::size_t j = 0; j < stage.free.size(); ++j)
         covariance(stage.free[i], stage.free[j]) = result.covariance.total(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j));
-    stages.push_back({declared.free, static_cast<int>(result.iterates.size()) - 1, result.converged, result.message, result.covariance});
+    increments = result.iterates.back().increments;
+    stages.push_back({declared.free, static_cast<int>(result.iterates.size()) - 1, increments, result.converged, result.message, result.covariance, result.unsure});
     for (const int j : stage.free) {
       on_bound.erase(j);
       if (!ends_on_bound(material, j, first[static_cast<std::size_t>(j)], solver)) continue;
@@ -173,11 +179,11 @@ void identify(const Communicator& world, const CommandOptions& options) {
   spdlog::info("the identified model on all {} frames", record.frames.size());
   const auto frames = static_cast<int>(record.frames.size());
   std::optional<id::ForwardModel> by_all_ranks;
-  if (model.groups() > 1) by_all_ranks.emplace(world, specimen, material.law, record, mechanics::EquilibriumOptions{.increments = test.identify.steps_per_frame}, 1, 1).start_from(model.solutions());
+  if (model.groups() > 1) by_all_ranks.emplace(world, specimen, material.law, record, mechanics::EquilibriumOptions{.increments = increments}, 1, 1).start_from(model.solutions());
   id::ForwardModel& final_model = by_all_ranks ? *by_all_ranks : model;
   const bool force_driven = solver.functional != id::Functional::displacement_driven && !gap;
   std::vector<id::Path> driven, shown;
-  id::Run run{.parameters = material.values, .accuracy = {.forces = 1e-9}};
+  id::Run run{.parameters = material.values, .increments = increments, .accuracy = {.forces = 1e-9}};
   const auto fields = [&](int, int t, const mechanics::FrameState& state) { output.simulation_frame(seen.places[static_cast<std::size_t>(t)], state); };
   if (force_driven) {
     const auto distribution = final_model.distribute_forces({run}, frames, driven);

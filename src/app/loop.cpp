@@ -121,7 +121,7 @@ loop::DeclaredModel declared_model(const io::Case& test, const Material& materia
   model.extended = [&test](const std::vector<std::string>& effects) { return extended_law(test, effects); };
   model.specimen = [&test](const loop::MeshChange& change) { return make_specimen(test, false, change); };
   model.thickness = test.specimen.thickness;
-  model.increments = test.identify.steps_per_frame;
+  model.increments = test.identify.increments();
   model.groups = test.identify.groups;
   model.effects = declared_effects(test);
   free_placement(test, model.effects);

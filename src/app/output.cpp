@@ -196,13 +196,20 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
   for (auto& doubt : unlikely_values(test_, material, material.values)) doubts.push_back(std::move(doubt));
   const nlohmann::json::json_pointer of_force("/fitted/force_rms_difference/value");
   if (const double left = json.contains(of_force) && json[of_force].is_number() ? json[of_force].get<double>() : 0.0; left > unlikely_force * force_noise) {
-    doubts.push_back(fmt::format("the model leaves {:.3g} {} of the force (rms of the fitted frames), {:.1f} times its noise: what it lacks (a finer mesh, more load increments between frames: identify.steps_per_frame, an effect that imic3d loop finds) may move the parameters by more than their standard deviations, which are those of noise alone",
-                                 left, test_.units.force, left / force_noise));
+    doubts.push_back(fmt::format("the model leaves {:.3g} {} of the force (rms of the fitted frames), {:.1f} times its noise: what it lacks (a finer mesh{}, an effect that imic3d loop finds) may move the parameters by more than their standard deviations, which are those of noise alone",
+                                 left, test_.units.force, left / force_noise, test_.identify.steps_per_frame > 0 ? ", more load increments between frames: identify.steps_per_frame: auto" : ""));
+    spdlog::warn("{}", doubts.back());
+  }
+  for (const auto& stage : stages) {
+    if (stage.unsure.size() == 0) continue;
+    std::vector<std::string> moved;
+    for (std::size_t j = 0; j < stage.free.size(); ++j) moved.push_back(fmt::format("{} by {:.2g}", stage.free[j], stage.unsure[static_cast<Eigen::Index>(j)]));
+    doubts.push_back(fmt::format("{} instead of {} load increments between two frames still move {}: what they err by was taken off no better than that; frames that are nearer to one another would tell", stage.increments, stage.increments / 2, fmt::join(moved, ", ")));
     spdlog::warn("{}", doubts.back());
   }
   if (!doubts.empty()) json["doubts"] = doubts;
   for (const auto& stage : stages) {
-    json["stages"].push_back({{"free", stage.free}, {"iterations", stage.iterations}, {"converged", stage.converged}, {"message", stage.message}});
+    json["stages"].push_back({{"free", stage.free}, {"iterations", stage.iterations}, {"steps_per_frame", stage.increments}, {"converged", stage.converged}, {"message", stage.message}});
     for (std::size_t j = 0; j < stage.free.size(); ++j) {
       const auto deviation = [&](const Eigen::MatrixXd& of) { return std::sqrt(of(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(j))); };
       auto& of_parameter = json["stages"].back()["standard_deviation"][stage.free[j]];
@@ -230,7 +237,7 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
     const double deviation = std::sqrt(covariance(k, k));
     fmt::print("  {:8} {:14.6g} {:10} {}\n", material.information[j].name, material.values[j], material.information[j].unit,
                json["parameters"][material.information[j].name]["on_bound"] == true ? "(on its bound)"
-               : std::isfinite(deviation) ? fmt::format("+- {:.2g} (noise alone)", deviation) : "(fixed)");
+               : std::isfinite(deviation) ? fmt::format("+- {:.2g} ({}noise alone)", deviation, test_.identify.noise_draws > 0 ? "" : "the images' ") : "(fixed)");
   }
   if (test_.identify.noise_draws > 0)
     for (const auto& stage : stages)

@@ -208,7 +208,7 @@ EquilibriumGapResult equilibrium_gap(Communicator world, const Specimen& specime
       covariance.image = std::pow(options.noise_model.image / m0, 2) * inverse *
                          (of_frames + common.transpose() * (M * common) / options.noise_model.references) * inverse;
       covariance.total = covariance.image;
-      covariance.force = covariance.boundary = Eigen::MatrixXd::Zero(unknowns, unknowns);
+      covariance.force = covariance.boundary = covariance.calibration = Eigen::MatrixXd::Zero(unknowns, unknowns);
       break;
     }
 

@@ -105,6 +105,7 @@ void ForwardModel::follow_images(const ImageData& images, double alpha, const st
 }
 
 int ForwardModel::groups() const { return impl_->layout.groups(); }
+int ForwardModel::increments() const { return impl_->options.increments; }
 std::vector<GroupTime> ForwardModel::group_times() const { return impl_->clock.times(); }
 mechanics::Work ForwardModel::work() const {
   mechanics::Work work = impl_->work;
@@ -178,7 +179,9 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
   const auto runs_here = [&](int task) { return task % impl_->layout.groups() == impl_->layout.index(); };
   Solution solution{runs.front().parameters, runs.front().free, std::vector<Eigen::VectorXd>(static_cast<std::size_t>(frames)), {}};
   solution.d_displacement.resize(static_cast<std::size_t>(frames));
-  std::vector<int> increments(static_cast<std::size_t>(frames), impl_->options.increments);
+  int first_increments = 0;
+  for (const Run& run : runs) first_increments = std::max(first_increments, run.increments > 0 ? run.increments : impl_->options.increments);
+  std::vector<int> increments(static_cast<std::size_t>(frames), first_increments);
   std::vector<char> current(runs.size(), 0);  // simulated with these increments
   for (int round = 0; round < 8 && std::count(current.begin(), current.end(), 0) > 0; ++round) {
     impl_->clock.side_by_side([&] {
@@ -195,7 +198,8 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
             [&](int t, const mechanics::FrameState& state) {
               if (task == 0) {
                 solution.displacement[static_cast<std::size_t>(t)] = state.displacement;
-                solution.d_displacement[static_cast<std::size_t>(t)] = state.d_displacement;
+                const auto& derivatives = state.d_displacement;
+                solution.d_displacement[static_cast<std::size_t>(t)].assign(derivatives.begin(), derivatives.begin() + static_cast<std::ptrdiff_t>(run.free.size()));
               }
               path.surface.col(t) = specimen_.project(state.displacement);
               path.reaction[t] = resultant_of(state.internal);
@@ -297,28 +301,41 @@ std::vector<ForceDistribution> ForwardModel::distribute_forces(const std::vector
   for (auto& distribution : distributions) {
     distribution.dofs.assign(ends.begin(), ends.end());
     distribution.pattern.setZero(static_cast<Eigen::Index>(ends.size()), frames);
+    distribution.d_pattern.assign(runs[static_cast<std::size_t>(&distribution - distributions.data())].directions.size(), distribution.pattern);
   }
   driven = simulate(Control::displacement, runs, frames, [&](int run, int t, const mechanics::FrameState& state) {
     auto& distribution = distributions[static_cast<std::size_t>(run)];
-    for (std::size_t i = 0; i < distribution.dofs.size(); ++i)
+    const std::size_t first = runs[static_cast<std::size_t>(run)].free.size();
+    for (std::size_t i = 0; i < distribution.dofs.size(); ++i) {
       distribution.pattern(static_cast<Eigen::Index>(i), t) = state.internal[distribution.dofs[i]];
+      for (std::size_t k = 0; k < distribution.d_pattern.size(); ++k) distribution.d_pattern[k](static_cast<Eigen::Index>(i), t) = state.d_internal[first + k][distribution.dofs[i]];
+    }
   }, false);
 
   const Communicator world = impl_->layout.world();
   for (std::size_t run = 0; run < runs.size(); ++run) {
     auto& pattern = distributions[run].pattern;
     const Path& path = driven[run];
-    if (!impl_->layout.group().is_root()) pattern.setZero();  // the group that ran it has it, the others have nothing
-    world.sum(std::span(pattern.data(), static_cast<std::size_t>(pattern.size())));
+    const auto share = [&](Eigen::MatrixXd& values) {  // the group that ran it has it, the others have nothing
+      if (!impl_->layout.group().is_root()) values.setZero();
+      world.sum(std::span(values.data(), static_cast<std::size_t>(values.size())));
+    };
+    share(pattern);
+    for (auto& values : distributions[run].d_pattern) share(values);
     const double small = 0.02 * path.reaction.head(path.frames).cwiseAbs().maxCoeff();
     int loaded = path.frames - 1;
     while (loaded > 0 && std::abs(path.reaction[loaded]) <= small) --loaded;
-    for (int t = loaded + 1; t < path.frames; ++t) pattern.col(t) = pattern.col(loaded) / path.reaction[loaded];
-    for (int t = loaded; t >= 0; --t) {
-      if (std::abs(path.reaction[t]) > small)
-        pattern.col(loaded = t) /= path.reaction[t];
-      else
-        pattern.col(t) = pattern.col(loaded);
+    std::vector<int> source(static_cast<std::size_t>(path.frames), loaded);  // the frame whose reactions each takes
+    for (int t = loaded; t >= 0; --t) source[static_cast<std::size_t>(t)] = std::abs(path.reaction[t]) > small ? loaded = t : loaded;
+    const Eigen::MatrixXd reactions = pattern;
+    for (int t = 0; t < path.frames; ++t) pattern.col(t) = reactions.col(source[static_cast<std::size_t>(t)]) / path.reaction[source[static_cast<std::size_t>(t)]];
+    for (std::size_t k = 0; k < distributions[run].d_pattern.size(); ++k) {
+      auto& derivative = distributions[run].d_pattern[k];
+      const Eigen::MatrixXd d_reactions = derivative;
+      for (int t = 0; t < path.frames; ++t) {
+        const int from = source[static_cast<std::size_t>(t)];
+        derivative.col(t) = (d_reactions.col(from) - path.d_reaction[runs[run].free.size() + k][from] * pattern.col(t)) / path.reaction[from];
+      }
     }
   }
   return distributions;

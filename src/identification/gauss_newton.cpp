@@ -31,6 +31,11 @@ double step_of(const std::vector<double>& parameters, int j, const GaussNewtonOp
   return options.perturbation * (scale > 0.0 ? scale : 1.0);
 }
 
+/// What a parameter may be off by unseen, of the standard deviation `deviation`.
+double sure_enough(const std::vector<double>& parameters, int j, double deviation, const GaussNewtonOptions& options) {
+  return std::max(options.eta * scale_of(parameters, j, options), 0.3 * deviation);
+}
+
 /// How the simulation is driven that the images judge.
 Control control_of_images(const GaussNewtonOptions& options) {
   if (options.functional == Functional::displacement_driven) return Control::displacement;
@@ -42,15 +47,19 @@ void settle(Path& path, const ForwardModel& model, const ImageData& images, cons
   fit_rigid_motion(model.specimen(), control_of_images(options), images.M, dic, path);
 }
 
-/// The derivatives of the path with those of the rigid motion that the images fix: a fit of the surface alone, by central differences.
-void settle_derivatives(Path& path, const ForwardModel& model, const ImageData& images, const GaussNewtonOptions& options) {
+/// The derivatives of the path with those of the rigid motion that the images fix: a fit of the surface alone, by central differences. `errors`: of the
+/// displacement that the images show, which it is fitted to, in the direction of each derivative [unknowns x frames]; none: it stays.
+void settle_derivatives(Path& path, const ForwardModel& model, const ImageData& images, const GaussNewtonOptions& options, std::span<const Eigen::MatrixXd> errors = {}) {
   const double size = path.surface.norm();
-  for (auto& derivative : path.d_surface) {
-    const double h = 1e-4 * size / std::max(derivative.norm(), 1e-300);
+  const Eigen::MatrixXd dic = model.record().surface_displacement.leftCols(path.surface.cols());
+  for (std::size_t k = 0; k < path.d_surface.size(); ++k) {
+    auto& derivative = path.d_surface[k];
+    const bool shown = k < errors.size();
+    const double h = 1e-4 * size / std::max({derivative.norm(), shown ? errors[k].norm() : 0.0, 1e-300});
     const auto moved = [&](double side) {
       Path other;
       other.frames = path.frames, other.surface = path.surface + side * h * derivative;
-      settle(other, model, images, model.record().surface_displacement, options);
+      settle(other, model, images, shown ? Eigen::MatrixXd(dic + side * h * errors[k].leftCols(dic.cols())) : dic, options);
       return other.surface;
     };
     derivative = (moved(1.0) - moved(-1.0)) / (2.0 * h);
@@ -61,6 +70,9 @@ void settle_derivatives(Path& path, const ForwardModel& model, const ImageData& 
 constexpr mechanics::Accuracy accuracy_of_start{.forces = 1e-6, .derivatives = 1e-3};
 /// Of a first linearisation whose step is long: what it leads to moves by 1e-3.
 constexpr mechanics::Accuracy accuracy_of_a_long_step{.forces = 1e-4, .derivatives = 2e-2};
+
+/// Of the response to noise, of which few draws tell the size.
+constexpr mechanics::Accuracy accuracy_of_responses{.forces = 1e-7, .derivatives = 1e-4};
 
 /// A step (Eq. 13) behind which another one follows that does not ask for the last digits.
 constexpr double far_step = 3e-2;
@@ -77,14 +89,15 @@ mechanics::Accuracy accuracy_of_steps(const GaussNewtonOptions& options, double 
   return {.forces = eta > far_step ? 1e-9 : 1e-10, .derivatives = std::clamp(1e-3 * options.eta, 1e-9, 1e-6)};
 }
 
-/// `near`: a linearisation so near that its derivatives hold here, too; null: there is none.
+/// `near`: a linearisation so near that its derivatives hold here, too; null: there is none. `increments`: 0: the model's.
 Linearisation linearise(ForwardModel& model, const ImageData& images, const std::vector<double>& parameters, const Stage& stage,
-                        const GaussNewtonOptions& options, const mechanics::Accuracy& accuracy, const Linearisation* near = nullptr) {
+                        const GaussNewtonOptions& options, const mechanics::Accuracy& accuracy, const Linearisation* near = nullptr, int increments = 0) {
   const int frames = stage.frames.back() + 1;
-  const bool direct = options.sensitivities == Sensitivities::direct, differentiate = direct && near == nullptr;
-  std::vector<Run> sets(direct ? 1 : 1 + stage.free.size(), Run{.parameters = parameters, .accuracy = accuracy});
+  const bool direct = options.sensitivities == Sensitivities::direct, differentiate = direct && near == nullptr, perturb = !direct && near == nullptr;
+  const Run nominal{.parameters = parameters, .increments = increments, .accuracy = accuracy};
+  std::vector<Run> sets(perturb ? 1 + stage.free.size() : 1, nominal);
   if (differentiate) sets.front().free = stage.free;
-  if (!direct)
+  if (perturb)
     for (std::size_t j = 0; j < stage.free.size(); ++j)
       sets[1 + j].parameters[static_cast<std::size_t>(stage.free[j])] += step_of(parameters, stage.free[j], options);
 
@@ -95,14 +108,14 @@ Linearisation linearise(ForwardModel& model, const ImageData& images, const std:
   } else {
     // The forces are those of the parameters at hand (Sec. 3.4); they stay as they are when a parameter moves.
     const bool reaction = differentiate && has_force(options.functional);
-    const auto distribution = model.distribute_forces({reaction ? sets.front() : Run{.parameters = parameters, .accuracy = accuracy}}, frames, driven);
+    const auto distribution = model.distribute_forces({reaction ? sets.front() : nominal}, frames, driven);
     for (auto& set : sets) set.forces = &distribution.front();
     paths = model.simulate(control_of_images(options), sets, driven.front().frames);
-    if (options.functional == Functional::combined && !direct) driven = model.simulate(Control::displacement, sets, driven.front().frames);
+    if (options.functional == Functional::combined && perturb) driven = model.simulate(Control::displacement, sets, driven.front().frames);
   }
   if (differentiate) settle_derivatives(paths.front(), model, images, options);
   for (auto& path : paths) settle(path, model, images, model.record().surface_displacement, options);
-  int common = frames;
+  int common = near != nullptr ? std::min(frames, near->frames) : frames;
   for (const auto& path : paths) common = std::min(common, path.frames);
   for (const auto& path : driven) common = std::min(common, path.frames);
   for (const auto& path : paths)
@@ -113,7 +126,7 @@ Linearisation linearise(ForwardModel& model, const ImageData& images, const std:
   result.frames = common;
   result.surface = paths.front().surface;
   result.reaction = driven.front().reaction.head(common);
-  if (near != nullptr && direct) {
+  if (near != nullptr) {
     result.sensitivity = near->sensitivity, result.force_sensitivity = near->force_sensitivity;
     for (auto& s : result.sensitivity) s.conservativeResize(Eigen::NoChange, common);
     for (auto& s : result.force_sensitivity) s.conservativeResize(common);
@@ -277,6 +290,56 @@ std::vector<double> nearest_reaction(ForwardModel& model, std::vector<double> pa
   return best;
 }
 
+void add(Linearisation& at, double times, const FinerIncrements& finer) {
+  for (Eigen::Index t = 0; t < at.frames && finer.number > 0; ++t) {
+    const Eigen::Index known = std::min(t, finer.surface.cols() - 1);  // they may not have carried the last frames
+    at.surface.col(t) += times * finer.surface.col(known);
+    at.reaction[t] += times * finer.reaction[known];
+  }
+}
+
+/// At the parameters of `at`, with its derivatives.
+FinerIncrements find_finer_increments(Communicator world, ForwardModel& model, const ImageData& images, const StagePoint& at, const Stage& stage, const GaussNewtonOptions& options) {
+  FinerIncrements finer{.parameters = at.iterates.back().parameters};
+  const auto unknowns = at.normal.right.size();
+  const Eigen::MatrixXd inverse = solve_symmetric(at.normal.matrix, Eigen::MatrixXd::Identity(unknowns, unknowns));
+  Linearisation coarse = at.linear;
+  add(coarse, -1.0, at.finer);
+  Linearisation last = coarse;
+  int of_last = model.increments();
+  Eigen::VectorXd before = inverse * at.normal.right;
+  for (int number = std::max(2 * of_last, at.finer.number / 2); number <= options.most_increments; number *= 2) {
+    Linearisation fine = linearise(model, images, finer.parameters, stage, options, accuracy_of_steps(options, 0.0), &coarse, number);
+    const int frames = fine.frames = std::min(fine.frames, last.frames);
+    if (frames == 0) break;
+    const double beyond = 1.0 / (static_cast<double>(number) / of_last - 1.0);  // the error goes with their length
+    Linearisation endless = fine;
+    endless.surface.leftCols(frames) += beyond * (fine.surface - last.surface).leftCols(frames);
+    endless.reaction.head(frames) += beyond * (fine.reaction.head(frames) - last.reaction.head(frames));
+    finer.number = number;
+    finer.surface = (endless.surface - coarse.surface).leftCols(frames), finer.reaction = endless.reaction.head(frames) - coarse.reaction.head(frames);
+    const Eigen::VectorXd step = inverse * assemble(world, model, images, endless, stage, options).right;
+    finer.unsure = (step - before).cwiseAbs();
+    bool sure = true;
+    for (Eigen::Index j = 0; j < unknowns; ++j)
+      sure = sure && finer.unsure[j] < sure_enough(finer.parameters, stage.free[static_cast<std::size_t>(j)], std::sqrt(inverse(j, j)), options);
+    if (sure) {
+      finer.unsure.resize(0);
+      break;
+    }
+    last = std::move(fine), of_last = number, before = step;
+  }
+  return finer;
+}
+
+/// Whether what is known of finer increments holds here, too.
+bool is_known(const FinerIncrements& finer, const std::vector<double>& parameters, const Stage& stage, const GaussNewtonOptions& options) {
+  double moved = 0.0;
+  for (const int j : stage.free)
+    moved = std::max(moved, std::abs(parameters[static_cast<std::size_t>(j)] - finer.parameters[static_cast<std::size_t>(j)]) / std::max(scale_of(parameters, j, options), 1e-300));
+  return moved * moved < options.eta;
+}
+
 Iterate describe(const NormalEquations& normal, const std::vector<double>& parameters, double eta) {
   const double frames = std::max(1, normal.frames);
   return {.parameters = parameters,
@@ -309,10 +372,90 @@ class OpticalNoise {
   std::normal_distribution<double> normal_;
 };
 
+/// What small errors of that which drives a simulation do to what is observed, in the first order: by each error, those of the ends first.
+struct Response {
+  std::vector<Eigen::MatrixXd> surface;   ///< [unknowns x frames, length]
+  std::vector<Eigen::VectorXd> reaction;  ///< of the DIC-driven simulation [frames, force]
+};
+
+/// `ends`: errors of the measured displacement, on its way to the ends and where rigid motions are fitted to it [unknowns x frames, length]; `loads`: of the measured force [frames, force].
+Response respond(ForwardModel& model, const ImageData& images, const std::vector<double>& parameters, int frames, const GaussNewtonOptions& options,
+                 std::span<const Eigen::MatrixXd> ends, std::span<const Eigen::VectorXd> loads) {
+  const Control control = control_of_images(options);
+  const auto& record = model.record();
+  const Specimen& specimen = model.specimen();
+  const bool forces = control != Control::displacement, direct = options.sensitivities == Sensitivities::direct;
+  const std::size_t both = ends.size() + (forces ? loads.size() : 0);
+  std::vector<Eigen::MatrixXd> driving;
+  for (const auto& error : ends) driving.push_back(options.noise_model.driving ? options.noise_model.driving(error) : error);
+  const auto require_all = [&](const std::vector<Path>& paths) {
+    for (const Path& path : paths)
+      if (path.frames < frames) throw ConvergenceError("the noise of the parameters: " + path.message);
+  };
+
+  std::vector<Path> driven, paths;
+  if (direct) {
+    Run run{.parameters = parameters, .accuracy = accuracy_of_responses};
+    for (const auto& error : driving) run.directions.push_back({.prescribed = specimen.from_surface(Control::displacement) * error});
+    if (!forces) {
+      driven = paths = model.simulate(Control::displacement, {run}, frames);
+    } else {
+      const auto distribution = model.distribute_forces({run}, frames, driven).front();
+      Run loaded{.parameters = parameters, .forces = &distribution, .accuracy = accuracy_of_responses};
+      const auto on_the_ends = [&](const auto& of_frame) {
+        std::vector<Eigen::Triplet<double>> entries;
+        for (int t = 0; t < frames; ++t) {
+          const Eigen::VectorXd column = of_frame(t);
+          for (std::size_t i = 0; i < distribution.dofs.size(); ++i) entries.emplace_back(distribution.dofs[i], t, column[static_cast<Eigen::Index>(i)]);
+        }
+        Eigen::SparseMatrix<double> force(3 * specimen.volume.nodes.rows(), frames);
+        force.setFromTriplets(entries.begin(), entries.end());
+        return force;
+      };
+      for (std::size_t k = 0; k < ends.size(); ++k)
+        loaded.directions.push_back({.prescribed = specimen.from_surface(control) * driving[k], .force = on_the_ends([&](int t) { return record.force[t] * distribution.d_pattern[k].col(t); })});
+      const Eigen::MatrixXd held = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(specimen.dofs(control).size()), frames);
+      for (const auto& error : loads) loaded.directions.push_back({.prescribed = held, .force = on_the_ends([&](int t) { return error[t] * distribution.pattern.col(t); })});
+      paths = model.simulate(control, {loaded}, frames);
+    }
+    require_all(driven), require_all(paths);
+    settle_derivatives(paths.front(), model, images, options, ends);
+    Response response{.surface = paths.front().d_surface, .reaction = driven.front().d_reaction};
+    response.reaction.resize(both, Eigen::VectorXd::Zero(frames));
+    return response;
+  }
+
+  // Differences. Run 0 is the undisturbed one of each series, so that all take the same increments.
+  std::vector<Run> runs(1 + ends.size(), Run{.parameters = parameters});
+  for (auto& error : driving) error += record.driving.leftCols(frames);
+  for (std::size_t k = 0; k < ends.size(); ++k) runs[1 + k].driving = &driving[k];
+  std::vector<Eigen::VectorXd> resultants;
+  std::vector<ForceDistribution> distributions;
+  if (!forces) {
+    paths = driven = model.simulate(control, runs, frames);
+  } else {
+    distributions = model.distribute_forces(runs, frames, driven);
+    for (std::size_t k = 0; k < runs.size(); ++k) runs[k].forces = &distributions[k];
+    for (const auto& error : loads) resultants.push_back(record.force.head(frames) + error);
+    for (const auto& resultant : resultants) runs.push_back({.parameters = parameters, .forces = &distributions.front(), .resultant = &resultant});
+    paths = model.simulate(control, runs, frames);
+  }
+  require_all(driven), require_all(paths);
+  const Eigen::MatrixXd dic = record.surface_displacement.leftCols(frames);
+  Response response;
+  for (std::size_t k = 0; k < paths.size(); ++k) {
+    settle(paths[k], model, images, k > 0 && k <= ends.size() ? Eigen::MatrixXd(dic + ends[k - 1].leftCols(frames)) : dic, options);
+    if (k == 0) continue;
+    response.surface.emplace_back(paths[k].surface - paths[0].surface);
+    response.reaction.emplace_back(k <= ends.size() ? Eigen::VectorXd(driven[k].reaction - driven[0].reaction) : Eigen::VectorXd(Eigen::VectorXd::Zero(frames)));
+  }
+  return response;
+}
+
 /// Noise of the measurement, taken through the last linearisation: dLambda = A^-1 sum_t [w S^T (b_t - M dU_t) + v s (dF_t - dR_t)],
 /// A the matrix of Eq. 10 with the weights w and v of images and force. b_t, the noise of frame and reference, is known:
 /// its part is Eq. 14, with the reference's noise as what it is, common to all frames. dU and dR, what the simulation
-/// makes of a noisy force and of ends driven by a noisy displacement, are simulated.
+/// makes of a noisy force and of ends driven by a noisy displacement, are the response to draws of it.
 Covariance covariance(ForwardModel& model, const ImageData& images, const Linearisation& at, const NormalEquations& normal,
                       const Stage& stage, const GaussNewtonOptions& options, const std::vector<double>& parameters) {
   const auto unknowns = normal.right.size();
@@ -337,8 +480,10 @@ Covariance covariance(ForwardModel& model, const ImageData& images, const Linear
   Covariance result{.image = none, .force = none, .boundary = none, .calibration = none, .total = none};
 
   Eigen::MatrixXd of_frames = none, common = Eigen::MatrixXd::Zero(at.surface.rows(), unknowns);
+  std::vector<Eigen::MatrixXd> MS(static_cast<std::size_t>(at.frames));
   for (int t : frames) {
-    of_frames += S(t).transpose() * (images.M * S(t));
+    MS[static_cast<std::size_t>(t)] = images.M * S(t);
+    of_frames += S(t).transpose() * MS[static_cast<std::size_t>(t)];
     common += S(t);
   }
   result.image = w * w * noise.image * noise.image * inverse *
@@ -356,74 +501,32 @@ Covariance covariance(ForwardModel& model, const ImageData& images, const Linear
   OpticalNoise draw(images, noise.seed);
   const auto draws = static_cast<std::size_t>(noise.draws);
   const int last = at.frames;
-  const auto& record = model.record();
   std::vector<Eigen::MatrixXd> b(draws), moved(draws);
-  std::vector<Eigen::VectorXd> force(draws);
+  std::vector<Eigen::VectorXd> force(draws, Eigen::VectorXd(last));
   for (std::size_t d = 0; d < draws; ++d) {
     const Eigen::MatrixXd of_reference = draw.b(1) / std::sqrt(noise.references);
     b[d] = noise.image * (draw.b(last).colwise() + of_reference.col(0));
     moved[d] = draw.displacement(b[d]);
-    force[d] = record.force.head(last);
-    for (double& value : force[d]) value += noise.force * draw.scalar();
+    for (double& value : force[d]) value = noise.force * draw.scalar();
   }
-
-  // Run 0 is the undisturbed one of each series, so that all take the same increments.
-  const Control control = control_of_images(options);
-  const auto require_all = [&](const std::vector<Path>& paths) {
-    for (const Path& path : paths)
-      if (path.frames < last) throw ConvergenceError("the noise of the parameters: " + path.message);
-  };
-  std::vector<ForceDistribution> distributions;
-  /// -(w S^T M dU + v s dR) of an error of the measured displacement that drives the ends, draw by draw.
-  const auto through_the_ends = [&](const std::vector<Eigen::MatrixXd>& errors) {
-    std::vector<Run> ends(1 + errors.size(), Run{.parameters = parameters});
-    std::vector<Eigen::MatrixXd> driving;
-    for (const auto& error : errors) driving.push_back(record.driving.leftCols(last) + (noise.driving ? noise.driving(error) : error));
-    for (std::size_t d = 0; d < errors.size(); ++d) ends[1 + d].driving = &driving[d];
-    std::vector<Path> driven, paths;
-    if (control == Control::displacement) {
-      paths = driven = model.simulate(control, ends, last);
-    } else {
-      distributions = model.distribute_forces(ends, last, driven);
-      for (std::size_t d = 0; d < ends.size(); ++d) ends[d].forces = &distributions[d];
-      paths = model.simulate(control, ends, last);
-    }
-    require_all(driven), require_all(paths);
-    Eigen::MatrixXd by(unknowns, static_cast<Eigen::Index>(errors.size()));
-    for (std::size_t d = 0; d < paths.size(); ++d) {
-      const Eigen::MatrixXd dic = record.surface_displacement.leftCols(last);
-      settle(paths[d], model, images, d > 0 ? Eigen::MatrixXd(dic + errors[d - 1]) : dic, options);
-      if (d == 0) continue;
-      Eigen::VectorXd sum = Eigen::VectorXd::Zero(unknowns);
-      for (int t : frames) {
-        sum -= w * (images.M * S(t)).transpose() * (paths[d].surface.col(t) - paths[0].surface.col(t));
-        sum -= v * s(t) * (driven[d].reaction[t] - driven[0].reaction[t]);
-      }
-      by.col(static_cast<Eigen::Index>(d) - 1) = inverse * sum;
-    }
-    return by;
+  /// -(w S^T M dU + v s dR) of one response.
+  const auto through = [&](const Eigen::MatrixXd& surface, const Eigen::VectorXd& reaction) {
+    Eigen::VectorXd sum = Eigen::VectorXd::Zero(unknowns);
+    for (int t : frames) sum -= w * MS[static_cast<std::size_t>(t)].transpose() * surface.col(t) + v * s(t) * reaction[t];
+    return sum;
   };
 
-  Eigen::MatrixXd by_image(unknowns, noise.draws), by_force = by_image;
-  const Eigen::MatrixXd by_ends = through_the_ends(moved);
-  std::vector<Path> moved_by_force;
-  if (control != Control::displacement) {
-    std::vector<Run> loads(1 + draws, Run{.parameters = parameters, .forces = &distributions.front()});
-    for (std::size_t d = 0; d < draws; ++d) loads[1 + d].resultant = &force[d];
-    moved_by_force = model.simulate(control, loads, last);
-    require_all(moved_by_force);
-    for (Path& path : moved_by_force) settle(path, model, images, record.surface_displacement, options);
-  }
+  const Response response = respond(model, images, parameters, last, options, moved, force);
+  Eigen::MatrixXd by_image(unknowns, noise.draws), by_force = by_image, by_ends = by_image;
   for (Eigen::Index d = 0; d < noise.draws; ++d) {
     const auto k = static_cast<std::size_t>(d);
     Eigen::VectorXd image = Eigen::VectorXd::Zero(unknowns), load = image;
     for (int t : frames) {
       image += w * S(t).transpose() * b[k].col(t);
-      if (!moved_by_force.empty())
-        load -= w * (images.M * S(t)).transpose() * (moved_by_force[1 + k].surface.col(t) - moved_by_force.front().surface.col(t));
-      load += v * s(t) * (force[k][t] - record.force[t]);
+      load += v * s(t) * force[k][t];
     }
-    by_image.col(d) = inverse * image, by_force.col(d) = inverse * load;
+    if (draws + k < response.surface.size()) load += through(response.surface[draws + k], response.reaction[draws + k]);
+    by_image.col(d) = inverse * image, by_force.col(d) = inverse * load, by_ends.col(d) = inverse * through(response.surface[k], response.reaction[k]);
   }
   const auto mean_square = [&](const Eigen::MatrixXd& x, const Eigen::MatrixXd& y) -> Eigen::MatrixXd { return x * y.transpose() / static_cast<double>(x.cols()); };
   result.force = mean_square(by_force, by_force);
@@ -434,9 +537,13 @@ Covariance covariance(ForwardModel& model, const ImageData& images, const Linear
   if (noise.calibration.empty()) return result;
   std::vector<Eigen::MatrixXd> errors;
   for (const auto& error : noise.calibration) errors.push_back(error.leftCols(last));
-  Eigen::MatrixXd by_cameras = through_the_ends(errors);
-  for (std::size_t d = 0; d < errors.size(); ++d)
-    for (int t : frames) by_cameras.col(static_cast<Eigen::Index>(d)) += inverse * (w * (images.M * S(t)).transpose() * errors[d].col(t));
+  const Response of_cameras = respond(model, images, parameters, last, options, errors, {});
+  Eigen::MatrixXd by_cameras(unknowns, static_cast<Eigen::Index>(errors.size()));
+  for (std::size_t d = 0; d < errors.size(); ++d) {
+    Eigen::VectorXd sum = through(of_cameras.surface[d], of_cameras.reaction[d]);
+    for (int t : frames) sum += w * MS[static_cast<std::size_t>(t)].transpose() * errors[d].col(t);
+    by_cameras.col(static_cast<Eigen::Index>(d)) = inverse * sum;
+  }
   result.calibration = mean_square(by_cameras, by_cameras);
   result.total += result.calibration;
   return result;
@@ -488,6 +595,7 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
   const auto note = [&](double eta, bool converged) {
     at.iterates.push_back(describe(at.normal, parameters, eta));
     at.iterates.back().message = at.linear.message;
+    at.iterates.back().increments = std::max(model.increments(), at.finer.number);
     at.converged = converged;
     if (report) report(at.iterates.back());
     if (continuation.reached) continuation.reached(at);
@@ -508,7 +616,8 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
     note(0.0, false);
   }
 
-  while (static_cast<int>(at.iterates.size()) <= options.max_iterations && !at.converged) {
+  const auto may_go_on = [&] { return static_cast<int>(at.iterates.size()) <= options.max_iterations; };
+  const auto iterate = [&] {
     Eigen::VectorXd step = step_within_bounds(at.normal.matrix, at.normal.right, parameters, information, stage, options);  // Eq. (10)
     const double before = at.iterates.back().cost;
     const int frames_before = at.iterates.back().frames;
@@ -525,6 +634,7 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
       }
       const bool near = options.sensitivities == Sensitivities::direct && eta < near_steps * options.eta && at.linear.frames > stage.frames.back();
       at.linear = linearise(model, images, trial, stage, options, accuracy_of_steps(options, eta), near ? &at.linear : nullptr);
+      add(at.linear, 1.0, at.finer);
       at.normal = assemble(world, model, images, at.linear, stage, options);
       const double after = at.normal.frames > 0 ? at.normal.cost / at.normal.frames : INFINITY;
       // Small steps are taken as they are: the cost no longer tells them apart from the noise.
@@ -536,9 +646,21 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
       step *= 0.5;
     }
     note(eta, eta < options.eta);
+  };
+
+  const bool looks_finer = options.most_increments > model.increments();
+  for (;;) {
+    while (!at.converged && may_go_on()) iterate();
+    if (!looks_finer || !may_go_on() || (at.finer.number > 0 && is_known(at.finer, parameters, stage, options))) break;
+    FinerIncrements finer = find_finer_increments(world, model, images, at, stage, options);
+    if (finer.number == 0) break;
+    add(at.linear, -1.0, at.finer), add(at.linear, 1.0, finer);
+    at.finer = std::move(finer);
+    at.normal = assemble(world, model, images, at.linear, stage, options);
+    note(0.0, false);
   }
 
-  StageResult result{.iterates = std::move(at.iterates), .covariance = {}, .converged = at.converged, .message = at.linear.message};
+  StageResult result{.iterates = std::move(at.iterates), .covariance = {}, .converged = at.converged, .unsure = at.finer.unsure, .message = at.linear.message};
   result.covariance = covariance(model, images, at.linear, at.normal, stage, options, parameters);
   if (at.normal.frames < static_cast<int>(stage.frames.size()))
     result.message = fmt::format("{} of {} frames took part: {}", at.normal.frames, stage.frames.size(), at.linear.message);

@@ -74,6 +74,7 @@ void CaseReader::read_identify() {
     mistake(section.path("sensitivities"), "direct with specimen.element: hex8s", "perturbed, or element: hex8, hex20");
   section.get("eta", identify.eta);
   section.get("max_iterations", identify.max_iterations);
+  identify.noise_draws = identify.sensitivities == "direct" && !gap ? 12 : 0;
   section.get("noise_draws", identify.noise_draws);
   section.get("boundary_smoothing", identify.boundary_smoothing);
   if (std::string driving; section.has("driving")) {

@@ -21,15 +21,16 @@ TEST(Continuation, EndsWhereTheStageWouldHave) {
     Functional functional;
     double alpha;
     Sensitivities sensitivities;
+    int most_increments = 0;
   };
-  for (const auto& [functional, alpha, sensitivities] :
-       {Way{Functional::force_driven, 0.0, Sensitivities::perturbed}, {Functional::combined, 0.0, Sensitivities::direct}, {Functional::force_driven, 0.3, Sensitivities::perturbed}}) {
+  for (const auto& [functional, alpha, sensitivities, most_increments] :
+       {Way{Functional::force_driven, 0.0, Sensitivities::perturbed}, {Functional::combined, 0.0, Sensitivities::direct}, {Functional::displacement_driven, 0.0, Sensitivities::direct, 16}, {Functional::force_driven, 0.0, Sensitivities::direct, 4}, {Functional::force_driven, 0.3, Sensitivities::perturbed}}) {
     Plate plate({0.002, 0.004, 0.01, 0.02, 0.03, 0.04});
     std::mt19937 random(3);
     std::normal_distribution<double> noise(0.0, 2e-4);
     for (double& u : plate.record.surface_displacement.reshaped()) u += noise(random);
     const Stage stage{.free = {0, 2}, .frames = {0, 1, 2, 3, 4, 5}};
-    GaussNewtonOptions options{.functional = functional, .alpha = alpha, .eta = 1e-6, .force_noise = 5.0, .sensitivities = sensitivities};
+    GaussNewtonOptions options{.functional = functional, .alpha = alpha, .eta = 1e-6, .force_noise = 5.0, .sensitivities = sensitivities, .most_increments = most_increments};
     options.noise_model.image = 2.0;
     auto start = plate.truth;
     start[0] *= 1.1, start[2] *= 0.85;

@@ -78,6 +78,29 @@ void compare(Functional functional, int draws, bool each_alone) {
   check("all", predicted.total, {.image = true, .boundary = true, .force = true});
 }
 
+/// The response to noise by direct differentiation is that of simulations with the noise.
+TEST(Covariance, DirectlyAndByDifferences) {
+  for (const Functional functional : {Functional::force_driven, Functional::displacement_driven, Functional::combined}) {
+    std::vector<Covariance> both;
+    std::vector<Eigen::MatrixXd> errors;
+    for (int d = 0; d < 2; ++d) errors.emplace_back(1e-6 * Eigen::MatrixXd::Random(Plate(stretch).record.surface_displacement.rows(), 6));
+    for (const Sensitivities sensitivities : {Sensitivities::direct, Sensitivities::perturbed}) {
+      Plate plate(stretch);
+      ForwardModel model({}, plate.specimen, plate.law, plate.record, {.with_fields = false}, 3, 0);
+      auto parameters = plate.truth;
+      GaussNewtonOptions options{.functional = functional, .force_noise = 20.0, .sensitivities = sensitivities, .perturbation = 1e-5};
+      options.noise_model = {.image = 0.01 * sigma, .references = references, .force = 0.01 * force_sigma, .driving = [](const Eigen::MatrixXd& error) -> Eigen::MatrixXd { return 0.5 * error; }, .calibration = errors, .draws = 6, .seed = 5};
+      both.push_back(gauss_newton({}, model, plate.images, testing::information(plate), stage, options, parameters).covariance);
+    }
+    const std::vector<std::pair<const char*, Eigen::MatrixXd Covariance::*>> parts = {{"images", &Covariance::image}, {"force", &Covariance::force}, {"boundary", &Covariance::boundary}, {"calibration", &Covariance::calibration}, {"total", &Covariance::total}};
+    for (const auto& [name, part] : parts)
+      for (int j = 0; j < 2; ++j) {
+        EXPECT_GT((both[0].*part)(j, j), 0.0);
+        EXPECT_NEAR((both[1].*part)(j, j) / (both[0].*part)(j, j), 1.0, 0.02) << name << " of parameter " << j << ", functional " << static_cast<int>(functional);
+      }
+  }
+}
+
 TEST(Covariance, OfTheForceDrivenFunctional) { compare(Functional::force_driven, 100, false); }
 TEST(CovarianceNightly, OfTheForceDrivenFunctional) { compare(Functional::force_driven, 400, true); }
 TEST(CovarianceNightly, OfTheDisplacementDrivenFunctional) { compare(Functional::displacement_driven, 400, true); }

@@ -24,9 +24,11 @@ void say(const GroupTimes& times);
 struct StageSummary {
   std::vector<std::string> free;
   int iterations = 0;
+  int increments = 1;      ///< load increments between two frames, identification::Iterate
   bool converged = false;
   std::string message;
   identification::Covariance covariance;
+  Eigen::VectorXd unsure;  ///< identification::FinerIncrements
 };
 
 /// Writes on rank 0 only; every function may be called on every rank.

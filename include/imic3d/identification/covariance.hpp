@@ -18,7 +18,7 @@ struct NoiseModel {
   /// Draws of the error of the measured displacement that the uncertainty of the cameras' numbers makes: each [unknowns x
   /// frames of the record, length]. Counted with `draws` > 0 only.
   std::vector<Eigen::MatrixXd> calibration = {};
-  int draws = 0;        ///< simulated draws of the force's and the driving displacement's noise; 0: these are left out
+  int draws = 0;        ///< draws of the force's and the driving displacement's noise; 0: these are left out
   unsigned seed = 1;
 };
 

@@ -43,6 +43,7 @@ struct Path {
 struct ForceDistribution {
   std::vector<int> dofs;    ///< natural degrees of freedom of the ends
   Eigen::MatrixXd pattern;  ///< nodal forces [dofs x frames] on the simulated part for a resultant of 1 on the whole section
+  std::vector<Eigen::MatrixXd> d_pattern{};  ///< its derivatives in the run's `directions`
 };
 
 /// A direction in which what drives a specimen moves, or its section, for the path's derivatives.
@@ -60,8 +61,9 @@ struct Run {
   const Eigen::MatrixXd* driving = nullptr;    ///< displacement of the ends, like Record::driving; the record's if not given
   const Eigen::MatrixXd* beyond = nullptr;     ///< added to the prescribed displacement [constrained dofs x frames, length]
   std::vector<int> free{};                     ///< parameters by which the path is differentiated directly; the forces stay as they are
-  std::vector<Direction> directions{};         ///< by which it is differentiated, too; Control::displacement
+  std::vector<Direction> directions{};         ///< by which it is differentiated, too; not under Control::images
   bool straight = false;                       ///< whether the ends go straight from frame to frame, not as `bends` says
+  int increments = 0;                          ///< load increments between two frames at least; 0: the model's
   mechanics::Accuracy accuracy{};
 };
 
@@ -118,6 +120,7 @@ class ForwardModel {
   [[nodiscard]] const Record& record() const { return record_; }
   [[nodiscard]] const Specimen& specimen() const { return specimen_; }
   [[nodiscard]] int groups() const;
+  [[nodiscard]] int increments() const;  ///< load increments between two frames, of runs that name no other number
   /// What the groups did with their time so far. Collective over the world.
   [[nodiscard]] std::vector<GroupTime> group_times() const;
   /// What all simulations took so far, those of all groups together. Collective over the world.

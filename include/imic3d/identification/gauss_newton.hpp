@@ -37,6 +37,7 @@ struct GaussNewtonOptions {
   Sensitivities sensitivities = Sensitivities::direct;
   double perturbation = 1e-3;      ///< relative step of the perturbed simulations
   double largest_step = 0.5;       ///< largest relative change of a parameter in one iteration
+  int most_increments = 0;         ///< load increments between two frames up to which what fewer of them err by is taken off (FinerIncrements); 0: it is not
   std::vector<double> scale{};     ///< usual size of each parameter, by which steps are measured where its value is smaller
   NoiseModel noise_model{};        ///< what the covariance is made of
 };
@@ -56,6 +57,7 @@ struct Iterate {
   double force_rms = 0.0;         ///< F - R, where the functional contains it [force]
   double cost = 0.0;              ///< the weighted sum of squares that step control watches
   int frames = 0;                 ///< frames of the stage that could be simulated
+  int increments = 1;             ///< load increments between two frames: those that the simulation takes, or FinerIncrements::number
   std::string message;            ///< why not all of them, if so
 };
 
@@ -63,6 +65,7 @@ struct StageResult {
   std::vector<Iterate> iterates;  ///< the first is the start
   Covariance covariance;          ///< of the free parameters
   bool converged = false;
+  Eigen::VectorXd unsure;         ///< FinerIncrements::unsure
   std::string message;            ///< what the user should know: frames that could not be simulated
 };
 
@@ -74,6 +77,16 @@ struct Linearisation {
   std::vector<Eigen::VectorXd> force_sensitivity;  ///< dR/dLambda [frames]
   Eigen::VectorXd reaction;                        ///< R of the DIC-driven simulation [frames, force]
   std::string message;                             ///< why not all frames, if so
+};
+
+/// What the load increments of a simulation err by, which goes with their length: 2, 4, 8, ... times as many are taken, at the same parameters, and what infinitely many
+/// would add follows from the last two. It ends where that moves no parameter by more than eta_c or 0.3 standard deviations of the noise in the functional.
+struct FinerIncrements {
+  int number = 0;                  ///< between two frames, the finest that was simulated; 0: nothing is known
+  std::vector<double> parameters;  ///< at which it was found
+  Eigen::MatrixXd surface{};       ///< what they add to Linearisation::surface [unknowns x frames, length]
+  Eigen::VectorXd reaction{};      ///< and to its reaction [frames, force]
+  Eigen::VectorXd unsure{};        ///< by which the last doubling moved each free parameter, where that is more for one of them; else empty
 };
 
 /// M_Lambda and b_Lambda of Eqs 10-12 in units of the noise, and the sums that are reported.
@@ -89,6 +102,7 @@ struct StagePoint {
   std::vector<Iterate> iterates;  ///< the first is the start, the last is where it stands
   Linearisation linear;           ///< there
   NormalEquations normal;         ///< there
+  FinerIncrements finer;          ///< its part in `linear`
   bool converged = false;
 };
 
@@ -101,7 +115,8 @@ struct Continuation {
 /// Runs one stage from `parameters` and leaves the result there. With direct sensitivities and a simulation under forces it begins where the
 /// reaction of the DIC-driven simulation is nearest to the measured force (Sec. 2.2: their ratio calibrates): a coarse start, which Eqs 10-13 do
 /// not depend on. The last step, below eta_c, is not simulated: what it changes follows from the sensitivities; nor, displacement-driven, is
-/// one of a few eta_c of which second-order terms, as large as the step before shows them, are below a thousandth of eta_c. `information` describes each parameter (bounds).
+/// one of a few eta_c of which second-order terms, as large as the step before shows them, are below a thousandth of eta_c. Once converged it goes on with FinerIncrements taken off, found anew as
+/// long as the parameters have moved since by more than the root of eta_c: it goes with them, so that this moves them by another eta_c. `information` describes each parameter (bounds).
 /// `report` is called after each iteration. Collective over `world`. Throws std::invalid_argument for direct sensitivities of a model that
 /// is not differentiable().
 StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageData& images,

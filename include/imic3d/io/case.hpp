@@ -7,6 +7,7 @@
 // record the images are numbered 0, 1, 2 … (or as the camera's `frames` says). Case::index_of turns a number into a
 // place in the series of images.
 
+#include <algorithm>
 #include <array>
 #include <filesystem>
 #include <functional>
@@ -179,10 +180,11 @@ struct IdentifyCase {
   int max_iterations = 20;
   std::optional<double> boundary_smoothing;  ///< longest waves that the driving displacement may lose [length]
   std::filesystem::path driving;  ///< results.h5 of `imic3d dic`, whose displacement drives the ends; this run's own if empty
-  int noise_draws = 0;      ///< simulated draws of the noise of force and driving displacement for the covariance
+  int noise_draws = 12;     ///< of the noise of force and driving displacement, for the covariance
   Frames held_out;          ///< frames that are simulated but never fitted
   int groups = 0;           ///< concurrent groups of ranks; 0: auto
-  int steps_per_frame = 1;  ///< load increments between two frames
+  int steps_per_frame = 0;  ///< load increments between two frames; 0: auto
+  [[nodiscard]] int increments() const { return std::max(1, steps_per_frame); }  ///< that a simulation takes
 };
 
 /// How the loop is closed (imic3d loop); it asks for nothing.
