@@ -9,7 +9,8 @@ calculix        a direct simulation of the plate with a hole (hex20), with 1, 3 
                 With --cores 2: wall time, of two ranks of imic3d and of two threads of CalculiX; wants a machine that does nothing else.
 identification  E, S_y, H, delta from 90 % of their values on images of a longer plate with a finer mesh: in four stages of one parameter,
                 and all four in one stage; force-driven, and displacement-driven with the reaction in the residual, which is what the
-                loop below minimises; all of the program (DIC, report).
+                loop below minimises; all of the program (DIC, report), of the parameters alone (steps_per_frame: 1, noise_draws: 0), as what they are compared with;
+                "as by default": with what its increments err by taken off, and with the standard deviations of all noise.
 loop            scipy's least_squares calling CalculiX, whose processor time is summed (Python's and the DIC's are left out), from the same
                 start, in one stage and in the same four stages, each with the frames that it needs. Data: displacement of the face's nodes
                 by `imic3d dic` and the force record. The ends are driven by the DIC's displacement of their nodes, a cubic over the
@@ -172,13 +173,13 @@ class Benchmark:
         (self.folder / "virtual.yaml").write_text(case)
         self.imic3d("virtual", "virtual.yaml")
 
-    def identify(self, what, sensitivities, stages, functional="force_driven"):
+    def identify(self, what, sensitivities, stages, functional="force_driven", more="  steps_per_frame: 1\n  noise_draws: 0\n"):
         name = what.replace(", ", "_").replace(" ", "_")
         start = {key: 0.9 * value for key, value in TRUTH.items()}
         text = self.text("identify", self.options.layers, start) + (
             f"cameras: [{{name: front, pixel_size: {PIXEL}, place: {{origin: [{(IMAGE[0] - 1) / 2}, {(IMAGE[1] - 1) / 2}]}}, images: 'images/images/*.png', frames: 0-{STATIC + FRAMES - 1}, reference: 0-{STATIC - 1}}}]\n"
             "loads: {file: images/loads.csv, image: frame, time: time_s, force: force_N, noise: 1}\n"
-            f"identify:\n  functional: {functional}\n  boundary_smoothing: 5\n  sensitivities: {sensitivities}\n  eta: 1e-3\n  stages:\n" +
+            f"identify:\n  functional: {functional}\n  boundary_smoothing: 5\n  sensitivities: {sensitivities}\n  eta: 1e-3\n{more}  stages:\n" +
             "".join(f"    - {{free: [{', '.join(free)}], frames: \"{STATIC}-{STATIC + frames - 1}\"}}\n" for free, frames in stages) + f"output: {name}\n")
         (self.folder / f"{name}.yaml").write_text(text)
         spent = self.imic3d("identify", f"{name}.yaml")
@@ -191,6 +192,8 @@ class Benchmark:
                 for name, stages in (("four stages", FOUR), ("one stage", ONE))}
         if self.options.perturbed:
             runs["identification, four stages, perturbed"] = ("perturbed", FOUR)
+        runs["identification, one stage, displacement-driven, as by default"] = ("direct", ONE, "displacement_driven", "")
+        runs["identification, one stage, as by default"] = ("direct", ONE, "force_driven", "")
         runs = {what: how for what, how in runs.items() if self.options.which in what}
         found = {}
         for _ in range(self.options.repeats):
@@ -202,8 +205,11 @@ class Benchmark:
         self.row("imic3d dic")
         for what in runs:
             self.row(what, errors(found[what]))
+        finest = [what for what in self.times if what.startswith("simulation, imic3d")][-1]
         for what in runs:
             self.ratio(what, next(iter(self.times)))
+            if "by default" in what and finest != next(iter(self.times)):
+                self.ratio(what, finest)
 
     def loop(self, what, stages):
         with h5py.File(self.folder / "dic/results.h5") as file:

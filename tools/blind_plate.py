@@ -7,8 +7,11 @@ fields   the displacement at points as a subset correlation would give it, with 
 
 tools/blind_plate.py {images,fields} [--reduced] [--waist] [--by imic3d] [--seeds N] [--nulls N] [--only NAME,NAME] [--bricks N,N,N] [--grey-noise N] [--frames N] [--mesh HOLE,FAR] [--out FOLDER] [--imic3d PROGRAM]
 tools/blind_plate.py {images,fields} --together [...]
+tools/blind_plate.py images --identify [...]
 
 --together: three plates of one material in one loop; the load cell of the first reads 6 % too much, which none of them shows alone. Fails unless that is named.
+
+--identify: `imic3d identify` on tests in which nothing is missing, as by default and as it was before (steps_per_frame: 1, noise_draws: 0): what the parameters are off by, and in their standard deviations.
 
 --by imic3d: pulled by `imic3d simulate` instead (a finer mesh, a longer specimen, 16 increments a frame; no motion out of plane), which tells what the loop errs by from what the two programs' laws differ by.
 
@@ -273,6 +276,28 @@ def together(kind, generator, folder, program):
             sys.exit(f"the page of the {name} plate names {own['named']}")
 
 
+def identified(kind, generator, folder, program, nulls):
+    """Prints what parameters are off by over tests in which nothing is missing."""
+    print("| functional | identify | " + " | ".join(TRUTH) + " |\n|---|---|" + "---|" * len(TRUTH))
+    for functional in ("displacement_driven", "force_driven"):
+        for name, settings in (("steps_per_frame: 1, noise_draws: 0", "steps_per_frame: 1, noise_draws: 0, "), ("as by default", "")):
+            off, deviations = [], []
+            for seed in range(1, 1 + nulls):
+                its = folder / f"identify_{seed}"
+                if not (its / "case.yaml").exists():
+                    make(kind, generator, its, {}, seed)
+                case = its / f"{functional}_{'default' if not settings else 'before'}.yaml"
+                text = (its / "case.yaml").read_text().replace("functional: displacement_driven", f"{settings}functional: {functional}")
+                case.write_text(text.replace("output: run", f"output: {case.stem}"))
+                subprocess.run([Path(program).resolve(), "identify", case], check=True, capture_output=True)
+                found = json.loads((its / case.stem / "result.json").read_text())["parameters"]
+                off.append([found[key]["value"] / true - 1 for key, true in TRUTH.items()])
+                deviations.append([found[key]["standard_deviation"] / true for key, true in TRUTH.items()])
+            mean, each = 100 * np.mean(off, axis=0), np.sqrt(np.mean((np.array(off) / deviations) ** 2, axis=0))
+            print(f"| {functional} | {name} | " + " | ".join(f"{m:+.2f} % ({r:.1f})" for m, r in zip(mean, each)) + " |", flush=True)
+    print(f"\nMean of {nulls} tests, in brackets rms in units of the standard deviations that are reported.")
+
+
 def main():
     global GREY_NOISE, FRAMES
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -281,6 +306,7 @@ def main():
     parser.add_argument("--waist", action="store_true", help="a plate with a waist and an elliptical hole")
     parser.add_argument("--by", choices=("calculix", "imic3d"), default="calculix")
     parser.add_argument("--together", action="store_true", help="three plates in one loop")
+    parser.add_argument("--identify", action="store_true", help="imic3d identify where nothing is missing")
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--nulls", type=int, default=10)
     parser.add_argument("--multiples", default="1,3,10,50")
@@ -300,6 +326,9 @@ def main():
         NOTHING["mesh"] = tuple(float(size) for size in options.mesh.split(","))
     generator = Generator(out / options.by, [int(n) for n in bricks.split(",")], 0.1 if options.reduced else 0.05, options.waist, options.imic3d if options.by == "imic3d" else None)
     suite = blind.Suite(out, options.imic3d, lambda folder, planted, seed: make(options.kind, generator, folder, planted, seed), TRUTH)
+    if options.identify:
+        identified(options.kind, generator, out, options.imic3d, options.nulls)
+        return
     if options.together:
         together(options.kind, generator, out, options.imic3d)
         return

@@ -114,7 +114,7 @@ class Scaling:
             self.text("identify", 1, values, effects) +
             f"cameras: [{{name: front, pixel_size: {PIXEL}, place: {{origin: [{(IMAGE[0] - 1) / 2}, {(IMAGE[1] - 1) / 2}]}}, images: '{name}/images/*.png', frames: 0-{STATIC + frames - 1}, reference: 0-{STATIC - 1}}}]\n"
             f"loads: {{file: {name}/loads.csv, image: frame, time: time_s, force: force_N, noise: 1}}\n"
-            f"identify:\n  boundary_smoothing: 5\n  sensitivities: direct\n{more}  stages:\n    - {{free: [{', '.join(free)}], frames: \"{STATIC}-{STATIC + frames - 1}\"}}\noutput: {case}\n")
+            f"identify:\n  boundary_smoothing: 5\n  sensitivities: direct\n  steps_per_frame: 1\n  noise_draws: 0\n{more}  stages:\n    - {{free: [{', '.join(free)}], frames: \"{STATIC}-{STATIC + frames - 1}\"}}\noutput: {case}\n")
         return case
 
     def frames(self):

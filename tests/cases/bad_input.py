@@ -196,6 +196,8 @@ TABLE = [
      ["case.yaml:19 identify.stages[1].frames: frames 1-50; allowed: among the frames 0-5"]),
     ("groups_that_are_no_number", change("case.yaml", "functional: force_driven", "groups: all"),
      [r're:case\.yaml:\d+ identify\.groups: "all"; allowed: auto, or a number of groups']),
+    ("increments_that_are_none", change("case.yaml", "functional: force_driven", "steps_per_frame: 0"),
+     [r're:case\.yaml:\d+ identify\.steps_per_frame: 0; allowed: auto, or a number of increments']),
     ("not_yaml", change("case.yaml", "specimen: {", "specimen: [{"),
      [r"re:case\.yaml:\d+: not YAML at column \d+: .*"]),
     ("several_mistakes_in_one_go", both(change("case.yaml", "thickness: 1.5", "thickness: 0"),

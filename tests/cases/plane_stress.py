@@ -30,6 +30,7 @@ material:
 GENERATE = """
 simulate:
   centred: true
+  steps_per_frame: 8
   value: [0, 0.008, 0.016, 0.024, 0.032, 0.05, 0.1, 0.2, 0.4, 0.6, 0.8]
 virtual: {size: [520, 580], load_noise: 0, static_frames: 2, directory: made}
 output: made

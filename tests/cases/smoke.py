@@ -68,6 +68,10 @@ def main():
     for ranks in (2, 3):
         difference = numpy.max(numpy.abs(values[ranks] / values[1] - 1.0))
         require(difference < 1e-8, f"{ranks} ranks and 1 identify the same ({difference:.1e})")
+    stages = json.loads((folder / "force_1/result.json").read_text())["stages"]
+    require(all(one["steps_per_frame"] > 1 for one in stages), f"more load increments were asked what one a frame errs by ({[one['steps_per_frame'] for one in stages]})")
+    shares = stages[1]["standard_deviation"]["S_y"]
+    require(0 < shares["images"] < shares["force"] < shares["total"] and shares["boundary"] > 0, f"the noise of the load record is in the standard deviation, and is most of it ({shares})")
     require(abs(values[1][0] / 198e3 - 1) < 0.05 and abs(values[1][1] / 284 - 1) < 0.03,
             f"E {values[1][0]:.0f} (198000), S_y {values[1][1]:.2f} (284), coarse mesh")
     for functional, output in (("displacement_driven", "displacement"), ("combined", "combined")):

@@ -112,6 +112,19 @@ TEST_F(CaseFile, TheShapeOfTheIssueIsRead) {
   EXPECT_EQ(test.output, folder.path() / "results");
 }
 
+/// What load increments err by is looked for, and all noise counts, where nothing else is said; perturbed simulations of the noise are not made unasked.
+TEST_F(CaseFile, IncrementsAndNoiseOfAnIdentification) {
+  const auto identify = [&](const std::string& more) { return read(changed(good_case, "identify:\n", "identify:\n" + more)).identify; };
+  EXPECT_EQ(identify("").steps_per_frame, 0);
+  EXPECT_EQ(identify("").increments(), 1);
+  EXPECT_EQ(identify("  steps_per_frame: auto\n").steps_per_frame, 0);
+  EXPECT_EQ(identify("  steps_per_frame: 3\n").increments(), 3);
+  EXPECT_EQ(identify("").noise_draws, 12);
+  EXPECT_EQ(identify("  sensitivities: perturbed\n").noise_draws, 0);
+  EXPECT_EQ(identify("  sensitivities: perturbed\n  noise_draws: 5\n").noise_draws, 5);
+  EXPECT_EQ(identify("  noise_draws: 0\n").noise_draws, 0);
+}
+
 TEST_F(CaseFile, OtherSectionsAreRead) {
   const Case test = read(R"(title: virtual
 specimen: {mesh: plate.msh, thickness: 2, held: bottom, loaded: top, axis: x, refine: 1, mid_plane_symmetry: true}

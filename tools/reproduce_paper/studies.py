@@ -62,6 +62,8 @@ identify:
   functional: force_driven
   boundary_smoothing: {smoothing}  # a quarter of the width at most
   sensitivities: {sensitivities}
+  steps_per_frame: 1  # as the test is made
+  noise_draws: 0
   {options}
   stages: [{{free: {free}, frames: "{frames}"}}]
 output: results
