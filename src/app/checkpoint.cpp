@@ -128,6 +128,7 @@ void put(Checkpoint& into, const std::string& at, const StageDone& stage) {
   into.put(at + "converged", stage.result.converged ? 1.0 : 0.0);
   into.put(at + "message", stage.result.message);
   into.put(at + "unsure", stage.result.unsure);
+  into.put(at + "unknown_noise", stage.result.unknown_noise);
   const auto& covariance = stage.result.covariance;
   for (const auto& [name, part] : {std::pair{"image", &covariance.image}, {"force", &covariance.force}, {"boundary", &covariance.boundary}, {"calibration", &covariance.calibration}, {"total", &covariance.total}})
     into.put(at + "covariance/" + name, *part);
@@ -138,6 +139,7 @@ StageDone stage_of(const Checkpoint& from, const std::string& at) {
   stage.result.converged = from.number(at + "converged") > 0.5;
   stage.result.message = from.text(at + "message");
   stage.result.unsure = from.matrix(at + "unsure");
+  stage.result.unknown_noise = from.text(at + "unknown_noise");
   auto& covariance = stage.result.covariance;
   for (const auto& [name, part] : {std::pair{"image", &covariance.image}, {"force", &covariance.force}, {"boundary", &covariance.boundary}, {"calibration", &covariance.calibration}, {"total", &covariance.total}})
     *part = from.matrix(at + "covariance/" + name);

@@ -127,7 +127,7 @@ void identify(const Communicator& world, const CommandOptions& options) {
   std::vector<StageSummary> stages;
   const std::vector<double> first = material.values;
   std::set<int> on_bound;
-  int increments = 1;  // that the identified model takes between two frames
+  int increments = test.identify.increments();  // that the identified model takes between two frames
   if (found.solutions) model.start_from(*found.solutions);
   for (std::size_t k = 0; k < test.identify.stages.size(); ++k) {
     const auto& declared = test.identify.stages[k];
@@ -160,12 +160,14 @@ void identify(const Communicator& world, const CommandOptions& options) {
                                 {.from = from, .reached = [&](const id::StagePoint& point) { checkpoint.stage_point(point, model.solutions()); }});
     }
     if (k >= found.stages.size()) checkpoint.stage_done({material.values, result}, k + 1 < test.identify.stages.size() ? &model.solutions() : nullptr);
+    if (!result.unknown_noise.empty()) spdlog::warn("  the standard deviations hold the images' noise alone: {}", result.unknown_noise);
     if (!result.converged) spdlog::warn("  not converged: eta is still {:.2e}", result.iterates.back().eta);
     for (std::size_t i = 0; i < stage.free.size(); ++i)
       for (std::size_t j = 0; j < stage.free.size(); ++j)
         covariance(stage.free[i], stage.free[j]) = result.covariance.total(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j));
-    increments = result.iterates.back().increments;
-    stages.push_back({declared.free, static_cast<int>(result.iterates.size()) - 1, increments, result.converged, result.message, result.covariance, result.unsure});
+    const int taken = result.iterates.back().increments;
+    increments = std::max(increments, taken);
+    stages.push_back({declared.free, static_cast<int>(result.iterates.size()) - 1, taken, result.converged, result.message, result.covariance, result.unsure, result.unknown_noise});
     for (const int j : stage.free) {
       on_bound.erase(j);
       if (!ends_on_bound(material, j, first[static_cast<std::size_t>(j)], solver)) continue;

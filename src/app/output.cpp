@@ -200,6 +200,8 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
                                  left, test_.units.force, left / force_noise, test_.identify.steps_per_frame > 0 ? ", more load increments between frames: identify.steps_per_frame: auto" : ""));
     spdlog::warn("{}", doubts.back());
   }
+  for (const auto& stage : stages)
+    if (!stage.unknown_noise.empty()) doubts.push_back(fmt::format("the standard deviations of {} hold the images' noise alone, not that of load record and driven ends: {}", fmt::join(stage.free, ", "), stage.unknown_noise));
   for (const auto& stage : stages) {
     if (stage.unsure.size() == 0) continue;
     std::vector<std::string> moved;

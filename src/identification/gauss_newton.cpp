@@ -390,7 +390,7 @@ Response respond(ForwardModel& model, const ImageData& images, const std::vector
   for (const auto& error : ends) driving.push_back(options.noise_model.driving ? options.noise_model.driving(error) : error);
   const auto require_all = [&](const std::vector<Path>& paths) {
     for (const Path& path : paths)
-      if (path.frames < frames) throw ConvergenceError("the noise of the parameters: " + path.message);
+      if (path.frames < frames) throw ConvergenceError(path.message);
   };
 
   std::vector<Path> driven, paths;
@@ -660,8 +660,15 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
     note(0.0, false);
   }
 
-  StageResult result{.iterates = std::move(at.iterates), .covariance = {}, .converged = at.converged, .unsure = at.finer.unsure, .message = at.linear.message};
-  result.covariance = covariance(model, images, at.linear, at.normal, stage, options, parameters);
+  StageResult result{.iterates = std::move(at.iterates), .covariance = {}, .converged = at.converged, .unsure = at.finer.unsure, .unknown_noise = {}, .message = at.linear.message};
+  try {
+    result.covariance = covariance(model, images, at.linear, at.normal, stage, options, parameters);
+  } catch (const ConvergenceError& error) {
+    result.unknown_noise = error.what();
+    GaussNewtonOptions of_images = options;
+    of_images.noise_model.draws = 0;
+    result.covariance = covariance(model, images, at.linear, at.normal, stage, of_images, parameters);
+  }
   if (at.normal.frames < static_cast<int>(stage.frames.size()))
     result.message = fmt::format("{} of {} frames took part: {}", at.normal.frames, stage.frames.size(), at.linear.message);
   return result;

@@ -101,6 +101,22 @@ TEST(Covariance, DirectlyAndByDifferences) {
   }
 }
 
+/// Noise that no simulation carries costs its own share of the standard deviations, not what was identified.
+TEST(Covariance, WithoutNoiseThatCannotBeSimulated) {
+  Plate plate(stretch);
+  ForwardModel model({}, plate.specimen, plate.law, plate.record, {.with_fields = false}, 3, 0);
+  auto parameters = plate.truth;
+  parameters[0] *= 1.05;
+  GaussNewtonOptions options{.functional = Functional::displacement_driven, .force_noise = 20.0, .sensitivities = Sensitivities::perturbed};
+  options.noise_model = {.image = 1e6 * sigma, .references = references, .force = force_sigma, .driving = {}, .draws = 2, .seed = 5};
+  const auto result = gauss_newton({}, model, plate.images, testing::information(plate), stage, options, parameters);
+  EXPECT_TRUE(result.converged);
+  EXPECT_NEAR(parameters[0] / plate.truth[0], 1.0, 1e-3);
+  EXPECT_FALSE(result.unknown_noise.empty());
+  EXPECT_GT(result.covariance.image(0, 0), 0.0);
+  EXPECT_EQ(result.covariance.boundary.norm(), 0.0);
+}
+
 TEST(Covariance, OfTheForceDrivenFunctional) { compare(Functional::force_driven, 100, false); }
 TEST(CovarianceNightly, OfTheForceDrivenFunctional) { compare(Functional::force_driven, 400, true); }
 TEST(CovarianceNightly, OfTheDisplacementDrivenFunctional) { compare(Functional::displacement_driven, 400, true); }

@@ -29,6 +29,7 @@ struct StageSummary {
   std::string message;
   identification::Covariance covariance;
   Eigen::VectorXd unsure;  ///< identification::FinerIncrements
+  std::string unknown_noise;  ///< identification::StageResult
 };
 
 /// Writes on rank 0 only; every function may be called on every rank.

@@ -66,6 +66,7 @@ struct StageResult {
   Covariance covariance;          ///< of the free parameters
   bool converged = false;
   Eigen::VectorXd unsure;         ///< FinerIncrements::unsure
+  std::string unknown_noise;      ///< why the draws of NoiseModel could not be taken through the simulation, so that the covariance is that without draws; else empty
   std::string message;            ///< what the user should know: frames that could not be simulated
 };
 
