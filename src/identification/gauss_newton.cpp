@@ -47,19 +47,15 @@ void settle(Path& path, const ForwardModel& model, const ImageData& images, cons
   fit_rigid_motion(model.specimen(), control_of_images(options), images.M, dic, path);
 }
 
-/// The derivatives of the path with those of the rigid motion that the images fix: a fit of the surface alone, by central differences. `errors`: of the
-/// displacement that the images show, which it is fitted to, in the direction of each derivative [unknowns x frames]; none: it stays.
-void settle_derivatives(Path& path, const ForwardModel& model, const ImageData& images, const GaussNewtonOptions& options, std::span<const Eigen::MatrixXd> errors = {}) {
+/// The derivatives of the path with those of the rigid motion that the images fix: a fit of the surface alone, by central differences.
+void settle_derivatives(Path& path, const ForwardModel& model, const ImageData& images, const GaussNewtonOptions& options) {
   const double size = path.surface.norm();
-  const Eigen::MatrixXd dic = model.record().surface_displacement.leftCols(path.surface.cols());
-  for (std::size_t k = 0; k < path.d_surface.size(); ++k) {
-    auto& derivative = path.d_surface[k];
-    const bool shown = k < errors.size();
-    const double h = 1e-4 * size / std::max({derivative.norm(), shown ? errors[k].norm() : 0.0, 1e-300});
+  for (auto& derivative : path.d_surface) {
+    const double h = 1e-4 * size / std::max(derivative.norm(), 1e-300);
     const auto moved = [&](double side) {
       Path other;
       other.frames = path.frames, other.surface = path.surface + side * h * derivative;
-      settle(other, model, images, shown ? Eigen::MatrixXd(dic + side * h * errors[k].leftCols(dic.cols())) : dic, options);
+      settle(other, model, images, model.record().surface_displacement, options);
       return other.surface;
     };
     derivative = (moved(1.0) - moved(-1.0)) / (2.0 * h);
@@ -372,14 +368,15 @@ class OpticalNoise {
   std::normal_distribution<double> normal_;
 };
 
-/// What small errors of that which drives a simulation do to what is observed, in the first order: by each error, those of the ends first.
+/// What small errors of that which drives a simulation do to what is observed, in the first order: by each error, those of the ends first. Up to rigid motions that
+/// the images fix: to these the derivatives by the parameters are orthogonal, in the norm of M.
 struct Response {
   std::vector<Eigen::MatrixXd> surface;   ///< [unknowns x frames, length]
   std::vector<Eigen::VectorXd> reaction;  ///< of the DIC-driven simulation [frames, force]
 };
 
-/// `ends`: errors of the measured displacement, on its way to the ends and where rigid motions are fitted to it [unknowns x frames, length]; `loads`: of the measured force [frames, force].
-Response respond(ForwardModel& model, const ImageData& images, const std::vector<double>& parameters, int frames, const GaussNewtonOptions& options,
+/// `ends`: errors of the measured displacement that drives the ends [unknowns x frames, length]; `loads`: of the measured force [frames, force].
+Response respond(ForwardModel& model, const std::vector<double>& parameters, int frames, const GaussNewtonOptions& options,
                  std::span<const Eigen::MatrixXd> ends, std::span<const Eigen::VectorXd> loads) {
   const Control control = control_of_images(options);
   const auto& record = model.record();
@@ -419,7 +416,6 @@ Response respond(ForwardModel& model, const ImageData& images, const std::vector
       paths = model.simulate(control, {loaded}, frames);
     }
     require_all(driven), require_all(paths);
-    settle_derivatives(paths.front(), model, images, options, ends);
     Response response{.surface = paths.front().d_surface, .reaction = driven.front().d_reaction};
     response.reaction.resize(both, Eigen::VectorXd::Zero(frames));
     return response;
@@ -441,11 +437,8 @@ Response respond(ForwardModel& model, const ImageData& images, const std::vector
     paths = model.simulate(control, runs, frames);
   }
   require_all(driven), require_all(paths);
-  const Eigen::MatrixXd dic = record.surface_displacement.leftCols(frames);
   Response response;
-  for (std::size_t k = 0; k < paths.size(); ++k) {
-    settle(paths[k], model, images, k > 0 && k <= ends.size() ? Eigen::MatrixXd(dic + ends[k - 1].leftCols(frames)) : dic, options);
-    if (k == 0) continue;
+  for (std::size_t k = 1; k < paths.size(); ++k) {
     response.surface.emplace_back(paths[k].surface - paths[0].surface);
     response.reaction.emplace_back(k <= ends.size() ? Eigen::VectorXd(driven[k].reaction - driven[0].reaction) : Eigen::VectorXd(Eigen::VectorXd::Zero(frames)));
   }
@@ -516,7 +509,7 @@ Covariance covariance(ForwardModel& model, const ImageData& images, const Linear
     return sum;
   };
 
-  const Response response = respond(model, images, parameters, last, options, moved, force);
+  const Response response = respond(model, parameters, last, options, moved, force);
   Eigen::MatrixXd by_image(unknowns, noise.draws), by_force = by_image, by_ends = by_image;
   for (Eigen::Index d = 0; d < noise.draws; ++d) {
     const auto k = static_cast<std::size_t>(d);
@@ -537,7 +530,7 @@ Covariance covariance(ForwardModel& model, const ImageData& images, const Linear
   if (noise.calibration.empty()) return result;
   std::vector<Eigen::MatrixXd> errors;
   for (const auto& error : noise.calibration) errors.push_back(error.leftCols(last));
-  const Response of_cameras = respond(model, images, parameters, last, options, errors, {});
+  const Response of_cameras = respond(model, parameters, last, options, errors, {});
   Eigen::MatrixXd by_cameras(unknowns, static_cast<Eigen::Index>(errors.size()));
   for (std::size_t d = 0; d < errors.size(); ++d) {
     Eigen::VectorXd sum = through(of_cameras.surface[d], of_cameras.reaction[d]);
