@@ -298,10 +298,10 @@ std::vector<ForceDistribution> ForwardModel::distribute_forces(const std::vector
   for (const auto* end : {&specimen_.held, &specimen_.loaded})
     for (int node : *end) ends.insert({3 * node, 3 * node + 1});
   std::vector<ForceDistribution> distributions(runs.size());
-  for (auto& distribution : distributions) {
-    distribution.dofs.assign(ends.begin(), ends.end());
-    distribution.pattern.setZero(static_cast<Eigen::Index>(ends.size()), frames);
-    distribution.d_pattern.assign(runs[static_cast<std::size_t>(&distribution - distributions.data())].directions.size(), distribution.pattern);
+  for (std::size_t run = 0; run < runs.size(); ++run) {
+    distributions[run].dofs.assign(ends.begin(), ends.end());
+    distributions[run].pattern.setZero(static_cast<Eigen::Index>(ends.size()), frames);
+    distributions[run].d_pattern.assign(runs[run].directions.size(), distributions[run].pattern);
   }
   driven = simulate(Control::displacement, runs, frames, [&](int run, int t, const mechanics::FrameState& state) {
     auto& distribution = distributions[static_cast<std::size_t>(run)];
