@@ -168,7 +168,7 @@ class Benchmark:
         if (self.folder / "images/truth.json").exists():
             return
         case = (self.text("generate", 2, TRUTH) + f"cameras: [{{name: front, pixel_size: {PIXEL}, place: {{origin: [{(IMAGE[0] - 1) / 2}, {(IMAGE[1] - 1) / 2}]}}}}]\n"
-                f"simulate: {{control: displacement, clamped: true, centred: true, value: {VALUES}}}\n"
+                f"simulate: {{control: displacement, clamped: true, centred: true, steps_per_frame: 8, value: {VALUES}}}\n"
                 f"virtual: {{size: {list(IMAGE)}, speckle_size: 5, noise: 0.01, load_noise: 0, static_frames: {STATIC}, seed: 1, directory: images}}\noutput: images\n")
         (self.folder / "virtual.yaml").write_text(case)
         self.imic3d("virtual", "virtual.yaml")
