@@ -326,6 +326,8 @@ def main():
         NOTHING["mesh"] = tuple(float(size) for size in options.mesh.split(","))
     generator = Generator(out / options.by, [int(n) for n in bricks.split(",")], 0.1 if options.reduced else 0.05, options.waist, options.imic3d if options.by == "imic3d" else None)
     suite = blind.Suite(out, options.imic3d, lambda folder, planted, seed: make(options.kind, generator, folder, planted, seed), TRUTH)
+    if options.identify and options.kind != "images":
+        parser.error("--identify: images")
     if options.identify:
         identified(options.kind, generator, out, options.imic3d, options.nulls)
         return

@@ -160,7 +160,7 @@ void identify(const Communicator& world, const CommandOptions& options) {
                                 {.from = from, .reached = [&](const id::StagePoint& point) { checkpoint.stage_point(point, model.solutions()); }});
     }
     if (k >= found.stages.size()) checkpoint.stage_done({material.values, result}, k + 1 < test.identify.stages.size() ? &model.solutions() : nullptr);
-    if (!result.unknown_noise.empty()) spdlog::warn("  the standard deviations hold the images' noise alone: {}", result.unknown_noise);
+    if (!result.unknown_noise.empty()) spdlog::warn("  the standard deviations hold no noise that acts through the simulation: {}", result.unknown_noise);
     if (!result.converged) spdlog::warn("  not converged: eta is still {:.2e}", result.iterates.back().eta);
     for (std::size_t i = 0; i < stage.free.size(); ++i)
       for (std::size_t j = 0; j < stage.free.size(); ++j)

@@ -201,7 +201,7 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
     spdlog::warn("{}", doubts.back());
   }
   for (const auto& stage : stages)
-    if (!stage.unknown_noise.empty()) doubts.push_back(fmt::format("the standard deviations of {} hold the images' noise alone, not that of load record and driven ends: {}", fmt::join(stage.free, ", "), stage.unknown_noise));
+    if (!stage.unknown_noise.empty()) doubts.push_back(fmt::format("the standard deviations of {} hold no noise that acts through the simulation, of load record and driven ends: {}", fmt::join(stage.free, ", "), stage.unknown_noise));
   for (const auto& stage : stages) {
     if (stage.unsure.size() == 0) continue;
     std::vector<std::string> moved;
@@ -239,7 +239,7 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
     const double deviation = std::sqrt(covariance(k, k));
     fmt::print("  {:8} {:14.6g} {:10} {}\n", material.information[j].name, material.values[j], material.information[j].unit,
                json["parameters"][material.information[j].name]["on_bound"] == true ? "(on its bound)"
-               : std::isfinite(deviation) ? fmt::format("+- {:.2g} ({}noise alone)", deviation, test_.identify.noise_draws > 0 ? "" : "the images' ") : "(fixed)");
+               : std::isfinite(deviation) ? fmt::format("+- {:.2g} ({}noise alone)", deviation, test_.identify.noise_draws > 0 ? "" : test_.identify.functional == "displacement_driven" || test_.identify.functional == "combined" ? "images' and force's " : "images' ") : "(fixed)");
   }
   if (test_.identify.noise_draws > 0)
     for (const auto& stage : stages)

@@ -1,0 +1,216 @@
+#include "parameter_noise.hpp"
+
+#include <Eigen/Dense>
+#include <Eigen/SparseCholesky>
+#include <cmath>
+#include <random>
+#include <span>
+
+#include "imic3d/core/error.hpp"
+#include "imic3d/core/linear.hpp"
+
+namespace imic3d::identification {
+
+namespace {
+
+/// Of the response to noise, of which few draws tell the size.
+constexpr mechanics::Accuracy accuracy_of_responses{.forces = 1e-7, .derivatives = 1e-4};
+
+/// Noise of b_DIC: columns of standard deviation one, b b^T = M on average [unknowns x columns].
+class OpticalNoise {
+ public:
+  // P M P^T = L D L^T
+  OpticalNoise(const ImageData& images, unsigned seed) : factor_(images.held.size() > 0 ? Eigen::SparseMatrix<double>(images.M + images.held) : images.M), random_(seed) {}
+  Eigen::MatrixXd b(Eigen::Index columns) {
+    Eigen::MatrixXd white(factor_.rows(), columns);
+    for (double& value : white.reshaped()) value = normal_(random_);
+    white = factor_.vectorD().cwiseMax(0.0).cwiseSqrt().asDiagonal() * white;
+    return factor_.permutationPinv() * Eigen::MatrixXd(factor_.matrixL() * white);
+  }
+  [[nodiscard]] Eigen::MatrixXd displacement(const Eigen::MatrixXd& b) const { return factor_.solve(b); }
+  double scalar() { return normal_(random_); }
+
+ private:
+  Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor_;
+  std::mt19937_64 random_;
+  std::normal_distribution<double> normal_;
+};
+
+/// What small errors of that which drives a simulation do to what is observed, in the first order: by each error, those of the ends first. Up to rigid motions that
+/// the images fix: to these the derivatives by the parameters are orthogonal, in the norm of M.
+struct Response {
+  std::vector<Eigen::MatrixXd> surface;   ///< [unknowns x frames, length]
+  std::vector<Eigen::VectorXd> reaction;  ///< of the DIC-driven simulation [frames, force]
+};
+
+/// `ends`: errors of the measured displacement that drives the ends [unknowns x frames, length]; `loads`: of the measured force [frames, force].
+Response respond(ForwardModel& model, const std::vector<double>& parameters, int frames, const GaussNewtonOptions& options,
+                 std::span<const Eigen::MatrixXd> ends, std::span<const Eigen::VectorXd> loads) {
+  const Control control = control_of_images(options);
+  const auto& record = model.record();
+  const Specimen& specimen = model.specimen();
+  const bool forces = control != Control::displacement, direct = options.sensitivities == Sensitivities::direct;
+  const std::size_t both = ends.size() + (forces ? loads.size() : 0);
+  std::vector<Eigen::MatrixXd> driving;
+  for (const auto& error : ends) driving.push_back(options.noise_model.driving ? options.noise_model.driving(error) : error);
+  const auto require_all = [&](const std::vector<Path>& paths) {
+    for (const Path& path : paths)
+      if (path.frames < frames) throw ConvergenceError(path.message);
+  };
+
+  std::vector<Path> driven, paths;
+  if (direct) {
+    Run run{.parameters = parameters, .accuracy = accuracy_of_responses};
+    for (const auto& error : driving) run.directions.push_back({.prescribed = specimen.from_surface(Control::displacement) * error});
+    if (!forces) {
+      driven = paths = model.simulate(Control::displacement, {run}, frames);
+    } else {
+      const auto distribution = model.distribute_forces({run}, frames, driven).front();
+      Run loaded{.parameters = parameters, .forces = &distribution, .accuracy = accuracy_of_responses};
+      const auto on_the_ends = [&](const auto& of_frame) {
+        std::vector<Eigen::Triplet<double>> entries;
+        for (int t = 0; t < frames; ++t) {
+          const Eigen::VectorXd column = of_frame(t);
+          for (std::size_t i = 0; i < distribution.dofs.size(); ++i) entries.emplace_back(distribution.dofs[i], t, column[static_cast<Eigen::Index>(i)]);
+        }
+        Eigen::SparseMatrix<double> force(3 * specimen.volume.nodes.rows(), frames);
+        force.setFromTriplets(entries.begin(), entries.end());
+        return force;
+      };
+      for (std::size_t k = 0; k < ends.size(); ++k)
+        loaded.directions.push_back({.prescribed = specimen.from_surface(control) * driving[k], .force = on_the_ends([&](int t) { return record.force[t] * distribution.d_pattern[k].col(t); })});
+      const Eigen::MatrixXd held = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(specimen.dofs(control).size()), frames);
+      for (const auto& error : loads) loaded.directions.push_back({.prescribed = held, .force = on_the_ends([&](int t) { return error[t] * distribution.pattern.col(t); })});
+      paths = model.simulate(control, {loaded}, frames);
+    }
+    require_all(driven), require_all(paths);
+    Response response{.surface = paths.front().d_surface, .reaction = driven.front().d_reaction};
+    response.reaction.resize(both, Eigen::VectorXd::Zero(frames));
+    return response;
+  }
+
+  // Differences. Run 0 is the undisturbed one of each series, so that all take the same increments.
+  std::vector<Run> runs(1 + ends.size(), Run{.parameters = parameters});
+  for (auto& error : driving) error += record.driving.leftCols(frames);
+  for (std::size_t k = 0; k < ends.size(); ++k) runs[1 + k].driving = &driving[k];
+  std::vector<Eigen::VectorXd> resultants;
+  std::vector<ForceDistribution> distributions;
+  if (!forces) {
+    paths = driven = model.simulate(control, runs, frames);
+  } else {
+    distributions = model.distribute_forces(runs, frames, driven);
+    for (std::size_t k = 0; k < runs.size(); ++k) runs[k].forces = &distributions[k];
+    for (const auto& error : loads) resultants.push_back(record.force.head(frames) + error);
+    for (const auto& resultant : resultants) runs.push_back({.parameters = parameters, .forces = &distributions.front(), .resultant = &resultant});
+    paths = model.simulate(control, runs, frames);
+  }
+  require_all(driven), require_all(paths);
+  Response response;
+  for (std::size_t k = 1; k < paths.size(); ++k) {
+    response.surface.emplace_back(paths[k].surface - paths[0].surface);
+    response.reaction.emplace_back(k <= ends.size() ? Eigen::VectorXd(driven[k].reaction - driven[0].reaction) : Eigen::VectorXd(Eigen::VectorXd::Zero(frames)));
+  }
+  return response;
+}
+
+}  // namespace
+
+Control control_of_images(const GaussNewtonOptions& options) {
+  if (options.functional == Functional::displacement_driven) return Control::displacement;
+  return options.alpha > 0.0 ? Control::images : Control::force;
+}
+
+Covariance parameter_covariance(ForwardModel& model, const ImageData& images, const Linearisation& at, const NormalEquations& normal,
+                                const Stage& stage, const GaussNewtonOptions& options, const std::vector<double>& parameters) {
+  const auto unknowns = normal.right.size();
+  const NoiseModel& noise = options.noise_model;
+  const Eigen::MatrixXd inverse = solve_symmetric(normal.matrix, Eigen::MatrixXd::Identity(unknowns, unknowns));
+  const double w = 1.0 / (2.0 * images.noise * images.noise), v = has_force(options.functional) ? 1.0 / (options.force_noise * options.force_noise) : 0.0;
+  std::vector<int> frames;
+  for (int t : stage.frames)
+    if (t < at.frames) frames.push_back(t);
+  const auto S = [&](int t) {
+    Eigen::MatrixXd columns(at.surface.rows(), unknowns);
+    for (Eigen::Index j = 0; j < unknowns; ++j) columns.col(j) = at.sensitivity[static_cast<std::size_t>(j)].col(t);
+    return columns;
+  };
+  const auto s = [&](int t) {
+    Eigen::VectorXd column = Eigen::VectorXd::Zero(unknowns);
+    if (v > 0.0)
+      for (Eigen::Index j = 0; j < unknowns; ++j) column[j] = at.force_sensitivity[static_cast<std::size_t>(j)][t];
+    return column;
+  };
+  const Eigen::MatrixXd none = Eigen::MatrixXd::Zero(unknowns, unknowns);
+  Covariance result{.image = none, .force = none, .boundary = none, .calibration = none, .total = none};
+
+  Eigen::MatrixXd of_frames = none, common = Eigen::MatrixXd::Zero(at.surface.rows(), unknowns);
+  std::vector<Eigen::MatrixXd> MS(static_cast<std::size_t>(at.frames));
+  for (int t : frames) {
+    MS[static_cast<std::size_t>(t)] = images.M * S(t);
+    of_frames += S(t).transpose() * MS[static_cast<std::size_t>(t)];
+    common += S(t);
+  }
+  result.image = w * w * noise.image * noise.image * inverse *
+                 (of_frames + common.transpose() * (images.M * common) / noise.references) * inverse;
+  result.total = result.image;
+  Eigen::MatrixXd of_force = none;  // where F itself is in the functional
+  for (int t : frames) of_force += v * v * noise.force * noise.force * s(t) * s(t).transpose();
+  result.force = inverse * of_force * inverse;
+  if (noise.draws == 0) {
+    result.total += result.force;
+    return result;
+  }
+
+  // Draws: noise of b, of the DIC displacement on the ends that follows from it, and of the force.
+  OpticalNoise draw(images, noise.seed);
+  const auto draws = static_cast<std::size_t>(noise.draws);
+  const int last = at.frames;
+  std::vector<Eigen::MatrixXd> b(draws), moved(draws);
+  std::vector<Eigen::VectorXd> force(draws, Eigen::VectorXd(last));
+  for (std::size_t d = 0; d < draws; ++d) {
+    const Eigen::MatrixXd of_reference = draw.b(1) / std::sqrt(noise.references);
+    b[d] = noise.image * (draw.b(last).colwise() + of_reference.col(0));
+    moved[d] = draw.displacement(b[d]);
+    for (double& value : force[d]) value = noise.force * draw.scalar();
+  }
+  /// -(w S^T M dU + v s dR) of one response.
+  const auto through = [&](const Eigen::MatrixXd& surface, const Eigen::VectorXd& reaction) {
+    Eigen::VectorXd sum = Eigen::VectorXd::Zero(unknowns);
+    for (int t : frames) sum -= w * MS[static_cast<std::size_t>(t)].transpose() * surface.col(t) + v * s(t) * reaction[t];
+    return sum;
+  };
+
+  const Response response = respond(model, parameters, last, options, moved, force);
+  Eigen::MatrixXd by_image(unknowns, noise.draws), by_force = by_image, by_ends = by_image;
+  for (Eigen::Index d = 0; d < noise.draws; ++d) {
+    const auto k = static_cast<std::size_t>(d);
+    Eigen::VectorXd image = Eigen::VectorXd::Zero(unknowns), load = image;
+    for (int t : frames) {
+      image += w * S(t).transpose() * b[k].col(t);
+      load += v * s(t) * force[k][t];
+    }
+    if (draws + k < response.surface.size()) load += through(response.surface[draws + k], response.reaction[draws + k]);
+    by_image.col(d) = inverse * image, by_force.col(d) = inverse * load, by_ends.col(d) = inverse * through(response.surface[k], response.reaction[k]);
+  }
+  const auto mean_square = [&](const Eigen::MatrixXd& x, const Eigen::MatrixXd& y) -> Eigen::MatrixXd { return x * y.transpose() / static_cast<double>(x.cols()); };
+  result.force = mean_square(by_force, by_force);
+  result.boundary = mean_square(by_ends, by_ends);
+  result.total = result.image + result.force + result.boundary + mean_square(by_image, by_ends) + mean_square(by_ends, by_image);
+
+  // An error of the cameras' numbers is the same in all frames: it moves the measured displacement that judges and that drives.
+  if (noise.calibration.empty()) return result;
+  std::vector<Eigen::MatrixXd> errors;
+  for (const auto& error : noise.calibration) errors.push_back(error.leftCols(last));
+  const Response of_cameras = respond(model, parameters, last, options, errors, {});
+  Eigen::MatrixXd by_cameras(unknowns, static_cast<Eigen::Index>(errors.size()));
+  for (std::size_t d = 0; d < errors.size(); ++d) {
+    Eigen::VectorXd sum = through(of_cameras.surface[d], of_cameras.reaction[d]);
+    for (int t : frames) sum += w * MS[static_cast<std::size_t>(t)].transpose() * errors[d].col(t);
+    by_cameras.col(static_cast<Eigen::Index>(d)) = inverse * sum;
+  }
+  result.calibration = mean_square(by_cameras, by_cameras);
+  result.total += result.calibration;
+  return result;
+}
+
+}  // namespace imic3d::identification
