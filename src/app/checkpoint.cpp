@@ -79,6 +79,17 @@ std::vector<id::Iterate> iterates_of(const Checkpoint& from, const std::string& 
   return iterates;
 }
 
+void put(Checkpoint& into, const std::string& at, const id::Covariance& covariance) {
+  for (const auto& [name, part] : {std::pair{"image", &covariance.image}, {"force", &covariance.force}, {"boundary", &covariance.boundary}, {"calibration", &covariance.calibration}, {"total", &covariance.total}})
+    into.put(at + name, *part);
+}
+id::Covariance covariance_of(const Checkpoint& from, const std::string& at) {
+  id::Covariance covariance;
+  for (const auto& [name, part] : {std::pair{"image", &covariance.image}, {"force", &covariance.force}, {"boundary", &covariance.boundary}, {"calibration", &covariance.calibration}, {"total", &covariance.total}})
+    *part = from.matrix(at + name);
+  return covariance;
+}
+
 void put(Checkpoint& into, const std::string& at, const id::StagePoint& point) {
   put(into, at + "iterates/", point.iterates);
   into.put(at + "converged", point.converged ? 1.0 : 0.0);
@@ -91,9 +102,14 @@ void put(Checkpoint& into, const std::string& at, const id::StagePoint& point) {
   into.put(at + "force_sensitivity", columns(point.linear.force_sensitivity));
   into.put(at + "finer/number", static_cast<double>(point.finer.number));
   into.put(at + "finer/parameters", column(point.finer.parameters));
-  into.put(at + "finer/surface", point.finer.surface);
-  into.put(at + "finer/reaction", point.finer.reaction);
+  for (const auto& [name, part] : {std::pair{"endless", &point.finer.endless}, {"first", &point.finer.first}}) {
+    into.put(fmt::format("{}finer/{}/surface", at, name), part->surface);
+    into.put(fmt::format("{}finer/{}/reaction", at, name), part->reaction);
+  }
   into.put(at + "finer/unsure", point.finer.unsure);
+  into.put(at + "noise/parameters", column(point.noise.parameters));
+  into.put(at + "noise/unknown", point.noise.unknown);
+  put(into, at + "noise/covariance/", point.noise.covariance);
   const auto& normal = point.normal;
   into.put(at + "matrix", normal.matrix);
   into.put(at + "right", normal.right);
@@ -111,9 +127,10 @@ id::StagePoint point_of(const Checkpoint& from, const std::string& at) {
   point.linear.force_sensitivity = vectors_of(from.matrix(at + "force_sensitivity"));
   point.finer = {.number = from.count(at + "finer/number"),
                  .parameters = values_of(from.matrix(at + "finer/parameters")),
-                 .surface = from.matrix(at + "finer/surface"),
-                 .reaction = from.matrix(at + "finer/reaction"),
+                 .endless = {from.matrix(at + "finer/endless/surface"), from.matrix(at + "finer/endless/reaction")},
+                 .first = {from.matrix(at + "finer/first/surface"), from.matrix(at + "finer/first/reaction")},
                  .unsure = from.matrix(at + "finer/unsure")};
+  point.noise = {.parameters = values_of(from.matrix(at + "noise/parameters")), .covariance = covariance_of(from, at + "noise/covariance/"), .unknown = from.text(at + "noise/unknown")};
   point.normal.matrix = from.matrix(at + "matrix");
   point.normal.right = from.matrix(at + "right");
   const auto sums = values_of(from.matrix(at + "sums"));
@@ -129,9 +146,7 @@ void put(Checkpoint& into, const std::string& at, const StageDone& stage) {
   into.put(at + "message", stage.result.message);
   into.put(at + "unsure", stage.result.unsure);
   into.put(at + "unknown_noise", stage.result.unknown_noise);
-  const auto& covariance = stage.result.covariance;
-  for (const auto& [name, part] : {std::pair{"image", &covariance.image}, {"force", &covariance.force}, {"boundary", &covariance.boundary}, {"calibration", &covariance.calibration}, {"total", &covariance.total}})
-    into.put(at + "covariance/" + name, *part);
+  put(into, at + "covariance/", stage.result.covariance);
 }
 StageDone stage_of(const Checkpoint& from, const std::string& at) {
   StageDone stage{.values = values_of(from.matrix(at + "values")), .result = {}};
@@ -140,9 +155,7 @@ StageDone stage_of(const Checkpoint& from, const std::string& at) {
   stage.result.message = from.text(at + "message");
   stage.result.unsure = from.matrix(at + "unsure");
   stage.result.unknown_noise = from.text(at + "unknown_noise");
-  auto& covariance = stage.result.covariance;
-  for (const auto& [name, part] : {std::pair{"image", &covariance.image}, {"force", &covariance.force}, {"boundary", &covariance.boundary}, {"calibration", &covariance.calibration}, {"total", &covariance.total}})
-    *part = from.matrix(at + "covariance/" + name);
+  stage.result.covariance = covariance_of(from, at + "covariance/");
   return stage;
 }
 

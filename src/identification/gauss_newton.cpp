@@ -28,9 +28,11 @@ double step_of(const std::vector<double>& parameters, int j, const GaussNewtonOp
   return options.perturbation * (scale > 0.0 ? scale : 1.0);
 }
 
-/// What a parameter may be off by unseen, of the standard deviation `deviation`.
-double sure_enough(const std::vector<double>& parameters, int j, double deviation, const GaussNewtonOptions& options) {
-  return std::max(options.eta * scale_of(parameters, j, options), 0.3 * deviation);
+/// The largest relative change of `which` parameters between two sets of them.
+double largest_move(const std::vector<double>& from, const std::vector<double>& to, const std::vector<int>& which, const GaussNewtonOptions& options) {
+  double move = 0.0;
+  for (const int j : which) move = std::max(move, std::abs(to[static_cast<std::size_t>(j)] - from[static_cast<std::size_t>(j)]) / std::max(scale_of(to, j, options), 1e-300));
+  return move;
 }
 
 /// What the simulation leaves open of its rigid motion: the images are asked afterwards.
@@ -61,7 +63,7 @@ constexpr mechanics::Accuracy accuracy_of_a_long_step{.forces = 1e-4, .derivativ
 /// A step (Eq. 13) behind which another one follows that does not ask for the last digits.
 constexpr double far_step = 3e-2;
 /// Steps of so many eta_c, after which derivatives are taken for those before them: they change by as much, and move what is found by that part of its standard deviation.
-constexpr double near_steps = 4.0;
+constexpr double near_steps = 10.0;
 
 /// Of the simulations that steps follow from. What is left depends on the factors at hand, and must not show where a run is taken up again without them (1e-8 of
 /// the parameters): a residual moves them by a tenth of it on the plate of docs/performance.md, by 13 times as much where two parameters are
@@ -72,6 +74,9 @@ mechanics::Accuracy accuracy_of_steps(const GaussNewtonOptions& options, double 
   if (options.sensitivities == Sensitivities::perturbed) return accuracy_of_differences;
   return {.forces = eta > far_step ? 1e-9 : 1e-10, .derivatives = std::clamp(1e-3 * options.eta, 1e-9, 1e-6)};
 }
+
+/// Of those that tell what increments err by: a step follows that is longer than eta_c.
+constexpr mechanics::Accuracy accuracy_of_increments{.forces = 1e-9};
 
 /// `near`: a linearisation so near that its derivatives hold here, too; null: there is none. `increments`: 0: the model's.
 Linearisation linearise(ForwardModel& model, const ImageData& images, const std::vector<double>& parameters, const Stage& stage,
@@ -274,39 +279,60 @@ std::vector<double> nearest_reaction(ForwardModel& model, std::vector<double> pa
   return best;
 }
 
-void add(Linearisation& at, double times, const FinerIncrements& finer) {
-  for (Eigen::Index t = 0; t < at.frames && finer.number > 0; ++t) {
-    const Eigen::Index known = std::min(t, finer.surface.cols() - 1);  // they may not have carried the last frames
-    at.surface.col(t) += times * finer.surface.col(known);
-    at.reaction[t] += times * finer.reaction[known];
+void add(Linearisation& at, double times, const Addition& addition) {
+  for (Eigen::Index t = 0; t < at.frames && addition.surface.cols() > 0; ++t) {
+    const Eigen::Index known = std::min(t, addition.surface.cols() - 1);  // it may not reach the last frames
+    at.surface.col(t) += times * addition.surface.col(known);
+    at.reaction[t] += times * addition.reaction[known];
   }
+}
+
+/// What infinitely many increments add to `to` by two numbers of them, the second `times` the first: the error goes with their length.
+Addition extrapolate(const Linearisation& coarse, const Linearisation& fine, double times, const Linearisation& to) {
+  const int frames = std::min({coarse.frames, fine.frames, to.frames});
+  const double beyond = 1.0 / (times - 1.0);
+  return {fine.surface.leftCols(frames) + beyond * (fine.surface - coarse.surface).leftCols(frames) - to.surface.leftCols(frames),
+          fine.reaction.head(frames) + beyond * (fine.reaction.head(frames) - coarse.reaction.head(frames)) - to.reaction.head(frames)};
 }
 
 /// At the parameters of `at`, with its derivatives.
 FinerIncrements find_finer_increments(Communicator world, ForwardModel& model, const ImageData& images, const StagePoint& at, const Stage& stage, const GaussNewtonOptions& options) {
-  FinerIncrements finer{.parameters = at.iterates.back().parameters};
+  FinerIncrements finer = at.finer;
+  finer.parameters = at.iterates.back().parameters;
+  Linearisation coarse = at.linear;
+  add(coarse, -1.0, at.finer.endless);
+  const auto simulate = [&](int number) { return linearise(model, images, finer.parameters, stage, options, accuracy_of_increments, &coarse, number); };
+  if (finer.number > 0) {
+    Linearisation second = simulate(2 * model.increments());
+    Addition first = extrapolate(coarse, second, 2.0, coarse);
+    const Eigen::Index frames = std::min({first.surface.cols(), finer.first.surface.cols(), finer.endless.surface.cols()});
+    finer.endless = {finer.endless.surface.leftCols(frames) + first.surface.leftCols(frames) - finer.first.surface.leftCols(frames),
+                     finer.endless.reaction.head(frames) + first.reaction.head(frames) - finer.first.reaction.head(frames)};
+    finer.first = std::move(first);
+    return finer;
+  }
+
   const auto unknowns = at.normal.right.size();
   const Eigen::MatrixXd inverse = solve_symmetric(at.normal.matrix, Eigen::MatrixXd::Identity(unknowns, unknowns));
-  Linearisation coarse = at.linear;
-  add(coarse, -1.0, at.finer);
   Linearisation last = coarse;
   int of_last = model.increments();
   Eigen::VectorXd before = inverse * at.normal.right;
-  for (int number = std::max(2 * of_last, at.finer.number / 2); number <= options.most_increments; number *= 2) {
-    Linearisation fine = linearise(model, images, finer.parameters, stage, options, accuracy_of_steps(options, 0.0), &coarse, number);
-    const int frames = fine.frames = std::min(fine.frames, last.frames);
-    if (frames == 0) break;
-    const double beyond = 1.0 / (static_cast<double>(number) / of_last - 1.0);  // the error goes with their length
-    Linearisation endless = fine;
-    endless.surface.leftCols(frames) += beyond * (fine.surface - last.surface).leftCols(frames);
-    endless.reaction.head(frames) += beyond * (fine.reaction.head(frames) - last.reaction.head(frames));
+  for (int number = 2 * of_last; number <= options.most_increments; number *= 2) {
+    Linearisation fine = simulate(number);
+    if (fine.frames == 0) break;
     finer.number = number;
-    finer.surface = (endless.surface - coarse.surface).leftCols(frames), finer.reaction = endless.reaction.head(frames) - coarse.reaction.head(frames);
+    finer.endless = extrapolate(last, fine, static_cast<double>(number) / of_last, coarse);
+    if (of_last == model.increments()) finer.first = finer.endless;
+    Linearisation endless = coarse;
+    endless.frames = static_cast<int>(finer.endless.surface.cols());
+    add(endless, 1.0, finer.endless);
     const Eigen::VectorXd step = inverse * assemble(world, model, images, endless, stage, options).right;
     finer.unsure = (step - before).cwiseAbs();
     bool sure = true;
-    for (Eigen::Index j = 0; j < unknowns; ++j)
-      sure = sure && finer.unsure[j] < sure_enough(finer.parameters, stage.free[static_cast<std::size_t>(j)], std::sqrt(inverse(j, j)), options);
+    for (Eigen::Index j = 0; j < unknowns; ++j) {
+      const double deviation = std::sqrt(std::max(0.0, at.noise.covariance.total(j, j)));
+      sure = sure && finer.unsure[j] < std::max(options.eta * scale_of(finer.parameters, stage.free[static_cast<std::size_t>(j)], options), 0.3 * deviation);
+    }
     if (sure) {
       finer.unsure.resize(0);
       break;
@@ -316,12 +342,17 @@ FinerIncrements find_finer_increments(Communicator world, ForwardModel& model, c
   return finer;
 }
 
-/// Whether what is known of finer increments holds here, too.
-bool is_known(const FinerIncrements& finer, const std::vector<double>& parameters, const Stage& stage, const GaussNewtonOptions& options) {
-  double moved = 0.0;
-  for (const int j : stage.free)
-    moved = std::max(moved, std::abs(parameters[static_cast<std::size_t>(j)] - finer.parameters[static_cast<std::size_t>(j)]) / std::max(scale_of(parameters, j, options), 1e-300));
-  return moved * moved < options.eta;
+ParameterNoise find_noise(ForwardModel& model, const ImageData& images, const StagePoint& at, const Stage& stage, const GaussNewtonOptions& options) {
+  ParameterNoise noise{.parameters = at.iterates.back().parameters, .covariance = {}, .unknown = {}};
+  try {
+    noise.covariance = parameter_covariance(model, images, at.linear, at.normal, stage, options, noise.parameters);
+  } catch (const ConvergenceError& error) {
+    noise.unknown = error.what();
+    GaussNewtonOptions without_draws = options;
+    without_draws.noise_model.draws = 0;
+    noise.covariance = parameter_covariance(model, images, at.linear, at.normal, stage, without_draws, noise.parameters);
+  }
+  return noise;
 }
 
 Iterate describe(const NormalEquations& normal, const std::vector<double>& parameters, double eta) {
@@ -421,7 +452,7 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
       }
       const bool near = options.sensitivities == Sensitivities::direct && eta < near_steps * options.eta && at.linear.frames > stage.frames.back();
       at.linear = linearise(model, images, trial, stage, options, accuracy_of_steps(options, eta), near ? &at.linear : nullptr);
-      add(at.linear, 1.0, at.finer);
+      add(at.linear, 1.0, at.finer.endless);
       at.normal = assemble(world, model, images, at.linear, stage, options);
       const double after = at.normal.frames > 0 ? at.normal.cost / at.normal.frames : INFINITY;
       // Small steps are taken as they are: the cost no longer tells them apart from the noise.
@@ -438,24 +469,18 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
   const bool looks_finer = options.most_increments > model.increments();
   for (;;) {
     while (!at.converged && may_go_on()) iterate();
-    if (!looks_finer || !may_go_on() || (at.finer.number > 0 && is_known(at.finer, parameters, stage, options))) break;
+    if (at.noise.parameters.empty() || largest_move(at.noise.parameters, parameters, stage.free, options) > 0.2) at.noise = find_noise(model, images, at, stage, options);
+    if (!looks_finer || !may_go_on()) break;
+    if (at.finer.number > 0 && std::pow(largest_move(at.finer.parameters, parameters, stage.free, options), 2) < options.eta) break;
     FinerIncrements finer = find_finer_increments(world, model, images, at, stage, options);
     if (finer.number == 0) break;
-    add(at.linear, -1.0, at.finer), add(at.linear, 1.0, finer);
+    add(at.linear, -1.0, at.finer.endless), add(at.linear, 1.0, finer.endless);
     at.finer = std::move(finer);
     at.normal = assemble(world, model, images, at.linear, stage, options);
     note(0.0, false);
   }
 
-  StageResult result{.iterates = std::move(at.iterates), .covariance = {}, .converged = at.converged, .unsure = at.finer.unsure, .unknown_noise = {}, .message = at.linear.message};
-  try {
-    result.covariance = parameter_covariance(model, images, at.linear, at.normal, stage, options, parameters);
-  } catch (const ConvergenceError& error) {
-    result.unknown_noise = error.what();
-    GaussNewtonOptions of_images = options;
-    of_images.noise_model.draws = 0;
-    result.covariance = parameter_covariance(model, images, at.linear, at.normal, stage, of_images, parameters);
-  }
+  StageResult result{.iterates = std::move(at.iterates), .covariance = std::move(at.noise.covariance), .converged = at.converged, .unsure = at.finer.unsure, .unknown_noise = at.noise.unknown, .message = at.linear.message};
   if (at.normal.frames < static_cast<int>(stage.frames.size()))
     result.message = fmt::format("{} of {} frames took part: {}", at.normal.frames, stage.frames.size(), at.linear.message);
   return result;

@@ -51,7 +51,7 @@ int LoadPath::go_to(const LoadStep& step, const Eigen::VectorXd* near, int incre
     const double times = now_.load.size() > 0 && balance_.optical() == nullptr ? load.dot(now_.load) / now_.load.squaredNorm() : 0.0;
     if (start == Start::offered && !offers) start = Start::continued;
     if (start == Start::continued && !(times > 0.0 && times < farthest_continued)) start = Start::standing;
-    place(start, target, times);
+    place(start, count - increment, times);
     const Outcome outcome = solve(start, iterations);
     if (outcome == Outcome::converged) {
       differentiate(step, target, status);
@@ -99,12 +99,18 @@ Eigen::VectorXd LoadPath::force_of(const LoadStep* step) const {
   return step != nullptr && step->force.size() > 0 ? step->force : Eigen::VectorXd(Eigen::VectorXd::Zero(balance_.numbering().natural_size()));
 }
 
-/// Takes u to the beginning of an increment; `target`: the part of the way to the frame that lies behind its end, `times`: its length in units of the last one's.
-void LoadPath::place(Start start, double target, double times) {
+/// Takes u to the beginning of an increment; `ahead`: increments to the frame, `times`: the length of one in units of the last one's.
+void LoadPath::place(Start start, int ahead, double times) {
   const Vec u = balance_.displacement();
-  IMIC3D_PETSC(VecCopy(start == Start::offered ? before_.displacement : now_.displacement, u));
-  if (start == Start::offered) IMIC3D_PETSC(VecAXPBY(u, target, 1.0 - target, offered_));
+  IMIC3D_PETSC(VecCopy(now_.displacement, u));
   if (start == Start::continued) IMIC3D_PETSC(VecAXPY(u, times, now_.change));
+  if (start != Start::offered) return;
+  // A parabola through the last increment and the frame's end; a straight line where the load does not go on.
+  const double m = ahead;
+  const bool goes_on = times > 0.0 && times < farthest_continued;
+  const double end = goes_on ? 2.0 / (m * (m + 1.0)) : 1.0 / m;
+  IMIC3D_PETSC(VecAXPBY(u, end, 1.0 - end, offered_));
+  if (goes_on) IMIC3D_PETSC(VecAXPY(u, (m - 1.0) / (m + 1.0) * times, now_.change));
 }
 
 /// Where the hourglass moduli have changed the step is solved again, from where it is, with those that it led to. If they carry no

@@ -34,7 +34,7 @@ class LoadPath {
 
   [[nodiscard]] Eigen::VectorXd natural(const Eigen::VectorXd* of_constrained) const;
   [[nodiscard]] Eigen::VectorXd force_of(const LoadStep* step) const;
-  void place(Start start, double target, double times);
+  void place(Start start, int ahead, double times);
   [[nodiscard]] Outcome solve(Start start, int& iterations);
   void differentiate(const LoadStep& step, double target, PathStatus& status);
   void commit(const Eigen::VectorXd& load);

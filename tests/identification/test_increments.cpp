@@ -31,7 +31,8 @@ Found identify(Functional functional, Sensitivities sensitivities, int most_incr
   Found found{.parameters = plate.truth, .result = {}};
   for (const int j : {0, 2, 3}) found.parameters[static_cast<std::size_t>(j)] *= 0.9;
   found.result = gauss_newton({}, model, plate.images, testing::information(plate), {.free = {0, 2, 3}, .frames = {0, 1, 2, 3, 4}},
-                              {.functional = functional, .eta = 1e-4, .force_noise = 2.0, .sensitivities = sensitivities, .most_increments = most_increments}, found.parameters);
+                              {.functional = functional, .eta = 1e-4, .force_noise = 2.0, .sensitivities = sensitivities, .most_increments = most_increments,
+                               .noise_model = {.image = plate.images.noise, .force = 2.0}}, found.parameters);
   EXPECT_TRUE(found.result.converged);
   for (const std::size_t j : {0U, 2U, 3U}) found.off = std::max(found.off, std::abs(found.parameters[j] / plate.truth[j] - 1.0));
   return found;

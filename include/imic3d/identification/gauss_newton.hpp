@@ -80,14 +80,28 @@ struct Linearisation {
   std::string message;                             ///< why not all frames, if so
 };
 
+/// What is added to the displacement and the reaction of a Linearisation.
+struct Addition {
+  Eigen::MatrixXd surface{};   ///< [unknowns x frames, length]
+  Eigen::VectorXd reaction{};  ///< [frames, force]
+};
+
 /// What the load increments of a simulation err by, which goes with their length: 2, 4, 8, ... times as many are taken, at the same parameters, and what infinitely many
-/// would add follows from the last two. It ends where that moves no parameter by more than eta_c or 0.3 standard deviations of the noise in the functional.
+/// would add follows from the last two. It ends where that moves no parameter by more than eta_c or 0.3 standard deviations. At other parameters it changes by what
+/// the first two numbers alone tell, which is little.
 struct FinerIncrements {
   int number = 0;                  ///< between two frames, the finest that was simulated; 0: nothing is known
   std::vector<double> parameters;  ///< at which it was found
-  Eigen::MatrixXd surface{};       ///< what they add to Linearisation::surface [unknowns x frames, length]
-  Eigen::VectorXd reaction{};      ///< and to its reaction [frames, force]
+  Addition endless{};              ///< what infinitely many add
+  Addition first{};                ///< the same by the first two numbers, at these parameters
   Eigen::VectorXd unsure{};        ///< by which the last doubling moved each free parameter, where that is more for one of them; else empty
+};
+
+/// How sure the parameters are, by noise.
+struct ParameterNoise {
+  std::vector<double> parameters;  ///< at which it was found; empty: it was not yet
+  Covariance covariance;           ///< of the free parameters
+  std::string unknown;             ///< why the draws of NoiseModel could not be taken through the simulation, so that the covariance is that without draws; else empty
 };
 
 /// M_Lambda and b_Lambda of Eqs 10-12 in units of the noise, and the sums that are reported.
@@ -104,6 +118,7 @@ struct StagePoint {
   Linearisation linear;           ///< there
   NormalEquations normal;         ///< there
   FinerIncrements finer;          ///< its part in `linear`
+  ParameterNoise noise;           ///< of the stage, near there
   bool converged = false;
 };
 
