@@ -193,6 +193,7 @@ class Benchmark:
         if self.options.perturbed:
             runs["identification, four stages, perturbed"] = ("perturbed", FOUR)
         runs["identification, one stage, displacement-driven, as by default"] = ("direct", ONE, "displacement_driven", "")
+        runs["identification, four stages, displacement-driven, as by default"] = ("direct", FOUR, "displacement_driven", "")
         runs["identification, one stage, as by default"] = ("direct", ONE, "force_driven", "")
         runs = {what: how for what, how in runs.items() if self.options.which in what}
         found = {}

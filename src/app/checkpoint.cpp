@@ -90,6 +90,23 @@ id::Covariance covariance_of(const Checkpoint& from, const std::string& at) {
   return covariance;
 }
 
+void put(Checkpoint& into, const std::string& at, const id::FinerIncrements& finer) {
+  into.put(at + "number", static_cast<double>(finer.number));
+  into.put(at + "parameters", column(finer.parameters));
+  for (const auto& [name, part] : {std::pair{"endless", &finer.endless}, {"first", &finer.first}}) {
+    into.put(fmt::format("{}{}/surface", at, name), part->surface);
+    into.put(fmt::format("{}{}/reaction", at, name), part->reaction);
+  }
+  into.put(at + "unsure", finer.unsure);
+}
+id::FinerIncrements finer_increments_of(const Checkpoint& from, const std::string& at) {
+  return {.number = from.count(at + "number"),
+          .parameters = values_of(from.matrix(at + "parameters")),
+          .endless = {from.matrix(at + "endless/surface"), from.matrix(at + "endless/reaction")},
+          .first = {from.matrix(at + "first/surface"), from.matrix(at + "first/reaction")},
+          .unsure = from.matrix(at + "unsure")};
+}
+
 void put(Checkpoint& into, const std::string& at, const id::StagePoint& point) {
   put(into, at + "iterates/", point.iterates);
   into.put(at + "converged", point.converged ? 1.0 : 0.0);
@@ -100,13 +117,7 @@ void put(Checkpoint& into, const std::string& at, const id::StagePoint& point) {
   into.put(at + "free", static_cast<double>(point.linear.sensitivity.size()));
   for (std::size_t j = 0; j < point.linear.sensitivity.size(); ++j) into.put(fmt::format("{}sensitivity/{}", at, j), point.linear.sensitivity[j]);
   into.put(at + "force_sensitivity", columns(point.linear.force_sensitivity));
-  into.put(at + "finer/number", static_cast<double>(point.finer.number));
-  into.put(at + "finer/parameters", column(point.finer.parameters));
-  for (const auto& [name, part] : {std::pair{"endless", &point.finer.endless}, {"first", &point.finer.first}}) {
-    into.put(fmt::format("{}finer/{}/surface", at, name), part->surface);
-    into.put(fmt::format("{}finer/{}/reaction", at, name), part->reaction);
-  }
-  into.put(at + "finer/unsure", point.finer.unsure);
+  put(into, at + "finer/", point.finer);
   into.put(at + "noise/parameters", column(point.noise.parameters));
   into.put(at + "noise/unknown", point.noise.unknown);
   put(into, at + "noise/covariance/", point.noise.covariance);
@@ -125,11 +136,7 @@ id::StagePoint point_of(const Checkpoint& from, const std::string& at) {
   point.linear.message = from.text(at + "message");
   for (int j = 0; j < from.count(at + "free"); ++j) point.linear.sensitivity.push_back(from.matrix(fmt::format("{}sensitivity/{}", at, j)));
   point.linear.force_sensitivity = vectors_of(from.matrix(at + "force_sensitivity"));
-  point.finer = {.number = from.count(at + "finer/number"),
-                 .parameters = values_of(from.matrix(at + "finer/parameters")),
-                 .endless = {from.matrix(at + "finer/endless/surface"), from.matrix(at + "finer/endless/reaction")},
-                 .first = {from.matrix(at + "finer/first/surface"), from.matrix(at + "finer/first/reaction")},
-                 .unsure = from.matrix(at + "finer/unsure")};
+  point.finer = finer_increments_of(from, at + "finer/");
   point.noise = {.parameters = values_of(from.matrix(at + "noise/parameters")), .covariance = covariance_of(from, at + "noise/covariance/"), .unknown = from.text(at + "noise/unknown")};
   point.normal.matrix = from.matrix(at + "matrix");
   point.normal.right = from.matrix(at + "right");
@@ -144,7 +151,7 @@ void put(Checkpoint& into, const std::string& at, const StageDone& stage) {
   put(into, at + "iterates/", stage.result.iterates);
   into.put(at + "converged", stage.result.converged ? 1.0 : 0.0);
   into.put(at + "message", stage.result.message);
-  into.put(at + "unsure", stage.result.unsure);
+  put(into, at + "finer/", stage.result.finer);
   into.put(at + "unknown_noise", stage.result.unknown_noise);
   put(into, at + "covariance/", stage.result.covariance);
 }
@@ -153,7 +160,7 @@ StageDone stage_of(const Checkpoint& from, const std::string& at) {
   stage.result.iterates = iterates_of(from, at + "iterates/");
   stage.result.converged = from.number(at + "converged") > 0.5;
   stage.result.message = from.text(at + "message");
-  stage.result.unsure = from.matrix(at + "unsure");
+  stage.result.finer = finer_increments_of(from, at + "finer/");
   stage.result.unknown_noise = from.text(at + "unknown_noise");
   stage.result.covariance = covariance_of(from, at + "covariance/");
   return stage;

@@ -127,6 +127,8 @@ void identify(const Communicator& world, const CommandOptions& options) {
   std::vector<StageSummary> stages;
   const std::vector<double> first = material.values;
   std::set<int> on_bound;
+  id::Stage all;  // what the stages free, from all their frames
+  id::FinerIncrements finer;
   int increments = test.identify.increments();  // that the identified model takes between two frames
   if (found.solutions) model.start_from(*found.solutions);
   for (std::size_t k = 0; k < test.identify.stages.size(); ++k) {
@@ -165,9 +167,11 @@ void identify(const Communicator& world, const CommandOptions& options) {
     for (std::size_t i = 0; i < stage.free.size(); ++i)
       for (std::size_t j = 0; j < stage.free.size(); ++j)
         covariance(stage.free[i], stage.free[j]) = result.covariance.total(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j));
+    for (auto [whole, part] : {std::pair{&all.free, &stage.free}, {&all.frames, &stage.frames}}) whole->insert(whole->end(), part->begin(), part->end());
+    finer = result.finer;
     const int taken = result.iterates.back().increments;
     increments = std::max(increments, taken);
-    stages.push_back({declared.free, static_cast<int>(result.iterates.size()) - 1, taken, result.converged, result.message, result.covariance, result.unsure, result.unknown_noise});
+    stages.push_back({declared.free, static_cast<int>(result.iterates.size()) - 1, taken, result.converged, result.message, result.covariance, result.finer.unsure, result.unknown_noise});
     for (const int j : stage.free) {
       on_bound.erase(j);
       if (!ends_on_bound(material, j, first[static_cast<std::size_t>(j)], solver)) continue;
@@ -175,6 +179,20 @@ void identify(const Communicator& world, const CommandOptions& options) {
       spdlog::warn("  {} = {:.6g} is on its bound: the data ask for more, or do not show it", material.information[static_cast<std::size_t>(j)].name, material.values[static_cast<std::size_t>(j)]);
     }
     output.identified(material.values, covariance, on_bound);
+  }
+
+  std::erase_if(all.free, [&](int j) { return on_bound.count(j) > 0; });
+  for (auto* places : {&all.free, &all.frames}) {
+    std::sort(places->begin(), places->end());
+    places->erase(std::unique(places->begin(), places->end()), places->end());
+  }
+  if (!gap && test.identify.noise_draws > 0 && all.free.size() > test.identify.stages.back().free.size()) {
+    spdlog::info("all free at once would change by");
+    try {
+      if (const auto at_once = id::free_at_once(world, model, images, all, solver, material.values, finer); at_once.step.size() > 0) output.freed_at_once(material, all.free, at_once);
+    } catch (const ConvergenceError& error) {
+      spdlog::warn("  unknown: {}", error.what());
+    }
   }
 
   // The identified model on every frame, used or held out.

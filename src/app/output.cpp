@@ -19,7 +19,8 @@ namespace imic3d::app {
 
 namespace {
 
-constexpr double unlikely_force = 2.0;  // of the noise, left by a model
+constexpr double unlikely_force = 2.0;   // of the noise, left by a model
+constexpr double unlikely_change = 2.0;  // in standard deviations
 
 std::span<const double> span_of(const auto& matrix) { return {matrix.data(), static_cast<std::size_t>(matrix.size())}; }
 
@@ -188,11 +189,31 @@ void RunOutput::draw_residual(int t, const identification::Record& record, const
   }
 }
 
+void RunOutput::freed_at_once(const Material& material, const std::vector<int>& free, const identification::FreedAtOnce& at_once) {
+  std::vector<double> changes(material.values.size(), std::nan("")), deviations = changes;
+  std::vector<std::string> all, moving;
+  for (std::size_t i = 0; i < free.size(); ++i) {
+    const auto j = static_cast<std::size_t>(free[i]);
+    const auto k = static_cast<Eigen::Index>(i);
+    const auto& info = material.information[j];
+    changes[j] = at_once.step[k], deviations[j] = std::sqrt(std::max(0.0, at_once.noise.covariance.total(k, k)));
+    all.push_back(info.name);
+    if (std::abs(changes[j]) > std::max(unlikely_change * deviations[j], test_.identify.eta * std::abs(material.values[j]))) moving.push_back(fmt::format("{} by {:.2g} {}", info.name, changes[j], info.unit));
+    spdlog::info("  {} {:+.2g} (+- {:.2g}) {}", info.name, changes[j], deviations[j], info.unit);
+  }
+  if (file_) io::write_freed_at_once(*file_, changes, deviations);
+  if (moving.empty()) return;
+  doubts_.push_back(fmt::format("stages found the parameters one after another, each as if the others were known. Free at once {} would change by more than {:g} standard deviations: {}. What a stage held fixed was off (a last stage that frees all of them tells), or the model errs otherwise in other frames (its mesh; an effect that imic3d loop finds)",
+                                fmt::join(all, ", "), unlikely_change, fmt::join(moving, ", ")));
+  spdlog::warn("{}", doubts_.back());
+}
+
 void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covariance,
                        const std::vector<StageSummary>& stages, double force_noise, double seconds, const GroupTimes& groups) {
   if (!file_) return;
   auto json = io::summary(*file_);
   auto doubts = test_.doubts;
+  doubts.insert(doubts.end(), doubts_.begin(), doubts_.end());
   for (auto& doubt : unlikely_values(test_, material, material.values)) doubts.push_back(std::move(doubt));
   const nlohmann::json::json_pointer of_force("/fitted/force_rms_difference/value");
   if (const double left = json.contains(of_force) && json[of_force].is_number() ? json[of_force].get<double>() : 0.0; left > unlikely_force * force_noise) {

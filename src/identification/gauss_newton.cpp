@@ -342,15 +342,16 @@ FinerIncrements find_finer_increments(Communicator world, ForwardModel& model, c
   return finer;
 }
 
-ParameterNoise find_noise(ForwardModel& model, const ImageData& images, const StagePoint& at, const Stage& stage, const GaussNewtonOptions& options) {
-  ParameterNoise noise{.parameters = at.iterates.back().parameters, .covariance = {}, .unknown = {}};
+ParameterNoise find_noise(ForwardModel& model, const ImageData& images, const Linearisation& at, const NormalEquations& normal, const Stage& stage,
+                          const GaussNewtonOptions& options, const std::vector<double>& parameters) {
+  ParameterNoise noise{.parameters = parameters, .covariance = {}, .unknown = {}};
   try {
-    noise.covariance = parameter_covariance(model, images, at.linear, at.normal, stage, options, noise.parameters);
+    noise.covariance = parameter_covariance(model, images, at, normal, stage, options, parameters);
   } catch (const ConvergenceError& error) {
     noise.unknown = error.what();
     GaussNewtonOptions without_draws = options;
     without_draws.noise_model.draws = 0;
-    noise.covariance = parameter_covariance(model, images, at.linear, at.normal, stage, without_draws, noise.parameters);
+    noise.covariance = parameter_covariance(model, images, at, normal, stage, without_draws, parameters);
   }
   return noise;
 }
@@ -469,7 +470,7 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
   const bool looks_finer = options.most_increments > model.increments();
   for (;;) {
     while (!at.converged && may_go_on()) iterate();
-    if (at.noise.parameters.empty() || largest_move(at.noise.parameters, parameters, stage.free, options) > 0.2) at.noise = find_noise(model, images, at, stage, options);
+    if (at.noise.parameters.empty() || largest_move(at.noise.parameters, parameters, stage.free, options) > 0.2) at.noise = find_noise(model, images, at.linear, at.normal, stage, options, parameters);
     if (!looks_finer || !may_go_on()) break;
     if (at.finer.number > 0 && std::pow(largest_move(at.finer.parameters, parameters, stage.free, options), 2) < options.eta) break;
     FinerIncrements finer = find_finer_increments(world, model, images, at, stage, options);
@@ -480,10 +481,19 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
     note(0.0, false);
   }
 
-  StageResult result{.iterates = std::move(at.iterates), .covariance = std::move(at.noise.covariance), .converged = at.converged, .unsure = at.finer.unsure, .unknown_noise = at.noise.unknown, .message = at.linear.message};
+  StageResult result{.iterates = std::move(at.iterates), .covariance = std::move(at.noise.covariance), .converged = at.converged, .finer = std::move(at.finer), .unknown_noise = at.noise.unknown, .message = at.linear.message};
   if (at.normal.frames < static_cast<int>(stage.frames.size()))
     result.message = fmt::format("{} of {} frames took part: {}", at.normal.frames, stage.frames.size(), at.linear.message);
   return result;
+}
+
+FreedAtOnce free_at_once(Communicator world, ForwardModel& model, const ImageData& images, const Stage& all, const GaussNewtonOptions& options,
+                         const std::vector<double>& parameters, const FinerIncrements& finer) {
+  Linearisation at = linearise(model, images, parameters, all, options, accuracy_of_steps(options, 0.0));
+  if (at.frames == 0) return {};
+  add(at, 1.0, finer.endless);
+  const NormalEquations normal = assemble(world, model, images, at, all, options);
+  return {solve_symmetric(normal.matrix, normal.right), find_noise(model, images, at, normal, all, options, parameters)};
 }
 
 }  // namespace imic3d::identification

@@ -52,19 +52,25 @@ class Report {
     const auto initial = file_.read("identification/initial"), values = file_.read("identification/values"),
                deviation = file_.read("identification/standard_deviation");
     const auto on_bound = file_.has("identification/on_bound") ? file_.read_integers("identification/on_bound") : std::vector<int>(names.size(), 0);
-    out_ +=
+    const auto at_once = [&](const char* what) { return file_.has("identification/at_once/change") ? file_.read(std::string("identification/at_once/") + what) : std::vector<double>(names.size(), std::nan("")); };
+    const auto change = at_once("change"), deviation_then = at_once("standard_deviation");
+    const bool in_turn = std::any_of(change.begin(), change.end(), [](double value) { return std::isfinite(value); });
+    out_ += fmt::format(
         "<h2>Parameters</h2>\n<table>\n<tr><th>parameter</th><th>identified</th><th>standard deviation</th>"
-        "<th>relative</th><th>start</th><th>unit</th></tr>\n";
+        "<th>relative</th>{}<th>start</th><th>unit</th></tr>\n",
+        in_turn ? "<th>change, all free at once</th>" : "");
     bool finished = false;
     for (std::size_t i = 0; i < names.size(); ++i) {
       const bool free = std::isfinite(deviation[i]);
       finished = finished || std::isfinite(values[i]);
       out_ += fmt::format(
-          "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td class=\"left\">{}</td></tr>\n",
+          "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td>{}<td>{}</td><td class=\"left\">{}</td></tr>\n",
           escaped(names[i]), shown_with(values[i], deviation[i]), on_bound[i] > 0 ? "on its bound" : free ? shown(deviation[i], 2) : "fixed",
-          free && on_bound[i] <= 0 ? shown(100 * deviation[i] / std::abs(values[i]), 2) + " %" : "", shown(initial[i]), escaped(units[i]));
+          free && on_bound[i] <= 0 ? shown(100 * deviation[i] / std::abs(values[i]), 2) + " %" : "",
+          !in_turn ? "" : std::isfinite(change[i]) ? fmt::format("<td>{} ± {}</td>", shown_with(change[i], deviation_then[i]), shown(deviation_then[i], 2)) : "<td></td>", shown(initial[i]), escaped(units[i]));
     }
     out_ += "</table>\n";
+    if (in_turn) out_ += "<p class=\"note\">Stages found the parameters one after another: standard deviations are those of each as if the others were known.</p>\n";
     if (!finished) out_ += "<p>The identification was not finished; see the parameters by iteration.</p>\n";
   }
 

@@ -116,6 +116,8 @@ void declare_identification(ResultsFile& file, const Case& test, const RunPlan& 
   file.declare(group + "standard_deviation", {n}, unit, "standard deviation; NaN where a parameter was not free");
   file.declare(group + "covariance", {n, n}, unit, "covariance (Eq. 14)");
   file.declare(group + "on_bound", {n}, "-", "1 where a free parameter ended on a bound: its standard deviation says nothing", Storage::integer);
+  file.declare(group + "at_once/change", {n}, unit, "of parameters that stages found one after another, if all were free at once (one step of Eq. 10); else NaN");
+  file.declare(group + "at_once/standard_deviation", {n}, unit, "standard deviation if all were free at once; else NaN");
   file.declare(group + "iterations/count", {1}, "-", "number of rows that are written", Storage::integer);
   file.declare(group + "iterations/stage", {most}, "-", "stage of the iteration, from 0", Storage::integer);
   file.declare(group + "iterations/iteration", {most}, "-", "number within the stage, 0: the start", Storage::integer);
@@ -209,6 +211,11 @@ void write_identified(ResultsFile& file, std::span<const double> values, std::sp
   for (const int j : on_bound) marks[static_cast<std::size_t>(j)] = 1.0;
   file.write("identification/on_bound", marks);
   file.write("identification/values", values);
+}
+
+void write_freed_at_once(ResultsFile& file, std::span<const double> changes, std::span<const double> deviations) {
+  file.write("identification/at_once/change", changes);
+  file.write("identification/at_once/standard_deviation", deviations);
 }
 
 }  // namespace imic3d::io

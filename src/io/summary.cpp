@@ -45,6 +45,11 @@ json parameters(const ResultsFile& file) {
                        {"standard_deviation", number_or_null(deviation[i])},
                        {"initial", number_or_null(initial[i])},
                        {"unit", units[i]}};
+  if (file.has("identification/at_once/change")) {
+    const auto change = file.read("identification/at_once/change"), then = file.read("identification/at_once/standard_deviation");
+    for (std::size_t i = 0; i < names.size(); ++i)
+      if (std::isfinite(change[i])) table[names[i]]["at_once"] = {{"change", change[i]}, {"standard_deviation", then[i]}};
+  }
   if (file.has("identification/on_bound"))
     for (std::size_t i = 0; const auto mark : file.read_integers("identification/on_bound")) table[names[i++]]["on_bound"] = mark > 0;
   return table;

@@ -32,7 +32,7 @@ Found identify(Functional functional, Sensitivities sensitivities, int most_incr
   for (const int j : {0, 2, 3}) found.parameters[static_cast<std::size_t>(j)] *= 0.9;
   found.result = gauss_newton({}, model, plate.images, testing::information(plate), {.free = {0, 2, 3}, .frames = {0, 1, 2, 3, 4}},
                               {.functional = functional, .eta = 1e-4, .force_noise = 2.0, .sensitivities = sensitivities, .most_increments = most_increments,
-                               .noise_model = {.image = plate.images.noise, .force = 2.0}}, found.parameters);
+                               .noise_model = {.image = plate.images.noise, .force = 2.0, .driving = {}}}, found.parameters);
   EXPECT_TRUE(found.result.converged);
   for (const std::size_t j : {0U, 2U, 3U}) found.off = std::max(found.off, std::abs(found.parameters[j] / plate.truth[j] - 1.0));
   return found;
@@ -45,7 +45,7 @@ TEST(Increments, WhatTheyErrByIsTakenOff) {
   EXPECT_GT(more.result.iterates.back().increments, 2);
   EXPECT_GT(few.off, 0.02);
   EXPECT_LT(more.off, 0.05 * few.off);
-  EXPECT_EQ(more.result.unsure.size(), 0);
+  EXPECT_EQ(more.result.finer.unsure.size(), 0);
   EXPECT_LT(identify(Functional::displacement_driven, Sensitivities::perturbed, 32).off, 0.05 * few.off);
 }
 
@@ -61,9 +61,9 @@ TEST(Increments, UnderForces) {
 /// Where as many as are allowed are too few, it says by how much they move the parameters.
 TEST(Increments, SaysWhatItIsNotSureOf) {
   const Found few = identify(Functional::displacement_driven, Sensitivities::direct, 2), more = identify(Functional::displacement_driven, Sensitivities::direct, 32);
-  ASSERT_EQ(few.result.unsure.size(), 3);
+  ASSERT_EQ(few.result.finer.unsure.size(), 3);
   const int of_largest = 2;
-  EXPECT_GT(few.result.unsure[1], 0.3 * std::abs(few.parameters[of_largest] - more.parameters[of_largest]));
+  EXPECT_GT(few.result.finer.unsure[1], 0.3 * std::abs(few.parameters[of_largest] - more.parameters[of_largest]));
 }
 
 /// From three increments it comes to the same as from one.

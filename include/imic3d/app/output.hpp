@@ -42,6 +42,8 @@ class RunOutput {
   void noise(double sigma);
   void iteration(int stage, int iteration, const identification::Iterate& at);
   void identified(const std::vector<double>& values, const Eigen::MatrixXd& covariance, const std::set<int>& on_bound);
+  /// Of parameters that stages found one after another; a doubt where they would move by more than noise.
+  void freed_at_once(const Material& material, const std::vector<int>& free, const identification::FreedAtOnce& at_once);
   void simulation_frame(int place, const mechanics::FrameState& state);
   /// Residual of the model on every frame (collective) and the force of the DIC-driven simulation; pictures of the
   /// residual at a few frames.
@@ -60,6 +62,7 @@ class RunOutput {
   const identification::Specimen& specimen_;
   const Observation& seen_;
   std::optional<io::ResultsFile> file_;  // on the root only
+  std::vector<std::string> doubts_;
 };
 
 /// The results of a direct simulation; rank 0 writes, every function may be called on every rank.

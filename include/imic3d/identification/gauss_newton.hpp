@@ -61,15 +61,6 @@ struct Iterate {
   std::string message;            ///< why not all of them, if so
 };
 
-struct StageResult {
-  std::vector<Iterate> iterates;  ///< the first is the start
-  Covariance covariance;          ///< of the free parameters
-  bool converged = false;
-  Eigen::VectorXd unsure;         ///< FinerIncrements::unsure
-  std::string unknown_noise;      ///< why the draws of NoiseModel could not be taken through the simulation, so that the covariance is that without draws; else empty
-  std::string message;            ///< what the user should know: frames that could not be simulated
-};
-
 /// Simulations at some parameters: the nominal one and, per free parameter, the derivative of what is observed.
 struct Linearisation {
   int frames = 0;                                  ///< of the record, that could be simulated
@@ -102,6 +93,15 @@ struct ParameterNoise {
   std::vector<double> parameters;  ///< at which it was found; empty: it was not yet
   Covariance covariance;           ///< of the free parameters
   std::string unknown;             ///< why the draws of NoiseModel could not be taken through the simulation, so that the covariance is that without draws; else empty
+};
+
+struct StageResult {
+  std::vector<Iterate> iterates;  ///< the first is the start
+  Covariance covariance;          ///< of the free parameters
+  bool converged = false;
+  FinerIncrements finer;
+  std::string unknown_noise;      ///< ParameterNoise::unknown
+  std::string message;            ///< what the user should know: frames that could not be simulated
 };
 
 /// M_Lambda and b_Lambda of Eqs 10-12 in units of the noise, and the sums that are reported.
@@ -139,6 +139,17 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
                          const std::vector<ParameterInfo>& information, const Stage& stage,
                          const GaussNewtonOptions& options, std::vector<double>& parameters,
                          const std::function<void(const Iterate&)>& report = {}, const Continuation& continuation = {});
+
+/// What one step of Eq. 10 does with all parameters of stages that found them one after another, each as if the others were known.
+struct FreedAtOnce {
+  Eigen::VectorXd step;  ///< of each free parameter
+  ParameterNoise noise;
+};
+/// `all`: the parameters and frames of all stages; `finer`: of the last one. Empty where nothing can be simulated. Collective over `world`. Throws ConvergenceError
+/// where derivatives are not found.
+FreedAtOnce free_at_once(Communicator world, ForwardModel& model, const ImageData& images, const Stage& all, const GaussNewtonOptions& options,
+                         const std::vector<double>& parameters, const FinerIncrements& finer);
+
 
 /// Noise of the reaction R of a DIC-driven simulation [force] that comes from the noise of the displacement prescribed on
 /// the ends: the rms reaction to `driving`, random displacements of the surface [unknowns x draws, length], from

@@ -77,6 +77,9 @@ void write_iteration(ResultsFile& file, int stage, int iteration, std::span<cons
 /// The final values [P] and covariance [P x P], NaN for parameters that were not free; `on_bound`: parameters that ended on a bound.
 void write_identified(ResultsFile& file, std::span<const double> values, std::span<const double> covariance, const std::set<int>& on_bound = {});
 
+/// What parameters that stages found one after another would change by, free at once, and their standard deviations then [P each], NaN for others.
+void write_freed_at_once(ResultsFile& file, std::span<const double> changes, std::span<const double> deviations);
+
 /// The .xdmf for a results file, to be put beside it; opens in ParaView (with its "XDMF Reader"; the Xdmf3 readers skip
 /// the fields). Its time is the frame's number, because static frames share a time. Every frame is there; those that are
 /// not done are NaN. Of a loop's results the displacement that is left, before and after, and the remainder. Written atomically.
