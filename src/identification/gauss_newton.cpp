@@ -75,9 +75,6 @@ mechanics::Accuracy accuracy_of_steps(const GaussNewtonOptions& options, double 
   return {.forces = eta > far_step ? 1e-9 : 1e-10, .derivatives = std::clamp(1e-3 * options.eta, 1e-9, 1e-6)};
 }
 
-/// Of those that tell what increments err by: a step follows that is longer than eta_c.
-constexpr mechanics::Accuracy accuracy_of_increments{.forces = 1e-9};
-
 /// `near`: a linearisation so near that its derivatives hold here, too; null: there is none. `increments`: 0: the model's.
 Linearisation linearise(ForwardModel& model, const ImageData& images, const std::vector<double>& parameters, const Stage& stage,
                         const GaussNewtonOptions& options, const mechanics::Accuracy& accuracy, const Linearisation* near = nullptr, int increments = 0) {
@@ -301,7 +298,7 @@ FinerIncrements find_finer_increments(Communicator world, ForwardModel& model, c
   finer.parameters = at.iterates.back().parameters;
   Linearisation coarse = at.linear;
   add(coarse, -1.0, at.finer.endless);
-  const auto simulate = [&](int number) { return linearise(model, images, finer.parameters, stage, options, accuracy_of_increments, &coarse, number); };
+  const auto simulate = [&](int number) { return linearise(model, images, finer.parameters, stage, options, accuracy_of_steps(options, 0.0), &coarse, number); };
   if (finer.number > 0) {
     Linearisation second = simulate(2 * model.increments());
     Addition first = extrapolate(coarse, second, 2.0, coarse);
