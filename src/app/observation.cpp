@@ -109,6 +109,15 @@ Observation observe(const io::Case& test, const identification::Specimen& specim
   return observation;
 }
 
+/// What helps where elements have too few pixels for the speckle in them to tell how each of their nodes moves; else empty.
+std::string small_elements(const std::vector<correlation::DicFrame>& frames) {
+  constexpr double enough = 36.0;  // six on a side
+  if (frames.empty() || frames.front().element_rms.size() == 0) return {};
+  const double pixels = (frames.front().pixels + frames.front().dropped) / static_cast<double>(frames.front().element_rms.size());
+  if (pixels >= enough) return {};
+  return fmt::format("; an element of the surface has {:.0f} pixels in the mean, where {:g} and more are wanted: a coarser mesh, or dic.regularisation (waves shorter than some elements) helps", pixels, enough);
+}
+
 void correlate(Observation& observation, const io::Case& test, const Communicator& world,
                const std::function<void(int, const correlation::DicFrame&)>& done, CorrelationProgress progress) {
   const auto frames = observation.places.size();
@@ -146,8 +155,11 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
       left_out += fmt::format(" {}", test.frames[static_cast<std::size_t>(observation.places[t])]);
     }
   }
-  if (!left_out.empty()) spdlog::warn("frames left out, their correlation was lost or did not converge:{}", left_out);
-  if (known.empty()) throw ConvergenceError("no frame could be correlated with the reference");
+  const std::string small = small_elements(observation.frames);
+  if (known.empty()) throw ConvergenceError(fmt::format("no frame could be correlated with the reference: the correlation of {} was lost, that of {} did not converge{}",
+                                                        std::count_if(observation.frames.begin(), observation.frames.end(), [](const auto& frame) { return frame.lost; }),
+                                                        std::count_if(observation.frames.begin(), observation.frames.end(), [](const auto& frame) { return !frame.lost; }), small));
+  if (!left_out.empty()) spdlog::warn("frames left out, their correlation was lost or did not converge:{}{}", left_out, small);
   observation.places = std::move(kept);
   observation.frames = std::move(known);
   if (observation.noise_is_measured) return;

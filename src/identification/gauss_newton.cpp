@@ -63,7 +63,8 @@ constexpr mechanics::Accuracy accuracy_of_a_long_step{.forces = 1e-4, .derivativ
 /// A step (Eq. 13) behind which another one follows that does not ask for the last digits.
 constexpr double far_step = 3e-2;
 /// Steps of so many eta_c, after which derivatives are taken for those before them: they change by as much, and move what is found by that part of its standard deviation.
-constexpr double near_steps = 10.0;
+/// With ten, runs that are taken up again end 4e-9 apart.
+constexpr double near_steps = 4.0;
 
 /// Of the simulations that steps follow from. What is left depends on the factors at hand, and must not show where a run is taken up again without them (1e-8 of
 /// the parameters): a residual moves them by a tenth of it on the plate of docs/performance.md, by 13 times as much where two parameters are

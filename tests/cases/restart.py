@@ -231,7 +231,7 @@ class Trials:
     def dead_rank(self):
         run = self.start(2)
         run.wait_for(lambda: "numbers/point" in names_in(self.out / "checkpoint.h5"))
-        time.sleep(self.random.uniform(0.0, 0.3) * self.seconds)
+        time.sleep(self.random.uniform(0.0, 0.1) * self.seconds)
         os.kill(run.ranks()[-1], signal.SIGKILL)
         status = run.finish()
         require(status not in (0, 4), f"a rank dies: mpirun ends with {status}")
