@@ -112,7 +112,7 @@ class Identification {
     for (std::size_t k = 0; k < test_.identify.stages.size(); ++k) run_stage(k, first);
   }
 
-  /// Of parameters that no stage frees all at once: where these would go then.
+  /// Of parameters that the last stage does not free all at once: where these would go then.
   void free_at_once() {
     if (gap() || solver_.noise_model.draws == 0) return;
     id::Stage all;
@@ -125,7 +125,8 @@ class Identification {
       std::sort(numbers->begin(), numbers->end());
       numbers->erase(std::unique(numbers->begin(), numbers->end()), numbers->end());
     }
-    if (std::any_of(declared_.begin(), declared_.end(), [&](const auto& stage) { return stage.free.size() >= all.free.size(); })) return;
+    const auto& last = declared_.back().free;
+    if (all.free.size() < 2 || std::all_of(all.free.begin(), all.free.end(), [&](int j) { return std::find(last.begin(), last.end(), j) != last.end(); })) return;
     spdlog::info("all free at once would change by");
     try {
       if (const auto at_once = id::free_at_once(world_, model_, images_, all, solver_, material_.values, finer_); at_once.step.size() > 0) output_.freed_at_once(material_, all.free, at_once);

@@ -80,6 +80,20 @@ def main():
         E, S_y = (result["parameters"][name]["value"] for name in ("E", "S_y"))
         require(abs(E / 198e3 - 1) < 0.05 and abs(S_y / 284 - 1) < 0.03, f"{functional}: E {E:.0f}, S_y {S_y:.2f}")
 
+    alone = json.loads((folder / "displacement/result.json").read_text())["parameters"]
+    require(all(alone[name]["at_once"]["standard_deviation"] > 0 for name in ("E", "S_y")) and "at_once" not in alone["H"], f"what E and S_y, found one after another, would change by is there ({alone['S_y']['at_once']})")
+    in_turn = folder / "in_turn.yaml"
+    in_turn.write_text(cases["force_driven"].read_text().replace("H: 1480", "H: 1000").replace('{free: [S_y], frames: "2-7"}', '{free: [S_y], frames: "2-7"}\n    - {free: [H], frames: "2-7"}').replace("output: force", "output: in_turn"))
+    said = run(program, "identify", in_turn, errors=True)
+    result = json.loads((folder / "in_turn/result.json").read_text())
+    found, doubts = result["parameters"], [doubt for doubt in result.get("doubts", []) if "one after another" in doubt]
+    change = found["S_y"]["at_once"]
+    require(found["H"]["initial"] == 1000 and abs(change["change"]) > 2 * change["standard_deviation"] and len(doubts) == 1 and "S_y by" in doubts[0] and "Free at once" in said + (folder / "in_turn/log.txt").read_text(),
+            f"S_y, found with another H, is doubted: {found['S_y']}, {doubts}")
+    require(abs(found["S_y"]["value"] + change["change"] - 284) < 0.5 * abs(found["S_y"]["value"] - 284), f"it would go to the truth ({found['S_y']['value'] + change['change']:.2f})")
+    page = (folder / "in_turn/report.html").read_text()
+    require("change, all free at once" in page and "Free at once" in page, "and the page says so")
+
     bounded = folder / "bounded.yaml"
     bounded.write_text(cases["displacement_driven"].read_text().replace("S_y: 265", "S_y: {value: 265, upper: 270}").replace("output: displacement", "output: bounded"))
     said = run(program, "identify", bounded)

@@ -150,7 +150,6 @@ struct FreedAtOnce {
 FreedAtOnce free_at_once(Communicator world, ForwardModel& model, const ImageData& images, const Stage& all, const GaussNewtonOptions& options,
                          const std::vector<double>& parameters, const FinerIncrements& finer);
 
-
 /// Noise of the reaction R of a DIC-driven simulation [force] that comes from the noise of the displacement prescribed on
 /// the ends: the rms reaction to `driving`, random displacements of the surface [unknowns x draws, length], from
 /// rest, with the law `parameters`, elastic. Where the specimen yields its tangent is lower and so is the noise:
