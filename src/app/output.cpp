@@ -192,6 +192,7 @@ void RunOutput::draw_residual(int t, const identification::Record& record, const
 void RunOutput::freed_at_once(const Material& material, const std::vector<int>& free, const identification::FreedAtOnce& at_once) {
   std::vector<double> changes(material.values.size(), std::nan("")), deviations = changes;
   std::vector<std::string> all, moving;
+  in_turn_ = true;
   for (std::size_t i = 0; i < free.size(); ++i) {
     const auto j = static_cast<std::size_t>(free[i]);
     const auto k = static_cast<Eigen::Index>(i);
@@ -260,7 +261,7 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
     const double deviation = std::sqrt(covariance(k, k));
     fmt::print("  {:8} {:14.6g} {:10} {}\n", material.information[j].name, material.values[j], material.information[j].unit,
                json["parameters"][material.information[j].name]["on_bound"] == true ? "(on its bound)"
-               : std::isfinite(deviation) ? fmt::format("+- {:.2g} ({}noise alone)", deviation, test_.identify.noise_draws > 0 ? "" : test_.identify.functional == "displacement_driven" || test_.identify.functional == "combined" ? "images' and force's " : "images' ") : "(fixed)");
+               : std::isfinite(deviation) ? fmt::format("+- {:.2g} ({}noise alone{})", deviation, test_.identify.noise_draws > 0 ? "" : test_.identify.functional == "displacement_driven" || test_.identify.functional == "combined" ? "images' and force's " : "images' ", in_turn_ ? ", the others as if known" : "") : "(fixed)");
   }
   if (test_.identify.noise_draws > 0)
     for (const auto& stage : stages)

@@ -63,6 +63,7 @@ class RunOutput {
   const Observation& seen_;
   std::optional<io::ResultsFile> file_;  // on the root only
   std::vector<std::string> doubts_;
+  bool in_turn_ = false;  // stages found parameters one after another
 };
 
 /// The results of a direct simulation; rank 0 writes, every function may be called on every rank.
