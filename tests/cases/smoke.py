@@ -88,8 +88,8 @@ def main():
     result = json.loads((folder / "in_turn/result.json").read_text())
     found, doubts = result["parameters"], [doubt for doubt in result.get("doubts", []) if "one after another" in doubt]
     change = found["S_y"]["at_once"]
-    require(found["H"]["initial"] == 1000 and abs(change["change"]) > 2 * change["standard_deviation"] and len(doubts) == 1 and "S_y by" in doubts[0] and "Free at once" in said + (folder / "in_turn/log.txt").read_text(),
-            f"S_y, found with another H, is doubted: {found['S_y']}, {doubts}")
+    require(found["H"]["initial"] == 1000 and abs(change["change"]) > 2 * change["standard_deviation"] and len(doubts) == 1 and "S_y by" in doubts[0] and "Free at once" in said,
+            f"S_y and H, found one after another, are doubted: {found['S_y']}, {found['H']}, {doubts}")
     require(abs(found["S_y"]["value"] + change["change"] - 284) < 0.5 * abs(found["S_y"]["value"] - 284), f"it would go to the truth ({found['S_y']['value'] + change['change']:.2f})")
     page = (folder / "in_turn/report.html").read_text()
     require("change, all free at once" in page and "Free at once" in page, "and the page says so")

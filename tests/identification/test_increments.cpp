@@ -25,14 +25,15 @@ struct Found {
   double off = 0.0;  // largest relative error of E, S_y, H
 };
 
-Found identify(Functional functional, Sensitivities sensitivities, int most_increments, int increments = 1) {
+/// `noise`: of the measurement, times what the functional counts on.
+Found identify(Functional functional, Sensitivities sensitivities, int most_increments, int increments = 1, double noise = 1.0) {
   Seldom plate;
   ForwardModel model({}, plate.specimen, plate.law, plate.record, {.increments = increments, .with_fields = false}, 4, 1);
   Found found{.parameters = plate.truth, .result = {}};
   for (const int j : {0, 2, 3}) found.parameters[static_cast<std::size_t>(j)] *= 0.9;
   found.result = gauss_newton({}, model, plate.images, testing::information(plate), {.free = {0, 2, 3}, .frames = {0, 1, 2, 3, 4}},
                               {.functional = functional, .eta = 1e-4, .force_noise = 2.0, .sensitivities = sensitivities, .most_increments = most_increments,
-                               .noise_model = {.image = plate.images.noise, .force = 2.0, .driving = {}}}, found.parameters);
+                               .noise_model = {.image = noise * plate.images.noise, .force = noise * 2.0, .driving = {}}}, found.parameters);
   EXPECT_TRUE(found.result.converged);
   for (const std::size_t j : {0U, 2U, 3U}) found.off = std::max(found.off, std::abs(found.parameters[j] / plate.truth[j] - 1.0));
   return found;
@@ -56,6 +57,12 @@ TEST(Increments, UnderForces) {
     std::printf("functional %d: off by %.2e, with what %d increments tell %.2e\n", static_cast<int>(functional), few.off, more.result.iterates.back().increments, more.off);
     for (const std::size_t j : {0U, 2U, 3U}) EXPECT_LT(std::abs(more.parameters[j] - many.parameters[j]), 0.15 * std::abs(few.parameters[j] - many.parameters[j])) << static_cast<int>(functional) << " " << j;
   }
+}
+
+/// As many as all noise lets matter, not that of the functional alone.
+TEST(Increments, AsManyAsNoiseLetsMatter) {
+  const auto taken = [](double noise) { return identify(Functional::displacement_driven, Sensitivities::direct, 32, 1, noise).result.iterates.back().increments; };
+  EXPECT_LT(taken(30.0), taken(1.0));
 }
 
 /// Where as many as are allowed are too few, it says by how much they move the parameters.
