@@ -422,6 +422,10 @@ class Loop {
       trial.objection = fmt::format("nothing is left, but the size of {} is not told", candidate(*k).name);
       say("    " + trial.objection);
     }
+    // What takes away no more than chance does has let another one fall below its limit, which is a little higher after an addition.
+    const double drop = std::max(appraisal_.drop(at, model), at.fit.cost - model.fit.cost);  // the latter with what was known of parameters
+    if (chi_squared_tail(std::max(0.0, drop), static_cast<int>(candidate(trial.candidate).parameters.size())) > level_after_addition)
+      object(fmt::format("it explains no more than chance does: chi^2 falls by {:.2g}", std::max(0.0, drop)));
     const auto& parameters = experiment_.parameters();
     for (int k : model.added)
       for (int j : candidate(k).parameters) {

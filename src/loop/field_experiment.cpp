@@ -183,6 +183,8 @@ void FieldExperiment::make_scene() {
   const auto paths = simulate({Simulation{model_.values, {}, measured_.driving, {}}});
   if (paths.front().R.size() == 0) throw ConvergenceError("the declared model cannot follow the measured displacement of the ends");
   motion_ = paths.front().U;
+  smooth_ends_ = motion_;
+  for (int k = 0; k < 10; ++k) smooth_ends_ = measured_.smooth(std::move(smooth_ends_));  // of waves of which it leaves three quarters a twentieth stays
   check_force(measured_.force, measured_.force_noise, paths.front().R);
   // The elastic field: that of the last of the first loaded frames whose reaction is below 0.3 of the largest.
   const Eigen::VectorXd& reaction = paths.front().R;

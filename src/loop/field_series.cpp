@@ -342,9 +342,10 @@ Eigen::VectorXd FieldExperiment::change_of_section(const identification::Specime
 }
 
 std::vector<std::pair<double, FieldExperiment::Simulation>> FieldExperiment::simulations_of(const std::vector<double>& values, const Eigen::MatrixXd& driving) const {
-  Simulation base = simulation_of(values, driving);
   std::vector<std::pair<double, Simulation>> all;
-  double rest = 1.0;
+  all.emplace_back(1.0, simulation_of(values, driving));
+  const Simulation base = simulation_of(values, smooth_ends_);
+  double taken = 0.0;
   for (std::size_t k = 0; k < effects_.size(); ++k) {
     Numerics numerics;
     effects_[k]->numerics(numerics);
@@ -353,10 +354,10 @@ std::vector<std::pair<double, FieldExperiment::Simulation>> FieldExperiment::sim
     Simulation other = base;
     std::vector<double>& key = specimen_key(other);
     key[0] = numerics.refinements, key[1] = numerics.increments_factor;
-    rest -= its[0];
+    taken += its[0];
     all.emplace_back(its[0], std::move(other));
   }
-  all.emplace_back(rest, std::move(base));
+  if (all.size() > 1) all.emplace_back(-taken, base);
   return all;
 }
 
@@ -409,13 +410,14 @@ std::pair<FieldExperiment::Prediction, std::vector<FieldExperiment::Prediction>>
     std::vector<std::size_t> order;  // tangents of the derivatives
   };
   std::vector<Use> uses;
-  for (std::size_t first = 0; first == 0 || first < tangents.size(); first += most)
+  for (std::size_t first = 0; first == 0 || first < tangents.size(); first += most) {
+    bool follows = true;  // the measured ends: what numerics change does not
     for (auto& [weight, one] : simulations_of(values, driving)) {
       Use use{weight, first, {}};
       const auto last = std::min(tangents.size(), first + most);
       for (std::size_t k = first; k < last; ++k)
         if (tangents[k].parameter >= 0) one.free.push_back(tangents[k].parameter), use.order.push_back(k);
-      for (std::size_t k = first; k < last; ++k)
+      for (std::size_t k = first; k < last && follows; ++k)
         if (tangents[k].driving.size() > 0) one.directions.push_back(tangents[k].driving), use.order.push_back(k);
       for (std::size_t k = first; k < last; ++k)
         if (tangents[k].uneven >= 0) one.uneven.push_back(tangents[k].uneven), use.order.push_back(k);
@@ -423,7 +425,9 @@ std::pair<FieldExperiment::Prediction, std::vector<FieldExperiment::Prediction>>
         if (!tangents[k].section.empty()) one.sections.push_back(with_section(one, tangents[k].section).variant), use.order.push_back(k);
       wanted.push_back(std::move(one));
       uses.push_back(std::move(use));
+      follows = false;
     }
+  }
   const auto series = simulate(wanted);
   const Prediction none{Eigen::MatrixXd::Zero(measured_.displacement.rows(), measured_.force.size()), Eigen::VectorXd::Zero(measured_.force.size())};
   std::pair<Prediction, std::vector<Prediction>> result{none, std::vector<Prediction>(tangents.size(), none)};

@@ -21,7 +21,7 @@ struct Columns {
 };
 
 /// How far beyond the limit the expected score of a detectable size lies: 86 % of them are beyond it, of which a quarter of the frames, held out, confirms nine in ten.
-constexpr double power_deviations = 1.1;
+constexpr double power_deviations = 0.9;
 
 /// Standard deviation of Student's t.
 double unit_of(double freedom) { return std::sqrt(freedom / (freedom - 2.0)); }

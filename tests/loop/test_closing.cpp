@@ -384,6 +384,20 @@ TEST(Closing, WhatHeldOutFramesDoNotShowIsNotNamed) {
   EXPECT_TRUE(trial->objection.starts_with("the held-out frames are explained worse")) << trial->objection;
 }
 
+/// After an addition the limit is a little higher: an effect that takes nothing away would suffice where another one is between the two.
+TEST(Closing, WhatExplainsNothingIsNotNamed) {
+  int between = 0;
+  for (double size = 0.05; size < 1.0; size *= 1.05) {
+    Curves experiment(4, {{Curves::drift, size}});
+    experiment.within = [](const std::vector<double>& v) { return std::abs(v[2]) < 2e-4; };  // its model follows no drift that counts
+    const Report report = loop_on(experiment);
+    EXPECT_EQ(std::count(report.set.begin(), report.set.end(), static_cast<int>(Curves::drift)), 0) << size << ": " << report.sentence;
+    for (const Round& round : report.rounds)
+      for (const Trial& trial : round.trials) between += trial.candidate == Curves::drift && trial.sufficient && trial.objection.starts_with("it explains no more than chance") ? 1 : 0;
+  }
+  EXPECT_GE(between, 1);
+}
+
 /// An effect with a size that fitted frames hardly show would fit any held-out ones: these cannot check it.
 TEST(Closing, WhatNoHeldOutFrameChecksIsNotNamed) {
   const Report told = loop_on(Curves(4, {{Curves::drift, 3.0}}));

@@ -3,13 +3,14 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
+#include <cmath>
 
 #include "strip.hpp"
 
 namespace imic3d::loop {
 namespace test_held_out {
 
-using testing::declared, testing::is_candidate, testing::Strip;
+using testing::declared, testing::is_candidate, testing::place_of, testing::Strip;
 
 TEST(HeldOut, AFrameThatIsOffMovesNoOther) {
   Strip strip(0.0);
@@ -53,6 +54,25 @@ TEST(Scenes, AFrameAtRestIsNotTheElasticField) {
   const Eigen::VectorXd with = of_frames(true), without = of_frames(false);
   EXPECT_TRUE(with.allFinite());
   EXPECT_LT((with - without).norm(), 1e-6 * without.norm());
+}
+
+/// What more increments change holds no noise of the measured ends, and would be found again in the residual if it did.
+TEST(Marks, OfTheNumericsHoldNoNoiseOfTheEnds) {
+  const auto mark = [](double noise) {
+    Strip strip(0.0);
+    const Eigen::MatrixXd clean = strip.data.driving;
+    for (Eigen::Index i = 0; i < clean.rows(); ++i)
+      for (Eigen::Index t = 0; t < clean.cols(); ++t) strip.data.driving(i, t) += noise * std::sin(7.0 * static_cast<double>(i) + 3.0 * static_cast<double>(t));
+    strip.data.smooth = [clean](const Eigen::MatrixXd&) { return clean; };
+    FieldExperiment experiment = strip.experiment();
+    std::vector<double> values = declared(experiment), more = values;
+    more[static_cast<std::size_t>(place_of(experiment, "increment_error"))] = 1.0;
+    const auto residuals = experiment.residuals({values, more});
+    return Eigen::VectorXd(residuals[1] - residuals[0]);
+  };
+  const Eigen::VectorXd of_clean = mark(0.0);
+  EXPECT_GT(of_clean.norm(), 0.0);
+  EXPECT_LT((mark(1e-3) - of_clean).norm(), 1e-6 * of_clean.norm());
 }
 
 }  // namespace test_held_out

@@ -154,7 +154,8 @@ class FieldExperiment final : public Experiment {
   Variant& variant(const Key& key);
   [[nodiscard]] MeshChange mesh_of(const Key& key) const;
   [[nodiscard]] Simulation simulation_of(const std::vector<double>& values, const Eigen::MatrixXd& driving) const;
-  /// The simulations that a prediction is made of, and their weights: several where effects of the numerics are there.
+  /// The simulations that a prediction is made of, and their weights: first that with the declared numerics. What other numerics change is a difference of two that the declared model's motion, smoothed
+  /// ten times more, drives: of two under the measured ends it would hold their noise, answered by another mesh, and be found again in the residual.
   [[nodiscard]] std::vector<std::pair<double, Simulation>> simulations_of(const std::vector<double>& values, const Eigen::MatrixXd& driving) const;
   /// What a measured displacement was before the camera added its errors. These are taken at the declared model's motion: at the measured one
   /// they would hold its noise, and be found again in the residual.
@@ -210,6 +211,7 @@ class FieldExperiment final : public Experiment {
   std::vector<Datum> data_;
   bool differentiable_ = false;     // its series
   Eigen::MatrixXd motion_;          // of the faces under the declared model [unknowns x frames]
+  Eigen::MatrixXd smooth_ends_;     // the same, smoothed ten times as what drives the ends is once
   struct Groups;
   std::unique_ptr<Groups> groups_;
   /// The series of a synthetic test, side by side: on refined meshes, the finest first, whose ends are driven by `driving_as_seen` [unknowns x frames]; then on the declared mesh in the same and in
