@@ -125,19 +125,19 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
     std::vector<mechanics::LoadStep> steps(static_cast<std::size_t>(frames));
     Eigen::MatrixXd prescribed = specimen_.from_surface(control) * driving.leftCols(frames);
     if (run.beyond != nullptr) prescribed += run.beyond->leftCols(frames);
-    const auto bend = run.straight ? std::array<Eigen::MatrixXd, 2>{} : bends(prescribed);
+    const auto bends_of = [&](const Eigen::MatrixXd& displacement) { return bends(displacement, specimen_.dofs(control), specimen_.volume.nodes, run.straight); };
+    const auto bend = bends_of(prescribed);
     std::vector<std::array<Eigen::MatrixXd, 2>> d_bend;
-    for (std::size_t k = 0; k < run.directions.size() && !run.straight; ++k) {
-      const auto& direction = run.directions[k];
+    for (const auto& direction : run.directions) {
       const double h = std::max(1e-300, 1e-6 * prescribed.norm() / std::max(1e-300, direction.prescribed.norm()));
-      const auto more = bends(prescribed + h * direction.prescribed.leftCols(frames)), less = bends(prescribed - h * direction.prescribed.leftCols(frames));
+      const auto more = bends_of(prescribed + h * direction.prescribed.leftCols(frames)), less = bends_of(prescribed - h * direction.prescribed.leftCols(frames));
       d_bend.push_back({(more[0] - less[0]) / (2.0 * h), (more[1] - less[1]) / (2.0 * h)});
     }
     for (int t = 0; t < frames; ++t) {
       auto& step = steps[static_cast<std::size_t>(t)];
       step.time = record_.time[t];
       step.prescribed = prescribed.col(t);
-      for (std::size_t side = 0; side < 2 && !run.straight; ++side) {
+      for (std::size_t side = 0; side < 2; ++side) {
         step.bend[side] = bend[side].col(t);
         step.d_bend[side].resize(step.prescribed.size(), static_cast<Eigen::Index>(run.directions.size()));
         for (std::size_t k = 0; k < run.directions.size(); ++k) step.d_bend[side].col(static_cast<Eigen::Index>(k)) = d_bend[k][side].col(t);

@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <complex>
+#include <numbers>
 
 namespace imic3d::identification {
 
@@ -44,6 +46,60 @@ std::array<Eigen::MatrixXd, 2> bends(const Eigen::MatrixXd& displacement) {
         result[static_cast<std::size_t>(side)](i, t) = (slope - secant(i, t)) * length[t];
       }
     }
+  return result;
+}
+
+std::array<Eigen::MatrixXd, 2> bends(const Eigen::MatrixXd& displacement, const std::vector<int>& dofs, const mesh::Nodes& nodes, bool straight) {
+  using Complex = std::complex<double>;  // x + i y
+  const Eigen::Index frames = displacement.cols();
+  std::array<Eigen::MatrixXd, 2> result{Eigen::MatrixXd::Zero(displacement.rows(), frames), Eigen::MatrixXd::Zero(displacement.rows(), frames)};
+  std::vector<Eigen::Index> driven;  // x of a node, with y behind it
+  for (std::size_t i = 0; i + 1 < dofs.size(); ++i)
+    if (dofs[i] % 3 == 0 && dofs[i + 1] == dofs[i] + 1) driven.push_back(static_cast<Eigen::Index>(i));
+  const auto count = static_cast<Eigen::Index>(driven.size());
+  if (count == 0) return result;
+
+  Eigen::VectorXcd X(count);
+  Eigen::VectorXd Z(count);
+  Eigen::MatrixXcd u = Eigen::MatrixXcd::Zero(count, frames + 1);  // from rest on
+  for (Eigen::Index k = 0; k < count; ++k) {
+    const Eigen::Index i = driven[static_cast<std::size_t>(k)];
+    const int node = dofs[static_cast<std::size_t>(i)] / 3;
+    X[k] = {nodes(node, 0), nodes(node, 1)}, Z[k] = nodes(node, 2);
+    for (Eigen::Index t = 0; t < frames; ++t) u(k, t + 1) = {displacement(i, t), displacement(i + 1, t)};
+  }
+  X.array() -= X.mean(), Z.array() -= Z.mean();
+
+  // u = its mean + rotation (X + left) - X; in differences from rest, so that small displacements are as exact as large ones.
+  u.rowwise() -= u.colwise().mean().eval();
+  Eigen::VectorXd angle(frames + 1);
+  Eigen::MatrixXcd left(count, frames + 1);
+  for (Eigen::Index t = 0; t <= frames; ++t) {
+    angle[t] = std::arg(X.squaredNorm() + X.dot(u.col(t)));
+    const double sine = std::sin(0.5 * angle[t]);
+    left.col(t) = std::polar(1.0, -angle[t]) * u.col(t) + Complex(-2.0 * sine * sine, -std::sin(angle[t])) * X;
+  }
+  Eigen::MatrixXcd deformation = left.rightCols(frames);
+  if (Z.squaredNorm() > 1e-12 * X.squaredNorm()) {
+    const Eigen::VectorXcd through = Z.normalized().cast<Complex>();
+    deformation -= through * (through.transpose() * deformation).eval();
+  }
+  Eigen::MatrixXd components(2 * count, frames);
+  components << deformation.real(), deformation.imag();
+  const auto bend = straight ? std::array<Eigen::MatrixXd, 2>{0.0 * components, 0.0 * components} : bends(components);
+
+  for (Eigen::Index t = 0; t < frames; ++t) {
+    const double turn = std::remainder(angle[t + 1] - angle[t], 2.0 * std::numbers::pi);
+    for (const Eigen::Index side : {0, 1}) {
+      const Eigen::VectorXd its = bend[static_cast<std::size_t>(side)].col(t);
+      const Eigen::VectorXcd changes = left.col(t + 1) - left.col(t) + its.head(count) + Complex(0.0, 1.0) * its.tail(count);
+      const Eigen::VectorXcd rate = std::polar(1.0, angle[t + side]) * changes + Complex(0.0, turn) * (X + u.col(t + side)), faster = rate - (u.col(t + 1) - u.col(t));
+      for (Eigen::Index k = 0; k < count; ++k) {
+        const Eigen::Index i = driven[static_cast<std::size_t>(k)];
+        result[static_cast<std::size_t>(side)](i, t) = faster[k].real(), result[static_cast<std::size_t>(side)](i + 1, t) = faster[k].imag();
+      }
+    }
+  }
   return result;
 }
 

@@ -46,6 +46,76 @@ TEST(WayBetweenFrames, IsStraightInProportionAndBeginsAnewWhereItTurnsBack) {
   EXPECT_EQ(bends(Eigen::MatrixXd::Zero(2, 3))[0].norm(), 0.0);
 }
 
+/// The plate is unloaded in a frame while it moves as a whole: it deforms on its way as it does where it stands.
+TEST(WayBetweenFrames, RigidMotionLeavesTheDeformationAsItIs) {
+  const Communicator world;
+  const testing::Plate plate({0.01, 0.03, 0.02, 0.05, 0.08});  // mm
+  const Specimen& specimen = plate.specimen;
+  const auto& nodes = specimen.surface.mesh.nodes;
+  const auto& dofs = specimen.displacement_dofs;
+  const Eigen::Index frames = plate.record.driving.cols();
+  const auto moved = [&](double by, double turn) {  // in each frame `by` [mm] and `turn` more
+    Eigen::MatrixXd u = plate.record.driving;
+    for (Eigen::Index t = 0; t < frames; ++t)
+      for (Eigen::Index i = 0; i < nodes.rows(); ++i) {
+        const Eigen::Vector2d X = nodes.row(i).head<2>().transpose(), narrows(-2.0 * std::pow(plate.record.driving.col(t).maxCoeff(), 2) * X[0], 0.0);
+        u.col(t).segment<2>(2 * i) = Eigen::Rotation2Dd(turn * static_cast<double>(t + 1)) * (X + u.col(t).segment<2>(2 * i) + narrows) - X + by * static_cast<double>(t + 1) * Eigen::Vector2d(1.0, -0.5);
+      }
+    return u;
+  };
+  /// Distances of the driven nodes from one another, on the way.
+  const auto distances = [&](const Eigen::MatrixXd& driving, bool straight) {
+    const Eigen::MatrixXd u = specimen.displacement_from_surface * driving;
+    const auto bend = bends(u, dofs, specimen.volume.nodes, straight);
+    std::vector<double> found;
+    for (Eigen::Index t = 0; t < frames; ++t)
+      for (const double s : {0.2, 0.5, 0.8}) {
+        std::vector<Eigen::Vector2d> places;
+        for (std::size_t i = 0; i + 1 < dofs.size(); ++i)
+          if (dofs[i + 1] == dofs[i] + 1 && dofs[i] % 3 == 0)
+            places.emplace_back(specimen.volume.nodes(dofs[i] / 3, 0) + at(u, bend, static_cast<Eigen::Index>(i), t, s), specimen.volume.nodes(dofs[i] / 3, 1) + at(u, bend, static_cast<Eigen::Index>(i) + 1, t, s));
+        for (const auto& a : places)
+          for (const auto& b : places) found.push_back((a - b).norm());
+      }
+    return Eigen::VectorXd(Eigen::Map<Eigen::VectorXd>(found.data(), static_cast<Eigen::Index>(found.size())));
+  };
+  const Eigen::VectorXd still = distances(moved(0.0, 0.0), false), all_straight = distances(moved(0.0, 0.0), true);
+  EXPECT_GT((still - all_straight).cwiseAbs().maxCoeff(), 1e-4);
+  EXPECT_LT((distances(moved(0.4, 0.0), false) - still).cwiseAbs().maxCoeff(), 1e-13);
+  for (const double turn : {0.01, 0.1}) {  // on straight ways they would be turn^2 mm too short; 8 mm, up to 0.03 mm longer in a frame, in a cubic
+    const double of_arc = 10.0 * std::pow(turn, 4) / 384.0 + 0.1 * std::pow(turn, 3) / 96.0;
+    EXPECT_LT((distances(moved(0.4, turn), true) - all_straight).cwiseAbs().maxCoeff(), of_arc) << turn;
+    EXPECT_LT((distances(moved(0.4, turn), false) - still).cwiseAbs().maxCoeff(), of_arc + 2e-4 * turn) << turn;
+  }
+
+  const Eigen::MatrixXd upright = specimen.displacement_from_surface * moved(0.0, 0.0);
+  Eigen::MatrixXd tilted = upright;  // as seen from both sides
+  for (std::size_t i = 0; i < dofs.size(); ++i)
+    for (Eigen::Index t = 0; t < frames && dofs[i] % 3 == 0; ++t) tilted(static_cast<Eigen::Index>(i), t) += 0.05 * static_cast<double>(t + 1) * specimen.volume.nodes(dofs[i] / 3, 2);
+  EXPECT_LT((bends(tilted, dofs, specimen.volume.nodes)[0] - bends(upright, dofs, specimen.volume.nodes)[0]).cwiseAbs().maxCoeff(), 1e-13);
+
+  // Of a plate that is its own mirror image the force goes with the axis.
+  ForwardModel model(world, specimen, plate.law, plate.record, {.increments = 4, .tolerance = 1e-12, .with_fields = false}, 1, 1);
+  const auto force = [&](double by, double turn) {
+    const Eigen::MatrixXd driving = moved(by, turn);
+    Eigen::VectorXd reaction = model.simulate(Control::displacement, {{.parameters = plate.truth, .driving = &driving}}, static_cast<int>(frames)).front().reaction;
+    for (Eigen::Index t = 0; t < frames; ++t) reaction[t] /= std::cos(turn * static_cast<double>(t + 1));
+    return reaction;
+  };
+  const Eigen::VectorXd alone = force(0.0, 0.0);
+  ASSERT_LT(alone[2], 0.5 * alone[1]) << "unloaded";
+  EXPECT_LT((force(0.4, 0.0) - alone).norm(), 1e-8 * alone.norm());
+  EXPECT_LT((force(0.4, 0.01) - alone).norm(), 1e-6 * alone.norm());
+
+  const Eigen::MatrixXd turned = moved(0.4, 0.01);
+  Eigen::MatrixXd direction = plate.record.driving;
+  for (Eigen::Index i = 0; i < direction.size(); ++i) direction.data()[i] *= std::sin(static_cast<double>(i));
+  const Path path = model.simulate(Control::displacement, {{.parameters = plate.truth, .driving = &turned, .directions = {{.prescribed = specimen.displacement_from_surface * direction}}}}, static_cast<int>(frames)).front();
+  const Eigen::MatrixXd more = turned + 1e-4 * direction, less = turned - 1e-4 * direction;
+  const auto both = model.simulate(Control::displacement, {{.parameters = plate.truth, .driving = &more}, {.parameters = plate.truth, .driving = &less}}, static_cast<int>(frames));
+  EXPECT_LT(((both[0].reaction - both[1].reaction) / 2e-4 - path.d_reaction[0]).norm(), 1e-5 * path.d_reaction[0].norm());
+}
+
 /// A series with every other frame follows the series with all of them, twice as well as with straight ways at least; its derivatives as the ends move are those of this way.
 TEST(WayBetweenFrames, DrivesTheSimulation) {
   const Communicator world;

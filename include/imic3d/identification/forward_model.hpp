@@ -62,7 +62,7 @@ struct Run {
   const Eigen::MatrixXd* beyond = nullptr;     ///< added to the prescribed displacement [constrained dofs x frames, length]
   std::vector<int> free{};                     ///< parameters by which the path is differentiated directly; the forces stay as they are
   std::vector<Direction> directions{};         ///< by which it is differentiated, too; not under Control::images
-  bool straight = false;                       ///< whether the ends go straight from frame to frame, not as `bends` says
+  bool straight = false;                       ///< whether the ends deform straight from frame to frame, not as `bends` says
   int increments = 0;                          ///< load increments between two frames at least; 0: the model's
   mechanics::Accuracy accuracy{};
 };
