@@ -137,7 +137,9 @@ TEST(CurveExperiment, TheNullKnowsThatTheScatterIsEstimated) {
   // t^2 of Student's t of variance one with 7 degrees, judged by 60 draws: its mean is known to a tenth.
   RecordProperty("ratio", std::to_string(ratio));
   EXPECT_NEAR(ratio, 1.0, 0.3);
-  EXPECT_NEAR(energy / of_null, 1.0, 0.05);
+  // What is left of the cubics in a bin has no variance here, and none is never estimated: the null is too large by that, not too small.
+  EXPECT_GT(energy / of_null, 0.9);
+  EXPECT_LT(energy / of_null, 1.05);
 }
 
 TEST(CurveExperiment, DeclaredEffectsAreNoCandidates) {
@@ -193,7 +195,7 @@ TEST(CurveExperiment, TheZeroOfTheForceIsFoundInRepeatedBars) {
     const auto zero = std::find_if(report.set.begin(), report.set.end(), [&](int k) { return experiment.candidates()[static_cast<std::size_t>(k)].name == "force zero"; });
     ASSERT_NE(zero, report.set.end()) << report.sentence;
     const auto place = static_cast<std::size_t>(experiment.candidates()[static_cast<std::size_t>(*zero)].parameters.front());
-    if (!report.final.added.empty() && report.final.added.front() == *zero) EXPECT_NEAR(report.final.fit.values[place], 25.0, 3.0);
+    EXPECT_NEAR(report.final.fit.values[place], 25.0, 3.0) << report.sentence;
   }
 }
 
@@ -223,8 +225,8 @@ TEST(CurveExperiment, NoiseOfThePointsIsAnEstimate) {
 TEST(CurveExperiment, RecordsOfBarsHaveNoImages) {
   CurveExperiment experiment(Communicator(), bars(1, {}), model(truth));
   for (const auto& candidate : experiment.candidates()) EXPECT_EQ(candidate.sentence.find("images"), std::string::npos) << candidate.sentence;
-  for (const auto& p : experiment.parameters())
-    if (p.info.name == "compliance") EXPECT_EQ(p.info.lower, 0.0);
+  const auto& parameters = experiment.parameters();
+  EXPECT_EQ(std::count_if(parameters.begin(), parameters.end(), [](const Parameter& p) { return p.info.name == "compliance" && p.info.lower == 0.0; }), 1);
 }
 
 TEST(CurveExperiment, EveryFourthBarIsHeldOut) {
