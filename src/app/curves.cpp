@@ -129,6 +129,7 @@ std::vector<id::Curve> make_curves(const io::Case& test) {
     const double between = id::scatter(of_group(curves, experiment.name));
     for (std::size_t k = first; k < curves.size(); ++k) {
       curves[k].deviation = experiment.noise ? *experiment.noise : between > 0.0 ? between : id::point_noise(curves[k]);
+      curves[k].estimated = !experiment.noise && !(between > 0.0);
       if (!(curves[k].deviation > 0.0))
         throw InputError(experiment.files[k - first].string(), "no noise to be seen in the points",
                          "experiments.noise: a standard deviation, or repetitions");

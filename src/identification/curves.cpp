@@ -85,17 +85,25 @@ double robust_deviation(std::vector<double>& sizes) {
 }
 }  // namespace
 
-double point_noise(const Curve& curve) {
+double point_noise(const Curve& curve) { return point_noise(curve.history.strain, curve.stress); }
+
+double point_noise(const Eigen::VectorXd& x, const Eigen::VectorXd& y) {
   std::vector<double> distance;
-  const auto& x = curve.history.strain;
   for (Eigen::Index i = 1; i + 1 < x.size(); ++i) {
     const double before = x[i] - x[i - 1], after = x[i + 1] - x[i];
     if (!(before * after > 0.0)) continue;  // at a turning point there is no line
     const double w = before / (before + after);
-    distance.push_back(std::abs(curve.stress[i] - (1.0 - w) * curve.stress[i - 1] - w * curve.stress[i + 1]) /
+    distance.push_back(std::abs(y[i] - (1.0 - w) * y[i - 1] - w * y[i + 1]) /
                        std::sqrt(1.0 + w * w + (1.0 - w) * (1.0 - w)));
   }
-  return robust_deviation(distance);
+  double deviation = robust_deviation(distance);
+  constexpr double far = 3.0, expected = 0.99500;  // E min(z^2, 9) of a standard normal number
+  for (int iteration = 0; iteration < 20; ++iteration) {
+    double square = 0.0;
+    for (double d : distance) square += std::pow(std::min(d, far * deviation), 2);
+    deviation = std::sqrt(square / (expected * std::max(1.0, static_cast<double>(distance.size()))));
+  }
+  return deviation;
 }
 
 double scatter(const std::vector<const Curve*>& repetitions) {

@@ -6,6 +6,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <random>
 
@@ -85,28 +86,58 @@ CurveExperiment::CurveExperiment(Communicator world, std::vector<id::Curve> curv
   whitening_ = whitening_of(scatter_);
 }
 
+namespace {
+
+/// Length of the way of what follows y within `play` [rows]: of the noise nothing.
+Eigen::VectorXd way_of(const Eigen::VectorXd& y, double play = 0.0) {
+  Eigen::VectorXd way = Eigen::VectorXd::Zero(y.size());
+  double at = y[0];
+  for (Eigen::Index row = 1; row < y.size(); ++row) {
+    const double next = std::clamp(at, y[row] - play, y[row] + play);
+    way[row] = way[row - 1] + std::abs(next - at);
+    at = next;
+  }
+  return way;
+}
+
+/// Piecewise linear.
+double interpolated(const Eigen::VectorXd& x, const Eigen::VectorXd& y, double at) {
+  const auto above = std::upper_bound(x.begin(), x.end(), at) - x.begin();
+  if (above == 0) return y[0];
+  if (above == x.size()) return y[above - 1];
+  return y[above - 1] + (y[above] - y[above - 1]) * (at - x[above - 1]) / (x[above] - x[above - 1]);
+}
+
+}  // namespace
+
 void CurveExperiment::make_bins(const CurveLoopOptions& options) {
-  std::map<std::string, std::pair<int, double>> groups;  // bars, longest path
-  const auto path = [](const id::Curve& curve) {
-    Eigen::VectorXd along = Eigen::VectorXd::Zero(curve.stress.size());
-    for (Eigen::Index row = 1; row < along.size(); ++row) along[row] = along[row - 1] + std::abs(curve.history.strain[row] - curve.history.strain[row - 1]);
-    return along;
+  struct Group {
+    int bars = 0;
+    Eigen::VectorXd strain, both;  // way of its longest bar [rows]; both: from 0 to 1
   };
+  std::map<std::string, Group> groups;
   const auto judged = [](const id::Curve& curve, Eigen::Index row) { return curve.use[static_cast<std::size_t>(row)] != id::Curve::not_judged; };
   for (const auto& curve : curves_) {
-    auto& [count, longest] = groups[curve.group];
-    ++count;
-    longest = std::max(longest, path(curve).tail(1)[0]);
+    Group& group = groups[curve.group];
+    ++group.bars;
+    const Eigen::VectorXd strain = way_of(curve.history.strain);
+    if (group.strain.size() > 0 && strain.tail(1)[0] <= group.strain.tail(1)[0]) continue;
+    const Eigen::VectorXd stress = way_of(curve.stress, 4.0 * id::point_noise(curve));
+    group.strain = strain, group.both = 0.5 * (strain / std::max(1e-300, strain.tail(1)[0]) + stress / std::max(1e-300, stress.tail(1)[0]));
+    group.both /= std::max(1e-300, group.both.tail(1)[0]);
   }
+  std::vector<double> of_points;
   int frame = -1;
   for (std::size_t k = 0; k < curves_.size(); ++k) {
     const id::Curve& curve = curves_[k];
-    const auto [count, longest] = groups[curve.group];
-    const Eigen::VectorXd along = path(curve) / std::max(1e-300, longest);
+    const Group& group = groups[curve.group];
+    const int count = group.bars;
+    const double noise = count > 1 ? id::point_noise(curve) : curve.deviation;
+    const Eigen::VectorXd along = way_of(curve.history.strain);
     const auto first = static_cast<Eigen::Index>(bins_.size());
     for (Eigen::Index row = 0; row < curve.stress.size(); ++row) {
       if (!judged(curve, row)) continue;
-      const double x = along[row];
+      const double x = interpolated(group.strain, group.both, along[row]);
       const bool held = curve.use[static_cast<std::size_t>(row)] == id::Curve::held_out;
       const int number = count > 1 ? std::min(options.bins - 1, static_cast<int>(x * options.bins)) : static_cast<int>(row);
       const bool same = static_cast<Eigen::Index>(bins_.size()) > first && bins_.back().number == number && bins_.back().held_out == held;
@@ -121,14 +152,16 @@ void CurveExperiment::make_bins(const CurveLoopOptions& options) {
     for (Eigen::Index i = first; i < first + size; ++i) {
       Bin& bin = bins_[static_cast<std::size_t>(i)];
       bin.x /= static_cast<double>(bin.rows.size());
+      of_points.push_back(noise / std::sqrt(static_cast<double>(bin.rows.size())));
       const bool next = i == first || (count == 1 && in_frame >= options.numbers_per_frame) || bin.held_out != bins_[static_cast<std::size_t>(i) - 1].held_out;
       if (next) ++frame, in_frame = 0;
       ++in_frame;
       data_.push_back({frame, force_channel});
     }
-    scatter_.bin_noise.push_back(curve.deviation);
   }
   if (data_.empty()) throw InputError("experiments", "no row that is judged", "rows beyond `from`");
+  of_points_ = Eigen::Map<const Eigen::VectorXd>(of_points.data(), static_cast<Eigen::Index>(of_points.size()));
+  scatter_.noise = of_points_;
 }
 
 std::vector<int> CurveExperiment::frame_numbers() const {
@@ -254,7 +287,7 @@ std::vector<Eigen::MatrixXd> CurveExperiment::whitening_of(const Scatter& scatte
   std::vector<Eigen::MatrixXd> all;
   for (std::size_t k = 0; k < bars_.size(); ++k) {
     const auto [first, size] = bars_[k];
-    Eigen::MatrixXd covariance = std::pow(scatter.bin_noise[k], 2) * Eigen::MatrixXd::Identity(size, size);
+    Eigen::MatrixXd covariance = scatter.noise.segment(first, size).array().square().matrix().asDiagonal();
     if (scatter.covariance.size() > 0) {
       const Eigen::MatrixXd B = basis(first, size);
       covariance += B * scatter.covariance * B.transpose();
@@ -352,11 +385,25 @@ std::vector<Eigen::VectorXd> CurveExperiment::residuals_near(const std::vector<d
   return result;
 }
 
-Eigen::VectorXd CurveExperiment::freedom() const { return freedom_ > 0.0 ? Eigen::VectorXd::Constant(static_cast<Eigen::Index>(bins_.size()), std::max(3.0, freedom_ - coefficients_that_differ() + 1.0)) : Eigen::VectorXd(); }
+bool CurveExperiment::noise_is_estimated(std::size_t curve) const { return curves_[curve].estimated && !repeated_.contains(curves_[curve].group); }
+
+double CurveExperiment::bin_noise(int curve) const {
+  const auto [first, size] = bars_[static_cast<std::size_t>(curve)];
+  return std::sqrt(scatter_.noise.segment(first, size).squaredNorm() / std::max(1.0, static_cast<double>(size)));
+}
+
+Eigen::VectorXd CurveExperiment::freedom() const {
+  const auto N = static_cast<Eigen::Index>(bins_.size());
+  if (freedom_ > 0.0) return Eigen::VectorXd::Constant(N, std::max(3.0, freedom_ - coefficients_that_differ() + 1.0));
+  Eigen::VectorXd all = Eigen::VectorXd::Constant(N, std::numeric_limits<double>::infinity());
+  for (std::size_t k = 0; k < bars_.size(); ++k)
+    if (noise_is_estimated(k)) all.segment(bars_[k].first, bars_[k].second).setConstant(std::max(3.0, id::freedom_of_point_noise(bars_[k].second)));
+  return all;
+}
 
 double CurveExperiment::round_off() const {
   double square = 0.0;
-  for (std::size_t i = 0; i < bins_.size(); ++i) square += std::pow(1e-6 * curves_[static_cast<std::size_t>(bins_[i].curve)].stress(bins_[i].rows).mean() / scatter_.bin_noise[static_cast<std::size_t>(bins_[i].curve)], 2);
+  for (std::size_t i = 0; i < bins_.size(); ++i) square += std::pow(1e-6 * curves_[static_cast<std::size_t>(bins_[i].curve)].stress(bins_[i].rows).mean() / scatter_.noise[static_cast<Eigen::Index>(i)], 2);
   return std::sqrt(square);
 }
 
@@ -383,9 +430,16 @@ void CurveExperiment::find_repetitions() {
 }
 
 /// Random-effects model of the deviations from the groups' means, by expectation-maximisation: bars that end early are in it with
-/// what they have. `raw`: measured - predicted [N].
+/// what they have. What is left of the cubics in a bin has one variance in a group; the noise of the points comes on top. `raw`: measured - predicted [N].
 CurveExperiment::Scatter CurveExperiment::scatter_of(const Eigen::VectorXd& raw) const {
-  Scatter result{.covariance = {}, .bin_noise = scatter_.bin_noise, .deviations = {}, .coefficients = {}};
+  Scatter result{.covariance = {}, .noise = of_points_, .deviations = {}, .coefficients = {}};
+  for (std::size_t k = 0; k < bars_.size(); ++k) {
+    const auto [first, size] = bars_[k];
+    if (!noise_is_estimated(k) || size < 3) continue;
+    Eigen::VectorXd strain(size);  // every row that is judged is a bin
+    for (Eigen::Index i = 0; i < size; ++i) strain[i] = curves_[k].history.strain[bins_[static_cast<std::size_t>(first + i)].rows.front()];
+    result.noise.segment(first, size).setConstant(std::max(1e-3 * curves_[k].deviation, id::point_noise(strain, raw.segment(first, size))));
+  }
   double square = 0.0, count = 0.0;
   for (const auto& [group, bars] : repeated_) {
     std::map<int, std::pair<double, int>> means;  // of a bin: sum, bars
@@ -410,43 +464,51 @@ CurveExperiment::Scatter CurveExperiment::scatter_of(const Eigen::VectorXd& raw)
   for (int iteration = 0; iteration < 200; ++iteration) {
     Eigen::Matrix<double, size, size> next = Eigen::Matrix<double, size, size>::Zero();
     double bars_seen = 0.0;
+    bool done = true;
     const Eigen::Matrix<double, size, size> D_inverse = (D + 1e-9 * D.trace() * one).inverse();
     for (const auto& [group, bars] : repeated_) {
-      double left = 0.0, numbers = 0.0;
+      double left = 0.0, all = 0.0, numbers = 0.0;
       auto& coefficients = result.coefficients[group];
       coefficients.resize(bars.size());
       for (std::size_t k = 0; k < bars.size(); ++k) {
         const auto& deviation = result.deviations[group][k];
-        const Eigen::Matrix<double, size, size> BB = bars[k].B.transpose() * bars[k].B, V = (D_inverse + BB / variance[group]).inverse();
-        const Eigen::VectorXd c = V * (bars[k].B.transpose() * deviation) / variance[group];
+        const Eigen::ArrayXd points = of_points_(bars[k].rows).array().square(), total = points + variance[group];
+        const Eigen::Matrix<double, Eigen::Dynamic, size> weighted = total.inverse().matrix().asDiagonal() * bars[k].B;
+        const Eigen::Matrix<double, size, size> V = (D_inverse + weighted.transpose() * bars[k].B).inverse();
+        const Eigen::VectorXd c = V * (weighted.transpose() * deviation);
         next += c * c.transpose() + V;
         bars_seen += 1.0;
-        left += (deviation - bars[k].B * c).squaredNorm() + BB.cwiseProduct(V).sum();
+        const Eigen::ArrayXd uncertain = (bars[k].B * V).cwiseProduct(bars[k].B).rowwise().sum(), share = variance[group] / total;
+        left += (share.square() * ((deviation - bars[k].B * c).array().square() + uncertain) + share * points).sum();
+        all += total.sum();
         numbers += static_cast<double>(deviation.size());
         coefficients[k] = c;
       }
+      done = done && std::abs(left / numbers - variance[group]) < 1e-4 * all / numbers;
       variance[group] = std::max(1e-12 * square / count, left / numbers);
     }
     next /= bars_seen;
-    const bool done = (next - D).norm() < 1e-4 * next.norm();
+    done = done && (next - D).norm() < 1e-4 * next.norm();
     D = next;
     if (done) break;
   }
   result.covariance = D;
-  for (std::size_t k = 0; k < curves_.size(); ++k)
-    if (variance.contains(curves_[k].group)) result.bin_noise[k] = std::sqrt(variance[curves_[k].group]);
+  for (std::size_t i = 0; i < bins_.size(); ++i)
+    if (const auto its = variance.find(curves_[static_cast<std::size_t>(bins_[i].curve)].group); its != variance.end()) {
+      double& noise = result.noise[static_cast<Eigen::Index>(i)];
+      noise = std::sqrt(noise * noise + its->second);
+    }
   return result;
 }
 
 void CurveExperiment::learn_bias(const std::vector<double>& values) {
   const auto predicted = predict(values);
   if (predicted.empty()) throw ConvergenceError("the law cannot follow the curves");
-  if (repeated_.empty()) return;
   scatter_ = scatter_of(binned(predicted));
   whitening_ = whitening_of(scatter_);
 }
 
-/// Coefficients whose variance is that of the bars, and so estimated from them: tr D (D + s^2 (B^T B)^-1)^-1, the mean of all bars. What the noise of the bins makes of a
+/// Coefficients whose variance is that of the bars, and so estimated from them: tr D (D + (B^T S^-1 B)^-1)^-1, S the variance of the bins, the mean of all bars. What the noise of the bins makes of a
 /// coefficient is known from many of them.
 double CurveExperiment::coefficients_that_differ() const {
   if (scatter_.covariance.size() == 0) return degree + 1;
@@ -454,7 +516,7 @@ double CurveExperiment::coefficients_that_differ() const {
   for (const auto& [group, bars] : repeated_)
     for (const auto& bar : bars) {
       const Eigen::MatrixXd& D = scatter_.covariance;
-      const Eigen::MatrixXd signal = D * (bar.B.transpose() * bar.B) / std::pow(scatter_.bin_noise[bar.curve], 2), unity = Eigen::MatrixXd::Identity(degree + 1, degree + 1);
+      const Eigen::MatrixXd signal = D * (bar.B.transpose() * scatter_.noise(bar.rows).array().square().inverse().matrix().asDiagonal() * bar.B), unity = Eigen::MatrixXd::Identity(degree + 1, degree + 1);
       sum += (unity + signal).partialPivLu().solve(signal).trace();
       bars_seen += 1.0;
     }
@@ -466,7 +528,7 @@ double CurveExperiment::correlation_beyond_cubics(const std::string& group) cons
   const auto& bars = repeated_.at(group);
   double product = 0.0, square = 0.0;
   for (std::size_t k = 0; k < bars.size(); ++k) {
-    const Eigen::VectorXd left = scatter_.deviations.at(group)[k] - bars[k].B * scatter_.coefficients.at(group)[k];
+    const Eigen::VectorXd left = (scatter_.deviations.at(group)[k] - bars[k].B * scatter_.coefficients.at(group)[k]).cwiseQuotient(scatter_.noise(bars[k].rows));
     product += left.head(left.size() - 1).dot(left.tail(left.size() - 1)), square += left.squaredNorm();
   }
   return std::clamp(product / std::max(1e-300, square), 0.0, 1.0);
@@ -487,7 +549,7 @@ Eigen::MatrixXd CurveExperiment::bars_like_these(int draws, double grown, unsign
   for (auto raw : result.colwise()) {
     for (std::size_t k = 0; k < bars_.size(); ++k) {
       const auto [first, size] = bars_[k];
-      raw.segment(first, size) = scatter_.bin_noise[k] * drawn(size);
+      raw.segment(first, size) = scatter_.noise.segment(first, size).cwiseProduct(drawn(size));
       if (root.size() > 0) raw.segment(first, size) += basis(first, size) * (root * drawn(root.cols()));
     }
     if (scatter_.deviations.empty()) continue;  // nothing is learned yet
@@ -519,8 +581,14 @@ Eigen::MatrixXd CurveExperiment::bars_like_these(int draws, double grown, unsign
 int CurveExperiment::draws(int asked) const { return std::max(asked, 2000); }
 
 /// A score that is weighed with a covariance of p coefficients, itself estimated with n degrees of freedom, varies by n/(n - p - 1) (n - 1)/(n - p) more than that
-/// covariance says (S a Wishart matrix: s^T S^-1 d/sqrt(s^T S^-1 s)); its tails are those of Student's t with n - p + 1.
+/// covariance says (S a Wishart matrix: s^T S^-1 d/sqrt(s^T S^-1 s)); its tails are those of Student's t with n - p + 1. One that is weighed with the noise of the points: t of their freedom.
 Eigen::MatrixXd CurveExperiment::noise(const std::vector<double>&, int draws) {
+  if (repeated_.empty()) {
+    Eigen::MatrixXd result = bars_like_these(draws, 1.0, 3);
+    const Eigen::ArrayXd f = freedom().array(), grown = f.isFinite().select((f / (f - 2.0)).sqrt(), 1.0);
+    for (auto column : result.colwise()) column = whitened(column).cwiseProduct(grown.matrix());
+    return result;
+  }
   const double p = coefficients_that_differ(), n = std::max(freedom_, p + 2.0);
   Eigen::MatrixXd result = bars_like_these(draws, std::sqrt(n / (n - p - 1.0) * (n - 1.0) / (n - p)), 3);
   for (auto column : result.colwise()) column = whitened(column);
@@ -528,7 +596,6 @@ Eigen::MatrixXd CurveExperiment::noise(const std::vector<double>&, int draws) {
 }
 
 Eigen::MatrixXd CurveExperiment::noise_of_squares(const std::vector<double>&, const Eigen::MatrixXd& noise) {
-  if (repeated_.empty()) return noise;
   Eigen::MatrixXd result = bars_like_these(static_cast<int>(noise.cols()), 1.0, 5);
   for (auto column : result.colwise()) column = whitened(column, whitening_of(scatter_of(column)));
   return result;

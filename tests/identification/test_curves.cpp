@@ -152,5 +152,21 @@ TEST(Curves, NoiseIsReadFromThePointsAndFromRepetitions) {
   EXPECT_EQ(scatter({&curves[0]}), 0.0);
 }
 
+TEST(Curves, NoiseOfThePointsVariesAsItsFreedomSays) {
+  std::mt19937 engine(1);
+  std::normal_distribution<double> normal;
+  constexpr int draws = 2000, points = 150;
+  const Eigen::VectorXd x = Eigen::VectorXd::LinSpaced(points, 0.0, 1.0);
+  Eigen::ArrayXd squares(draws);
+  for (double& square : squares) {
+    Eigen::VectorXd y = 3.0 * x;
+    for (double& value : y) value += 2.0 * normal(engine);
+    square = std::pow(point_noise(x, y) / 2.0, 2);
+  }
+  EXPECT_NEAR(squares.mean(), 1.0, 0.01);
+  const double freedom = 2.0 / (squares - squares.mean()).square().mean();
+  EXPECT_NEAR(freedom / freedom_of_point_noise(points), 1.0, 0.1);
+}
+
 }  // namespace test_curves
 }  // namespace imic3d::identification

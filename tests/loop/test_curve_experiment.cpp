@@ -4,6 +4,7 @@
 
 #include <Eigen/Dense>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <random>
 
@@ -136,7 +137,9 @@ TEST(CurveExperiment, TheNullKnowsThatTheScatterIsEstimated) {
   // t^2 of Student's t of variance one with 7 degrees, judged by 60 draws: its mean is known to a tenth.
   RecordProperty("ratio", std::to_string(ratio));
   EXPECT_NEAR(ratio, 1.0, 0.3);
-  EXPECT_NEAR(energy / of_null, 1.0, 0.05);
+  // What is left of the cubics in a bin has no variance here, and none is never estimated: the null is too large by that, not too small.
+  EXPECT_GT(energy / of_null, 0.9);
+  EXPECT_LT(energy / of_null, 1.05);
 }
 
 TEST(CurveExperiment, DeclaredEffectsAreNoCandidates) {
@@ -159,6 +162,71 @@ TEST(CurveExperiment, DeclaredEffectsAreNoCandidates) {
   EXPECT_LT((thicker.predict(values_of(thicker))[0] - (1.05 * bare[0].array() + 7.0).matrix()).tail(100).norm(), 1e-9 * bare[0].norm());
   m.effects = {{.effect = "parallax", .quantity = "inverse_distance", .value = 1e-3, .lower = {}, .upper = {}}};
   EXPECT_THROW(CurveExperiment(Communicator(), curves, m), InputError);
+}
+
+/// Bars of one group, half of whose rows are below 1 % strain, strengths 1 % apart.
+std::vector<identification::Curve> dense_bars(int count, double zero, unsigned seed) {
+  const CurveModel m = model(truth);
+  std::mt19937_64 random(seed);
+  std::normal_distribution<double> normal;
+  std::vector<identification::Curve> all;
+  for (int k = 0; k < count; ++k) {
+    identification::Curve curve;
+    curve.name = "bar" + std::to_string(k), curve.group = "bars";
+    curve.history.strain.resize(150);
+    curve.history.strain << Eigen::VectorXd::LinSpaced(75, 0.0, 0.01), Eigen::VectorXd::LinSpaced(76, 0.01, 0.1).tail(75);
+    curve.history.time = curve.history.strain / 1e-3;
+    curve.stress = material::pull_bar(*m.extended(material::known_effects()), m.values, curve.history).engineering;
+    if (count > 1) curve.stress *= 1.0 + 0.01 * normal(random);
+    for (double& stress : curve.stress) stress += zero + 1.5 * normal(random);
+    curve.deviation = 1.5;
+    curve.use.assign(150, identification::Curve::fitted);
+    curve.use[0] = identification::Curve::not_judged;
+    all.push_back(std::move(curve));
+  }
+  return all;
+}
+
+/// The elastic part is an eightieth of the strain and more than half of the stress: it has its share of the bins, the same for all bars, and the load cell's zero is told from E.
+TEST(CurveExperiment, TheZeroOfTheForceIsFoundInRepeatedBars) {
+  for (int count : {2, 6}) {
+    CurveExperiment experiment(Communicator(), dense_bars(count, 25.0, 1), model(truth));
+    const Report report = loop_on(experiment);
+    const auto zero = std::find_if(report.set.begin(), report.set.end(), [&](int k) { return experiment.candidates()[static_cast<std::size_t>(k)].name == "force zero"; });
+    ASSERT_NE(zero, report.set.end()) << report.sentence;
+    const auto place = static_cast<std::size_t>(experiment.candidates()[static_cast<std::size_t>(*zero)].parameters.front());
+    EXPECT_NEAR(report.final.fit.values[place], 25.0, 3.0) << report.sentence;
+  }
+}
+
+/// What was estimated from the points of a curve has their freedom, and every draw its own estimate; what was declared is known.
+TEST(CurveExperiment, NoiseOfThePointsIsAnEstimate) {
+  auto curves = dense_bars(1, 0.0, 3);
+  const auto spread = [](const CurveExperiment& e, Eigen::MatrixXd squares) {
+    const Eigen::ArrayXd all = squares.colwise().squaredNorm().transpose() / static_cast<double>(e.data().size());
+    return std::sqrt((all - all.mean()).square().mean());
+  };
+  std::vector<double> values;
+  CurveExperiment known(Communicator(), curves, model(truth));
+  curves[0].estimated = true, curves[0].deviation = 9.0;  // of the stresses; about the prediction it is 1.5
+  CurveExperiment estimated(Communicator(), curves, model(truth));
+  for (const auto& p : known.parameters()) values.push_back(p.value);
+  known.learn_bias(values), estimated.learn_bias(values);
+  EXPECT_TRUE((known.freedom().array() == std::numeric_limits<double>::infinity()).all());
+  EXPECT_NEAR(estimated.freedom()[0], 0.5 * 149.0, 5.0);
+  EXPECT_NEAR(estimated.bin_noise(0), 1.5, 0.4);
+  const Eigen::MatrixXd exact = known.noise(values, 400), grown = estimated.noise(values, 400);
+  EXPECT_GT(grown.norm(), 1.005 * exact.norm());
+  // chi^2/N has a standard deviation of sqrt(2/149) = 0.116 where the noise is known; as much again comes of the estimate, which shares its points.
+  EXPECT_NEAR(spread(known, known.noise_of_squares(values, exact)), 0.116, 0.02);
+  EXPECT_GT(spread(estimated, estimated.noise_of_squares(values, grown)), 0.116);
+}
+
+TEST(CurveExperiment, RecordsOfBarsHaveNoImages) {
+  CurveExperiment experiment(Communicator(), bars(1, {}), model(truth));
+  for (const auto& candidate : experiment.candidates()) EXPECT_EQ(candidate.sentence.find("images"), std::string::npos) << candidate.sentence;
+  const auto& parameters = experiment.parameters();
+  EXPECT_EQ(std::count_if(parameters.begin(), parameters.end(), [](const Parameter& p) { return p.info.name == "compliance" && p.info.lower == 0.0; }), 1);
 }
 
 TEST(CurveExperiment, EveryFourthBarIsHeldOut) {

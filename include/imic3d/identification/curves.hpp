@@ -20,6 +20,7 @@ struct Curve {
   Eigen::VectorXd stress;        ///< measured [rows, stress]
   bool engineering = true;       ///< the stress is force over the first section; else that times length/length_0
   double deviation = 1.0;        ///< standard deviation of a row [stress]
+  bool estimated = false;        ///< that is the point_noise of this curve
   std::vector<char> use;         ///< of each row: not_judged, fitted, held_out
   enum Use : char { not_judged, fitted, held_out };
 };
@@ -67,8 +68,13 @@ class CurveSet {
 };
 
 /// Noise of the points of a curve [stress]: from each point's distance to the line through its neighbours, robust
-/// (median).
+/// (Huber's proposal 2, 1964: distances beyond three standard deviations count as three).
 [[nodiscard]] double point_noise(const Curve& curve);
+/// The same of values y at strains x [points].
+[[nodiscard]] double point_noise(const Eigen::VectorXd& x, const Eigen::VectorXd& y);
+/// Degrees of freedom of its square, of so many points: neighbouring distances share points (their squares are correlated by 4/9 and
+/// 1/36), and 0.96 is the efficiency of the clipped mean.
+[[nodiscard]] inline double freedom_of_point_noise(Eigen::Index points) { return 0.96 * static_cast<double>(points) / 1.944; }
 
 /// Standard deviation between repetitions [stress]: of their stresses at the same strain, rms over the strains that at
 /// least two of them reach; each curve up to where its strain first turns back. Rows that are not judged do not count.

@@ -24,19 +24,20 @@ struct CurveModel {
 };
 
 struct CurveLoopOptions {
-  int bins = 24;              ///< of the way that the strain goes, of curves that are repeated
+  int bins = 24;              ///< of the way that strain and stress go, of curves that are repeated
   int numbers_per_frame = 24; ///< of a curve that is not
 };
 
 /// The gain of a group of bars, as the candidate whose `parameter` it is, and this.
 [[nodiscard]] std::pair<Candidate, Parameter> gain_of(const std::string& group, int parameter);
 
-/// A frame is a bar, or a piece of a curve that has no repetition. Repeated bars are compared in bins of the way that their strain goes: the mean of
-/// measured - predicted in each. Bars of one material differ: each is off by a random cubic of that way, whose covariance all
-/// groups of repetitions share, and by what is left of it in each bin, both estimated from the bars' deviations from the mean
-/// of their group (expectation-maximisation). The null are bars that differ so, one half of their covariance being that of the deviations themselves, whatever
+/// A frame is a bar, or a piece of a curve that has no repetition. Repeated bars are compared in bins: the mean of measured - predicted in each. These have equal shares of the way
+/// that strain, over its whole way, and stress, over its own, go along the longest bar of the group, so that what is steep has its share; each is an interval of the way of the strain, the same for all bars.
+/// Bars of one material differ: each is off by a random cubic of that way, whose covariance all
+/// groups of repetitions share, by what is left of it in each bin, both estimated from the bars' deviations from the mean
+/// of their group (expectation-maximisation), and by the mean noise of the points in the bin. The null are bars that differ so, one half of their covariance being that of the deviations themselves, whatever
 /// their course, grown by what few bars tell of it; see `freedom`. A curve without repetitions
-/// has the noise of its points. Whitened with that.
+/// has the noise of its points: what is declared, or their scatter about the prediction from point to point, which is an estimate, too. Whitened with that.
 class CurveExperiment final : public Experiment {
  public:
   CurveExperiment(Communicator world, std::vector<identification::Curve> curves, CurveModel model, const CurveLoopOptions& options = {});
@@ -50,7 +51,7 @@ class CurveExperiment final : public Experiment {
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) override;
   /// 1e-6 of the stress: a law with an effect at its null value solves other equations than one without it.
   [[nodiscard]] double round_off() const override;
-  /// Bars beyond one of each group, less the coefficients that they differ in, plus one.
+  /// Bars beyond one of each group, less the coefficients that they differ in, plus one; where none is repeated those of the noise of the points.
   [[nodiscard]] Eigen::VectorXd freedom() const override;
   void learn_bias(const std::vector<double>& values) override;
   /// The covariance of forty scores takes far more draws than are worth their time where each is a simulation.
@@ -66,15 +67,15 @@ class CurveExperiment final : public Experiment {
   [[nodiscard]] bool cut_into_pieces(int curve) const;
   /// Stress at all rows of each curve; empty if the law cannot follow one of them.
   [[nodiscard]] std::vector<Eigen::VectorXd> predict(const std::vector<double>& values) const;
-  /// Standard deviation of a number of group `group` that is not explained by the bars' cubics [stress].
-  [[nodiscard]] double bin_noise(int curve) const { return scatter_.bin_noise[static_cast<std::size_t>(curve)]; }
+  /// Standard deviation of a number of a curve that is not explained by the bars' cubics, rms [stress].
+  [[nodiscard]] double bin_noise(int curve) const;
   /// Predictions of the whole set made so far.
   [[nodiscard]] int simulations() const { return simulations_; }
 
  private:
   struct Bin {
     int curve = 0, number = 0;
-    double x = 0.0;  // way of the strain over the longest of the group
+    double x = 0.0;  // way of strain and stress, 1 at the end of the longest bar of the group
     std::vector<Eigen::Index> rows;
     bool held_out = false;
   };
@@ -97,8 +98,8 @@ class CurveExperiment final : public Experiment {
   void make_bins(const CurveLoopOptions& options);
   /// How bars of one material differ.
   struct Scatter {
-    Eigen::MatrixXd covariance;     // of the bars' coefficients [degree + 1 square]; empty: none
-    std::vector<double> bin_noise;  // of each curve [stress]
+    Eigen::MatrixXd covariance;  // of the bars' coefficients [degree + 1 square]; empty: none
+    Eigen::VectorXd noise;       // of each number beyond them [N, stress]
     std::map<std::string, std::vector<Eigen::VectorXd>> deviations, coefficients;  // of the repeated bars of each group, from its mean: in bins; of the cubics
   };
   void find_repetitions();
@@ -107,6 +108,7 @@ class CurveExperiment final : public Experiment {
   /// Bars that differ as `scatter_` says, `grown` times as much [N x draws, stress].
   [[nodiscard]] Eigen::MatrixXd bars_like_these(int draws, double grown, unsigned seed) const;
   [[nodiscard]] Scatter scatter_of(const Eigen::VectorXd& raw) const;
+  [[nodiscard]] bool noise_is_estimated(std::size_t curve) const;  // from the points of this curve
   [[nodiscard]] std::vector<Eigen::MatrixXd> whitening_of(const Scatter& scatter) const;
   [[nodiscard]] Eigen::VectorXd binned(const std::vector<Eigen::VectorXd>& predicted) const;  // measured - predicted [N, stress]
   [[nodiscard]] Eigen::VectorXd whitened(const Eigen::VectorXd& raw, const std::vector<Eigen::MatrixXd>& whitening) const;
@@ -126,6 +128,7 @@ class CurveExperiment final : public Experiment {
   std::vector<Datum> data_;
   std::vector<Bin> bins_;
   std::vector<std::pair<Eigen::Index, Eigen::Index>> bars_;  // first bin, bins of each curve
+  Eigen::VectorXd of_points_;  // noise of the mean of a bin's points [N, stress]
   /// A bar that has repetitions: its bins that others of the group have too.
   struct Repeated {
     std::size_t curve = 0;

@@ -1,6 +1,7 @@
-// Force and images do not belong to the same moment.
+// Force and images, or strain, do not belong to the same moment.
 #include <algorithm>
 #include <cmath>
+#include <string>
 
 #include "effects.hpp"
 
@@ -13,10 +14,11 @@ class ForceDelay final : public Effect {
   [[nodiscard]] Description describe(const Scene& scene) const override {
     const double duration = scene.time[scene.time.size() - 1] - scene.start_time, frame = duration / static_cast<double>(scene.time.size());
     const double longest = std::max(3.0 * frame, 0.1 * duration);
+    const std::string other = scene.surface == nullptr ? "strain" : "images";
     return {.name = "delay of the force",
             .link = Link::record,
-            .quantities = {{.name = "force_delay", .unit = "time", .description = "of the force behind the images", .step = 0.02 * frame, .size = 0.2 * frame, .lower = -longest, .upper = longest}},
-            .sentence = "force and images are not recorded at the same time",
+            .quantities = {{.name = "force_delay", .unit = "time", .description = "of the force behind the " + other, .step = 0.02 * frame, .size = 0.2 * frame, .lower = -longest, .upper = longest}},
+            .sentence = "force and " + other + " are not recorded at the same time",
             .confused_with = "rate dependence",
             .separated_by = "a pulse that both record; a hold"};
   }
