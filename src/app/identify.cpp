@@ -166,6 +166,12 @@ class Identification {
     spdlog::info("{} frames simulated with {} factorisations, {} passes over the elements, and {} for derivatives", work.frames, work.factorisations, work.passes, work.derivative_passes);
   }
 
+  /// After everything is written.
+  void require_convergence() const {
+    for (std::size_t k = 0; k < stages_.size(); ++k)
+      if (!stages_[k].converged) throw ConvergenceError(not_converged(k, stages_[k]) + "; its results are written");
+  }
+
   /// `seconds`: time of the run.
   void finish(double seconds, GroupTimes times) const {
     times["simulations"] = model_.group_times();
@@ -208,13 +214,13 @@ class Identification {
     }
     if (k >= found.stages.size()) checkpoint_.stage_done({material_.values, result}, k + 1 < test_.identify.stages.size() ? &model_.solutions() : nullptr);
     if (!result.unknown_noise.empty()) spdlog::warn("  the standard deviations hold no noise that acts through the simulation: {}", result.unknown_noise);
-    if (!result.converged) spdlog::warn("  not converged: eta is still {:.2e}", result.iterates.back().eta);
     for (std::size_t i = 0; i < stage.free.size(); ++i)
       for (std::size_t j = 0; j < stage.free.size(); ++j)
         covariance_(stage.free[i], stage.free[j]) = result.covariance.total(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j));
     const int taken = result.iterates.back().increments;
     increments_ = std::max(increments_, taken);
-    stages_.push_back({declared.free, static_cast<int>(result.iterates.size()) - 1, taken, result.converged, result.message, result.covariance, result.finer.unsure, result.unknown_noise});
+    stages_.push_back({declared.free, static_cast<int>(result.iterates.size()) - 1, taken, result.converged, result.iterates.back().eta, result.message, result.covariance, result.finer.unsure, result.unknown_noise});
+    if (!result.converged) spdlog::warn("  {}", not_converged(k, stages_.back()));
     for (const int j : stage.free) {
       on_bound_.erase(j);
       if (!ends_on_bound(material_, j, first[static_cast<std::size_t>(j)], solver_)) continue;
@@ -283,6 +289,7 @@ void identify(const Communicator& world, const CommandOptions& options) {
   identification.free_at_once();
   identification.show();
   identification.finish(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(), std::move(times));
+  identification.require_convergence();
 }
 
 }  // namespace imic3d::app

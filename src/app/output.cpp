@@ -87,6 +87,11 @@ nlohmann::json to_json(const GroupTimes& times) {
   return json;
 }
 
+std::string not_converged(std::size_t stage, const StageSummary& summary) {
+  return fmt::format("stage {} did not converge in {} iterations: {}", stage + 1, summary.iterations,
+                     summary.eta > 0.0 ? fmt::format("eta is still {:.2e}", summary.eta) : "none was left after load increments were taken off");
+}
+
 void say(const GroupTimes& times) {
   for (const auto& [what, groups] : times)
     if (!groups.empty()) spdlog::info("{}: {}", what, to_text(groups));
@@ -222,6 +227,8 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
                                  left, test_.units.force, left / force_noise, test_.identify.steps_per_frame > 0 ? ", more load increments between frames: identify.steps_per_frame: auto" : ""));
     spdlog::warn("{}", doubts.back());
   }
+  for (std::size_t k = 0; k < stages.size(); ++k)
+    if (!stages[k].converged) doubts.push_back(not_converged(k, stages[k]) + ", and the parameters are where it stopped (a start nearer to them, identify.max_iterations, fewer parameters free)");
   for (const auto& stage : stages)
     if (!stage.unknown_noise.empty()) doubts.push_back(fmt::format("the standard deviations of {} hold no noise that acts through the simulation, of load record and driven ends: {}", fmt::join(stage.free, ", "), stage.unknown_noise));
   for (const auto& stage : stages) {

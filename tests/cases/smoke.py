@@ -109,6 +109,13 @@ def main():
             f"a yield stress of 284 that may be 270 at most is on its bound: {found['S_y']}")
     require(not any(one["on_bound"] for one in result["parameters"].values()), "those that may be what they are, are on none")
 
+    hasty = folder / "hasty.yaml"
+    hasty.write_text(cases["displacement_driven"].read_text().replace("identify:", "identify:\n  max_iterations: 1").replace("output: displacement", "output: hasty"))
+    said = run(program, "identify", hasty, 2, status=3, errors=True)
+    doubts = json.loads((folder / "hasty/result.json").read_text())["doubts"]
+    require("stage 1 did not converge in 1 iterations: eta is still" in said and any("stage 1 did not converge" in doubt for doubt in doubts) and "stage 1 did not converge" in (folder / "hasty/report.html").read_text(),
+            f"a stage that did not converge is doubted, and the status says so: {doubts}")
+
     run(program, "report", folder / "force_1/results.h5", 2, ["--output", str(folder / "report")])
     page = (folder / "report/report.html").read_text()
     require("S_y" in page and "data:image/png;base64" in page, "the report has the parameters and its pictures")

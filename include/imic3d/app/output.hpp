@@ -26,11 +26,15 @@ struct StageSummary {
   int iterations = 0;
   int increments = 1;      ///< load increments between two frames, identification::Iterate
   bool converged = false;
+  double eta = 0.0;        ///< Eq. 13, of the last step
   std::string message;
   identification::Covariance covariance;
   Eigen::VectorXd unsure;  ///< identification::FinerIncrements
   std::string unknown_noise;  ///< identification::StageResult
 };
+
+/// Says how a stage that did not converge ended.
+[[nodiscard]] std::string not_converged(std::size_t stage, const StageSummary& summary);
 
 /// Writes on rank 0 only; every function may be called on every rank.
 class RunOutput {
