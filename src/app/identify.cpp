@@ -98,12 +98,14 @@ class Identification {
     covariance_.setConstant(static_cast<Eigen::Index>(material.values.size()), static_cast<Eigen::Index>(material.values.size()), std::nan(""));
     spdlog::info("noise: {:.3f} grey levels ({}), {:.4g} {} of the force", fmt::join(seen.camera_noise, ", "), seen.noise_is_measured ? "static frames or given" : "from the DIC's residual", solver_.force_noise,
                  test.units.force);
-    if (solver_.functional == id::Functional::force_driven || gap()) return;
+    compared_noise_ = solver_.force_noise;
+    if (gap()) return;
     const auto& known = checkpoint.found().reaction_noise;
     const double reaction = known ? *known : id::reaction_noise(world, model_, driving_noise(seen), material.values);
     checkpoint.reaction_noise(reaction);
     spdlog::info("noise of the reaction through the displacement of the ends: {:.4g} {}", reaction, test.units.force);
-    solver_.force_noise = std::hypot(solver_.force_noise, reaction);
+    compared_noise_ = std::hypot(solver_.force_noise, reaction);
+    if (solver_.functional != id::Functional::force_driven) solver_.force_noise = compared_noise_;
   }
 
   void run_stages() {
@@ -176,7 +178,7 @@ class Identification {
   void finish(double seconds, GroupTimes times) const {
     times["simulations"] = model_.group_times();
     say(times);
-    output_.finish(material_, covariance_, stages_, gap() ? std::nan("") : solver_.force_noise, seconds, times);
+    output_.finish(material_, covariance_, stages_, gap() ? std::nan("") : compared_noise_, seconds, times);
   }
 
  private:
@@ -242,6 +244,7 @@ class Identification {
   RunCheckpoint& checkpoint_;
   id::ImageData images_;
   id::GaussNewtonOptions solver_;
+  double compared_noise_ = 0.0;  // of the measured force less the reaction of the DIC-driven simulation [force]
   SimulationTasks tasks_;
   id::ForwardModel model_;
   int increments_;  // that the identified model takes between two frames
