@@ -219,6 +219,7 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
   if (!file_) return;
   auto json = io::summary(*file_);
   auto doubts = test_.doubts;
+  for (const auto& face : seen_.faces) doubts.insert(doubts.end(), face.rig->doubts.begin(), face.rig->doubts.end());
   doubts.insert(doubts.end(), doubts_.begin(), doubts_.end());
   for (auto& doubt : unlikely_values(test_, material, material.values)) doubts.push_back(std::move(doubt));
   const nlohmann::json::json_pointer of_force("/fitted/force_rms_difference/value");
