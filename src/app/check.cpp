@@ -86,7 +86,7 @@ void check_case(const Communicator& world, const io::Case& test, bool loop) {
   if (!several && !test.cameras.empty() && !test.cameras.front().images.empty()) {
     const auto& camera = test.cameras.front();
     const auto reference = imaging::read_image(camera.images[static_cast<std::size_t>(test.index_of(camera.reference.front()))]);
-    const auto placed = place_camera(camera, specimen.surface.mesh, reference);
+    const auto placed = place_camera(camera, specimen.surface.mesh, reference).camera;
     const double pixel = 1.0 / std::sqrt(std::abs(placed.linear.leftCols<2>().determinant()));
     image_pixels = static_cast<double>(reference.width) * reference.height;
     mesh_pixels = mesh::plane_area(specimen.surface.mesh) / (pixel * pixel);

@@ -98,12 +98,14 @@ class Identification {
     covariance_.setConstant(static_cast<Eigen::Index>(material.values.size()), static_cast<Eigen::Index>(material.values.size()), std::nan(""));
     spdlog::info("noise: {:.3f} grey levels ({}), {:.4g} {} of the force", fmt::join(seen.camera_noise, ", "), seen.noise_is_measured ? "static frames or given" : "from the DIC's residual", solver_.force_noise,
                  test.units.force);
-    if (solver_.functional == id::Functional::force_driven || gap()) return;
+    compared_noise_ = solver_.force_noise;
+    if (gap()) return;
     const auto& known = checkpoint.found().reaction_noise;
     const double reaction = known ? *known : id::reaction_noise(world, model_, driving_noise(seen), material.values);
     checkpoint.reaction_noise(reaction);
     spdlog::info("noise of the reaction through the displacement of the ends: {:.4g} {}", reaction, test.units.force);
-    solver_.force_noise = std::hypot(solver_.force_noise, reaction);
+    compared_noise_ = std::hypot(solver_.force_noise, reaction);
+    if (solver_.functional != id::Functional::force_driven) solver_.force_noise = compared_noise_;
   }
 
   void run_stages() {
@@ -166,11 +168,17 @@ class Identification {
     spdlog::info("{} frames simulated with {} factorisations, {} passes over the elements, and {} for derivatives", work.frames, work.factorisations, work.passes, work.derivative_passes);
   }
 
+  /// After everything is written.
+  void require_convergence() const {
+    for (std::size_t k = 0; k < stages_.size(); ++k)
+      if (!stages_[k].converged) throw ConvergenceError(not_converged(k, stages_[k]) + "; its results are written");
+  }
+
   /// `seconds`: time of the run.
   void finish(double seconds, GroupTimes times) const {
     times["simulations"] = model_.group_times();
     say(times);
-    output_.finish(material_, covariance_, stages_, gap() ? std::nan("") : solver_.force_noise, seconds, times);
+    output_.finish(material_, covariance_, stages_, gap() ? std::nan("") : compared_noise_, seconds, times);
   }
 
  private:
@@ -208,13 +216,13 @@ class Identification {
     }
     if (k >= found.stages.size()) checkpoint_.stage_done({material_.values, result}, k + 1 < test_.identify.stages.size() ? &model_.solutions() : nullptr);
     if (!result.unknown_noise.empty()) spdlog::warn("  the standard deviations hold no noise that acts through the simulation: {}", result.unknown_noise);
-    if (!result.converged) spdlog::warn("  not converged: eta is still {:.2e}", result.iterates.back().eta);
     for (std::size_t i = 0; i < stage.free.size(); ++i)
       for (std::size_t j = 0; j < stage.free.size(); ++j)
         covariance_(stage.free[i], stage.free[j]) = result.covariance.total(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j));
     const int taken = result.iterates.back().increments;
     increments_ = std::max(increments_, taken);
-    stages_.push_back({declared.free, static_cast<int>(result.iterates.size()) - 1, taken, result.converged, result.message, result.covariance, result.finer.unsure, result.unknown_noise});
+    stages_.push_back({declared.free, static_cast<int>(result.iterates.size()) - 1, taken, result.converged, result.iterates.back().eta, result.message, result.covariance, result.finer.unsure, result.unknown_noise});
+    if (!result.converged) spdlog::warn("  {}", not_converged(k, stages_.back()));
     for (const int j : stage.free) {
       on_bound_.erase(j);
       if (!ends_on_bound(material_, j, first[static_cast<std::size_t>(j)], solver_)) continue;
@@ -236,6 +244,7 @@ class Identification {
   RunCheckpoint& checkpoint_;
   id::ImageData images_;
   id::GaussNewtonOptions solver_;
+  double compared_noise_ = 0.0;  // of the measured force less the reaction of the DIC-driven simulation [force]
   SimulationTasks tasks_;
   id::ForwardModel model_;
   int increments_;  // that the identified model takes between two frames
@@ -283,6 +292,7 @@ void identify(const Communicator& world, const CommandOptions& options) {
   identification.free_at_once();
   identification.show();
   identification.finish(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(), std::move(times));
+  identification.require_convergence();
 }
 
 }  // namespace imic3d::app

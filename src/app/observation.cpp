@@ -225,6 +225,34 @@ Eigen::MatrixXd displacement_of_file(const io::Case& test, const std::vector<int
 
 /// Where there is no load record the frames' numbers are the clock.
 double time_of(const io::Case& test, int place) { return test.loads.records.empty() ? test.frames[static_cast<std::size_t>(place)] : test.load(place).time; }
+/// The force is that on the loaded end along +axis, so that both grow in one direction until it is largest. Throws InputError where they clearly do not.
+void require_one_direction(const Observation& observation, const io::Case& test, const identification::Specimen& specimen, const identification::Record& record) {
+  const auto& dofs = specimen.displacement_dofs;
+  Eigen::RowVectorXd loaded = Eigen::RowVectorXd::Zero(static_cast<Eigen::Index>(dofs.size())), held = loaded;
+  for (std::size_t i = 0; i < dofs.size(); ++i)
+    if (dofs[i] % 3 == specimen.axis) (std::binary_search(specimen.loaded.begin(), specimen.loaded.end(), dofs[i] / 3) ? loaded : held)[static_cast<Eigen::Index>(i)] = 1.0;
+  const Eigen::RowVectorXd elongation = (loaded / loaded.sum() - held / held.sum()) * specimen.displacement_from_surface;
+  const Eigen::VectorXd length = (elongation * record.surface_displacement).transpose();
+  const auto& reference = test.cameras.front().reference;
+  double before = 0.0;
+  for (int number : reference) before += test.load(test.index_of(number)).force / static_cast<double>(reference.size());
+  Eigen::Index peak = 0;
+  (record.force.array() - before).abs().maxCoeff(&peak);
+  const auto changes = [&](const Eigen::VectorXd& values, double first) {
+    Eigen::VectorXd change = values.head(peak + 1);
+    change[0] -= first, change.tail(peak) -= values.head(peak);
+    return change;
+  };
+  const Eigen::VectorXd force = changes(record.force, before), moved = changes(length, 0.0);
+  const double sum = force.dot(moved);
+  if (sum > -0.25 * force.cwiseProduct(moved).cwiseAbs().sum()) return;
+  const double of_length = std::sqrt(2.0) * (elongation * driving_noise(observation)).norm() / 8.0, of_force = std::sqrt(2.0) * force_noise(observation, test);  // rms of 64 draws
+  if (sum > -4.0 * (of_length * force.norm() + of_force * moved.norm() + of_length * of_force * std::sqrt(static_cast<double>(peak + 1)))) return;
+  const char* axis = specimen.axis == 0 ? "x" : "y";
+  throw InputError("loads.force", fmt::format("a change of {:+.4g} {} by frame {}, while specimen.loaded moves against specimen.held by {:+.3g} {} along {}", record.force[peak] - before, test.units.force,
+                                              record.frames[static_cast<std::size_t>(peak)], length[peak], test.units.length, axis),
+                   fmt::format("the force on specimen.loaded, positive along +{}: a negative loads.force_scale turns its sign, or specimen.held and specimen.loaded belong the other way round", axis));
+}
 }  // namespace
 
 identification::Record make_record(Observation& observation, const io::Case& test,
@@ -242,6 +270,7 @@ identification::Record make_record(Observation& observation, const io::Case& tes
     record.surface_displacement.col(t) = observation.frames[static_cast<std::size_t>(t)].displacement;
   }
   record.start_time = time_of(test, observation.places.front() - 1);
+  if (!test.loads.records.empty() && test.identify.functional != "equilibrium_gap") require_one_direction(observation, test, specimen, record);
 
   // Noise of single nodes on the ends would strain, and might yield, what lies between them.
   double low = INFINITY, high = -INFINITY;

@@ -11,6 +11,7 @@
 
 #include "imic3d/app/program.hpp"
 #include "imic3d/core/log.hpp"
+#include "imic3d/core/median.hpp"
 #include "imic3d/io/pictures.hpp"
 #include "imic3d/io/report.hpp"
 #include "rig.hpp"
@@ -21,6 +22,8 @@ namespace {
 
 constexpr double unlikely_force = 2.0;   // of the noise, left by a model
 constexpr double unlikely_change = 2.0;  // in standard deviations
+constexpr double unlikely_residual = 2.0;  // of pure DIC, over that of noise: what few pixels an element and large strains add is less
+constexpr double unlikely_light = 1.1;     // the same where a gain and an offset are most of what is beyond noise
 
 std::span<const double> span_of(const auto& matrix) { return {matrix.data(), static_cast<std::size_t>(matrix.size())}; }
 
@@ -67,6 +70,58 @@ std::set<int> telling_frames(const identification::Record& record, const io::Cas
   return telling;
 }
 
+/// The residual of pure DIC that noise explains [grey level].
+double residual_of_noise(const Observation& seen, const ObservedFace& face, std::size_t camera) {
+  return seen.camera_noise[static_cast<std::size_t>(face.rig->cameras[camera])] * face.dic->noise_response().level * std::sqrt(1.0 + 1.0 / seen.references);
+}
+
+/// The residual of pure DIC over that which noise explains, rms of the cameras.
+double beyond_noise(const Observation& seen, const correlation::DicFrame& frame) {
+  double sum = 0.0;
+  std::size_t first = 0;
+  for (const auto& face : seen.faces) {
+    for (std::size_t c = 0; c < face.rig->cameras.size(); ++c) sum += std::pow(frame.cameras[first + c].rms / residual_of_noise(seen, face, c), 2);
+    first += face.rig->cameras.size();
+  }
+  return std::sqrt(sum / static_cast<double>(first));
+}
+
+/// Of the squares of the residual of pure DIC that noise does not explain, in the first camera: how much a gain and an offset do, f - g(x + u) = a + b f.
+double share_of_light(const io::Case& test, const Observation& seen, std::size_t t) {
+  const auto& face = seen.faces.front();
+  const auto& correlation = face.dic->correlation();
+  const auto& camera = test.cameras[static_cast<std::size_t>(face.rig->cameras.front())];
+  const auto image = face.dic->spline(imaging::read_image(camera.images[static_cast<std::size_t>(seen.places[t])]));
+  const std::vector<float> residual = correlation.residual(image, seen.frames[t].displacement.head(face.dic->cameras().unknowns()));
+  const auto& grey = correlation.quadrature().f;
+  double n = 0.0, f = 0.0, r = 0.0, ff = 0.0, fr = 0.0, rr = 0.0;
+  for (std::size_t p = 0; p < residual.size(); ++p) {
+    if (!std::isfinite(residual[p])) continue;
+    n += 1.0, f += grey[p], r += residual[p], ff += grey[p] * grey[p], fr += grey[p] * residual[p], rr += residual[p] * residual[p];
+  }
+  const double explained = r * r / n + std::pow(fr - f * r / n, 2) / std::max(ff - f * f / n, 1e-300);
+  return explained / std::max(rr - n * std::pow(residual_of_noise(seen, face, 0), 2), 1e-300);
+}
+
+/// What the residual of pure DIC, far beyond noise, lets suspect; else empty.
+std::string unlikely_correlation(const io::Case& test, const Observation& seen) {
+  std::vector<double> beyond;
+  for (const auto& frame : seen.frames) beyond.push_back(beyond_noise(seen, frame));
+  const double typical = median(std::vector(beyond));
+  const std::string much = fmt::format("the correlation alone leaves {:.2f} times the residual that noise explains (median of the frames)", typical);
+  if (std::isfinite(typical) && typical > unlikely_light && !test.dic.brightness && !test.dic.local_brightness) {
+    constexpr std::size_t looked_at = 8;
+    std::vector<double> shares;
+    for (std::size_t t = 0; t < beyond.size(); t += 1 + beyond.size() / looked_at)
+      if (beyond[t] > unlikely_light) shares.push_back(share_of_light(test, seen, t));
+    if (const double share = shares.empty() ? 0.0 : median(shares); share > 0.5)
+      return fmt::format("{}, and {:.0f} % of what is beyond noise is a gain and an offset: the light changes, and moves the parameters by more than their standard deviations; dic.brightness (or dic.local_brightness) takes it off", much, 100.0 * std::min(share, 1.0));
+  }
+  if (!std::isfinite(typical) || typical < unlikely_residual) return {};
+  return much + fmt::format(": the standard deviations, which are those of noise alone, may be too small by more than that. A motion that the mesh cannot follow (a finer one helps), {}, or frames that lost it",
+                            test.dic.local_brightness ? "another change of the picture than its light" : test.dic.brightness ? "light that does not change alike everywhere (dic.local_brightness)" : "light that changes (dic.brightness, dic.local_brightness)");
+}
+
 }  // namespace
 
 std::map<std::string, std::string> versions() {
@@ -85,6 +140,11 @@ nlohmann::json to_json(const GroupTimes& times) {
     for (const GroupTime& time : groups)
       json[what].push_back({{"ranks", time.ranks}, {"busy", io::quantity(time.busy, "s")}, {"idle", io::quantity(time.idle, "s")}});
   return json;
+}
+
+std::string not_converged(std::size_t stage, const StageSummary& summary) {
+  return fmt::format("stage {} did not converge in {} iterations: {}", stage + 1, summary.iterations,
+                     summary.eta > 0.0 ? fmt::format("eta is still {:.2e}", summary.eta) : "none was left after load increments were taken off");
 }
 
 void say(const GroupTimes& times) {
@@ -214,7 +274,12 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
   if (!file_) return;
   auto json = io::summary(*file_);
   auto doubts = test_.doubts;
+  for (const auto& face : seen_.faces) doubts.insert(doubts.end(), face.rig->doubts.begin(), face.rig->doubts.end());
   doubts.insert(doubts.end(), doubts_.begin(), doubts_.end());
+  if (auto doubt = unlikely_correlation(test_, seen_); !doubt.empty()) {
+    spdlog::warn("{}", doubt);
+    doubts.push_back(std::move(doubt));
+  }
   for (auto& doubt : unlikely_values(test_, material, material.values)) doubts.push_back(std::move(doubt));
   const nlohmann::json::json_pointer of_force("/fitted/force_rms_difference/value");
   if (const double left = json.contains(of_force) && json[of_force].is_number() ? json[of_force].get<double>() : 0.0; left > unlikely_force * force_noise) {
@@ -222,8 +287,18 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
                                  left, test_.units.force, left / force_noise, test_.identify.steps_per_frame > 0 ? ", more load increments between frames: identify.steps_per_frame: auto" : ""));
     spdlog::warn("{}", doubts.back());
   }
+  for (std::size_t k = 0; k < stages.size(); ++k)
+    if (!stages[k].converged) doubts.push_back(not_converged(k, stages[k]) + ", and the parameters are where it stopped (a start nearer to them, identify.max_iterations, fewer parameters free)");
   for (const auto& stage : stages)
     if (!stage.unknown_noise.empty()) doubts.push_back(fmt::format("the standard deviations of {} hold no noise that acts through the simulation, of load record and driven ends: {}", fmt::join(stage.free, ", "), stage.unknown_noise));
+  for (std::size_t k = 0; k < stages.size(); ++k) {
+    std::vector<std::string> unseen;
+    for (std::size_t j = 0; j < stages[k].free.size(); ++j)
+      if (const auto i = static_cast<Eigen::Index>(j); std::isinf(stages[k].covariance.total(i, i))) unseen.push_back(stages[k].free[j]);
+    if (unseen.empty()) continue;
+    doubts.push_back(fmt::format("{} not determined: the frames of stage {} do not show {}. Other frames of it may, or the parameter is better held fixed", fmt::join(unseen, ", "), k + 1, unseen.size() > 1 ? "them, at least not apart" : "it"));
+    spdlog::warn("{}", doubts.back());
+  }
   for (const auto& stage : stages) {
     if (stage.unsure.size() == 0) continue;
     std::vector<std::string> moved;
@@ -237,7 +312,7 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
     for (std::size_t j = 0; j < stage.free.size(); ++j) {
       const auto deviation = [&](const Eigen::MatrixXd& of) { return std::sqrt(of(static_cast<Eigen::Index>(j), static_cast<Eigen::Index>(j))); };
       auto& of_parameter = json["stages"].back()["standard_deviation"][stage.free[j]];
-      of_parameter = {{"images", deviation(stage.covariance.image)}, {"total", deviation(stage.covariance.total)}};
+      of_parameter = {{"images", deviation(stage.covariance.image)}, {"total", deviation(stage.covariance.total)}};  // null: not determined
       if (test_.identify.noise_draws == 0) continue;
       of_parameter["force"] = deviation(stage.covariance.force);
       of_parameter["boundary"] = deviation(stage.covariance.boundary);
@@ -261,12 +336,14 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
     const double deviation = std::sqrt(covariance(k, k));
     fmt::print("  {:8} {:14.6g} {:10} {}\n", material.information[j].name, material.values[j], material.information[j].unit,
                json["parameters"][material.information[j].name]["on_bound"] == true ? "(on its bound)"
+               : std::isinf(deviation) ? "(not determined)"
                : std::isfinite(deviation) ? fmt::format("+- {:.2g} ({}noise alone{})", deviation, test_.identify.noise_draws > 0 ? "" : test_.identify.functional == "displacement_driven" || test_.identify.functional == "combined" ? "images' and force's " : "images' ", in_turn_ ? ", the others as if known" : "") : "(fixed)");
   }
   if (test_.identify.noise_draws > 0)
     for (const auto& stage : stages)
       for (std::size_t j = 0; j < stage.free.size(); ++j) {
         const auto k = static_cast<Eigen::Index>(j);
+        if (std::isinf(stage.covariance.total(k, k))) continue;
         fmt::print("    noise of {}: images {:.2g}, load record {:.2g}, driven ends {:.2g}, calibration {:.2g}\n", stage.free[j],
                    std::sqrt(stage.covariance.image(k, k)), std::sqrt(stage.covariance.force(k, k)), std::sqrt(stage.covariance.boundary(k, k)),
                    std::sqrt(stage.covariance.calibration(k, k)));

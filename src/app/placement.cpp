@@ -2,15 +2,35 @@
 
 #include <fmt/format.h>
 
+#include <cmath>
+#include <utility>
+
 #include "imic3d/core/error.hpp"
 #include "imic3d/core/log.hpp"
 #include "imic3d/imaging/placement.hpp"
 
 namespace imic3d::app {
 
-imaging::TelecentricCamera place_camera(const io::CameraCase& declared, const mesh::Mesh& surface,
-                                        const imaging::Image& reference) {
+namespace {
+
+constexpr double unlikely_points = 0.3;       // rms that careful picking does not leave [px]
+constexpr double unlikely_pixel_size = 0.03;  // relative difference
+
+std::vector<std::string> doubts_of(const io::CameraCase& declared, const imaging::Placement& found) {
+  std::vector<std::string> doubts;
+  if (found.rms > unlikely_points)
+    doubts.push_back(fmt::format("cameras.{}.place.points: they lie {:.2f} px (rms) off the affine map that fits them best: one of them may be in a wrong place of the specimen or of the image", declared.name, found.rms));
+  if (declared.pixel_size > 0.0 && std::abs(declared.pixel_size / found.pixel_size - 1.0) > unlikely_pixel_size)
+    doubts.push_back(fmt::format("cameras.{}.pixel_size is {:.4g} where the points make it {:.4g}, which is what is used: are they and the mesh in the units of the case file?", declared.name, declared.pixel_size, found.pixel_size));
+  for (const auto& doubt : doubts) spdlog::warn("{}", doubt);
+  return doubts;
+}
+
+}  // namespace
+
+PlacedCamera place_camera(const io::CameraCase& declared, const mesh::Mesh& surface, const imaging::Image& reference) {
   const auto& place = declared.place;
+  std::vector<std::string> doubts;
   imaging::TelecentricCamera camera;
   const bool flip = place.flip != (declared.face == "back");  // the back is seen from the other side
   if (!place.automatic.empty()) {
@@ -31,6 +51,7 @@ imaging::TelecentricCamera place_camera(const io::CameraCase& declared, const me
     const auto found = imaging::place_by_points(place.points, flip);
     spdlog::info("placed by {} points, rms {:.2f} px; {:.6g} per pixel, turned by {:.3f} degrees", place.points.size(),
                  found.rms, found.pixel_size, found.rotation);
+    doubts = doubts_of(declared, found);
     camera = found.camera;
   } else {
     camera = imaging::camera_from_pose(declared.pixel_size, Eigen::Vector2d((*place.origin)[0], (*place.origin)[1]),
@@ -40,7 +61,7 @@ imaging::TelecentricCamera place_camera(const io::CameraCase& declared, const me
   for (Eigen::Index i = 0; i < surface.nodes.rows(); ++i) nodes.push_back(surface.nodes.row(i).transpose());
   if (auto mistakes = imaging::check_on_image(camera, nodes, reference.header(), "cameras.place"); !mistakes.empty())
     throw InputError(std::move(mistakes));
-  return camera;
+  return {camera, std::move(doubts)};
 }
 
 }  // namespace imic3d::app

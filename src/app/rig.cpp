@@ -96,7 +96,9 @@ Rig make_rig(const io::Case& test, bool back, mesh::Mesh surface) {
     correlation::View view{.camera = nullptr, .reference = imaging::average(images), .noise = declared.noise.value_or(0.0),
                            .place = test.cameras.size() == 1 && declared.model != "pinhole" ? "cameras.place" : "cameras." + declared.name};
     if (declared.model != "pinhole") {
-      view.camera = std::make_shared<imaging::TelecentricCamera>(place_camera(declared, rig.surface, view.reference));
+      const PlacedCamera placed = place_camera(declared, rig.surface, view.reference);
+      view.camera = std::make_shared<imaging::TelecentricCamera>(placed.camera);
+      rig.doubts.insert(rig.doubts.end(), placed.doubts.begin(), placed.doubts.end());
     } else if (const auto camera = pinhole(declared, view.reference); declared.frame == "specimen") {
       view.camera = std::make_shared<imaging::PinholeCamera>(camera);
     } else {

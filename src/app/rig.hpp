@@ -1,6 +1,7 @@
 #pragma once
 // The cameras that look at one face of the specimen.
 
+#include <string>
 #include <vector>
 
 #include "imic3d/correlation/global_dic.hpp"
@@ -19,6 +20,7 @@ struct Rig {
   std::vector<bool> noise_is_measured;
   correlation::SpecimenPose pose;  ///< of the face in front of its pinhole cameras; its frame has z towards them
   bool placed = false;             ///< by specimen.place
+  std::vector<std::string> doubts;  ///< of the telecentric cameras' places
   [[nodiscard]] int references(std::size_t view) const { return static_cast<int>(statics[view].size()); }
 };
 /// Reads the references of the face's cameras, places them; `surface` is the face, counter-clockwise in x and y. With several

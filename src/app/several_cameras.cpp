@@ -236,7 +236,9 @@ void dic_of_face(const Communicator& world, const io::Case& test, const identifi
   io::write_json(folder / "result.json", json);
   io::write_text_file(folder / "motion.csv", csv);
   io::draw_pictures(*file, folder);
-  io::write_report(folder / "report.html", *file, io::pictures_in(folder), test.doubts);
+  auto doubts = test.doubts;
+  doubts.insert(doubts.end(), rig.doubts.begin(), rig.doubts.end());
+  io::write_report(folder / "report.html", *file, io::pictures_in(folder), doubts);
   fmt::print("  {:.0f} s; report: {}\n", seconds, (folder / "report.html").string());
 }
 

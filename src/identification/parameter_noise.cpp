@@ -5,6 +5,8 @@
 #include <cmath>
 #include <random>
 #include <span>
+#include <utility>
+#include <vector>
 
 #include "imic3d/core/error.hpp"
 #include "imic3d/core/linear.hpp"
@@ -113,6 +115,40 @@ Response respond(ForwardModel& model, const std::vector<double>& parameters, int
   return response;
 }
 
+/// Of the normal equations, each unknown scaled to a diagonal of one: what is below comes from rounding, and the combination is not seen at all.
+constexpr double unseen = 1e-12;
+
+/// A^-1 on what the normal equations see, and which unknowns take part in what they do not: these are not determined.
+struct SeenInverse {
+  Eigen::MatrixXd inverse;
+  std::vector<Eigen::Index> undetermined;
+};
+SeenInverse inverse_of_seen(const Eigen::MatrixXd& A) {
+  const Eigen::Index n = A.rows();
+  const Eigen::VectorXd scale = A.diagonal().unaryExpr([](double value) { return value > 0.0 ? 1.0 / std::sqrt(value) : 0.0; });
+  const auto [values, vectors] = symmetric_eigen(scale.asDiagonal() * A * scale.asDiagonal());
+  SeenInverse result;
+  Eigen::VectorXd of_values = Eigen::VectorXd::Zero(n), unseen_part = of_values;
+  for (Eigen::Index k = 0; k < n; ++k)
+    if (values[k] > unseen) of_values[k] = 1.0 / values[k];
+    else unseen_part += vectors.col(k).cwiseAbs2();
+  for (Eigen::Index j = 0; j < n; ++j)
+    if (unseen_part[j] > 1e-6) result.undetermined.push_back(j);
+  result.inverse = result.undetermined.empty() ? solve_symmetric(A, Eigen::MatrixXd::Identity(n, n))
+                                               : Eigen::MatrixXd(scale.asDiagonal() * vectors * of_values.asDiagonal() * vectors.transpose() * scale.asDiagonal());
+  return result;
+}
+
+/// Infinite variances of what is not determined.
+Covariance with_infinite(Covariance covariance, const std::vector<Eigen::Index>& undetermined) {
+  for (Eigen::MatrixXd* part : {&covariance.image, &covariance.force, &covariance.boundary, &covariance.calibration, &covariance.total})
+    for (const Eigen::Index j : undetermined) {
+      part->row(j).setZero(), part->col(j).setZero();
+      (*part)(j, j) = INFINITY;
+    }
+  return covariance;
+}
+
 }  // namespace
 
 Control control_of_images(const GaussNewtonOptions& options) {
@@ -124,7 +160,7 @@ Covariance parameter_covariance(ForwardModel& model, const ImageData& images, co
                                 const Stage& stage, const GaussNewtonOptions& options, const std::vector<double>& parameters) {
   const auto unknowns = normal.right.size();
   const NoiseModel& noise = options.noise_model;
-  const Eigen::MatrixXd inverse = solve_symmetric(normal.matrix, Eigen::MatrixXd::Identity(unknowns, unknowns));
+  const auto [inverse, undetermined] = inverse_of_seen(normal.matrix);
   const double w = 1.0 / (2.0 * images.noise * images.noise), v = has_force(options.functional) ? 1.0 / (options.force_noise * options.force_noise) : 0.0;
   std::vector<int> frames;
   for (int t : stage.frames)
@@ -158,7 +194,7 @@ Covariance parameter_covariance(ForwardModel& model, const ImageData& images, co
   result.force = inverse * of_force * inverse;
   if (noise.draws == 0) {
     result.total += result.force;
-    return result;
+    return with_infinite(std::move(result), undetermined);
   }
 
   // Draws: noise of b, of the DIC displacement on the ends that follows from it, and of the force.
@@ -198,7 +234,7 @@ Covariance parameter_covariance(ForwardModel& model, const ImageData& images, co
   result.total = result.image + result.force + result.boundary + mean_square(by_image, by_ends) + mean_square(by_ends, by_image);
 
   // An error of the cameras' numbers is the same in all frames: it moves the measured displacement that judges and that drives.
-  if (noise.calibration.empty()) return result;
+  if (noise.calibration.empty()) return with_infinite(std::move(result), undetermined);
   std::vector<Eigen::MatrixXd> errors;
   for (const auto& error : noise.calibration) errors.push_back(error.leftCols(last));
   const Response of_cameras = respond(model, parameters, last, options, errors, {});
@@ -210,7 +246,7 @@ Covariance parameter_covariance(ForwardModel& model, const ImageData& images, co
   }
   result.calibration = mean_square(by_cameras, by_cameras);
   result.total += result.calibration;
-  return result;
+  return with_infinite(std::move(result), undetermined);
 }
 
 }  // namespace imic3d::identification

@@ -65,7 +65,7 @@ class Report {
       finished = finished || std::isfinite(values[i]);
       out_ += fmt::format(
           "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td>{}<td>{}</td><td class=\"left\">{}</td></tr>\n",
-          escaped(names[i]), shown_with(values[i], deviation[i]), on_bound[i] > 0 ? "on its bound" : free ? shown(deviation[i], 2) : "fixed",
+          escaped(names[i]), shown_with(values[i], deviation[i]), on_bound[i] > 0 ? "on its bound" : free ? shown(deviation[i], 2) : std::isinf(deviation[i]) ? "not determined" : "fixed",
           free && on_bound[i] <= 0 ? shown(100 * deviation[i] / std::abs(values[i]), 2) + " %" : "",
           !in_turn ? "" : std::isfinite(change[i]) ? fmt::format("<td>{} ± {}</td>", shown_with(change[i], deviation_then[i]), shown(deviation_then[i], 2)) : "<td></td>", shown(initial[i]), escaped(units[i]));
     }

@@ -113,7 +113,7 @@ void declare_identification(ResultsFile& file, const Case& test, const RunPlan& 
   file.store_texts(group + "units", units, "units of the parameters");
   file.store(group + "initial", {n}, initial, unit, "values in the case file");
   file.declare(group + "values", {n}, unit, "identified values");
-  file.declare(group + "standard_deviation", {n}, unit, "standard deviation; NaN where a parameter was not free");
+  file.declare(group + "standard_deviation", {n}, unit, "standard deviation; NaN where a parameter was not free, infinite where it is not determined");
   file.declare(group + "covariance", {n, n}, unit, "covariance (Eq. 14)");
   file.declare(group + "on_bound", {n}, "-", "1 where a free parameter ended on a bound: its standard deviation says nothing", Storage::integer);
   file.declare(group + "at_once/change", {n}, unit, "of parameters that stages found one after another, if all were free at once (one step of Eq. 10); else NaN");

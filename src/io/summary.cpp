@@ -45,6 +45,8 @@ json parameters(const ResultsFile& file) {
                        {"standard_deviation", number_or_null(deviation[i])},
                        {"initial", number_or_null(initial[i])},
                        {"unit", units[i]}};
+  for (std::size_t i = 0; i < names.size(); ++i)
+    if (std::isinf(deviation[i])) table[names[i]]["determined"] = false;
   if (file.has("identification/at_once/change")) {
     const auto change = file.read("identification/at_once/change"), then = file.read("identification/at_once/standard_deviation");
     for (std::size_t i = 0; i < names.size(); ++i)

@@ -213,6 +213,10 @@ TABLE = [
 DOUBTED = [
     ("image_twice", lambda folder: shutil.copy(folder / "images/frame_2.png", folder / "images/frame_3.png"),
      ["images/frame_2.png and frame_3.png are the same picture: was a frame written twice?"]),
+    ("point_amiss", change("case.yaml", "[[0, -3, 70, 170], [0, 3, 70, 20]]", "[[-2, -3, 20, 170], [2, -3, 120, 170], [2, 3, 124, 20], [-2, 3, 20, 20]]"),
+     ["cameras.left.place.points: they lie 1.00 px (rms) off the affine map that fits them best: one of them may be in a wrong place of the specimen or of the image"]),
+    ("pixel_size_in_microns", change("case.yaml", "pixel_size: 0.04", "pixel_size: 40"),
+     ["cameras.left.pixel_size is 40 where the points make it 0.04, which is what is used: are they and the mesh in the units of the case file?"]),
 ]
 
 

@@ -10,6 +10,7 @@ import tempfile
 
 import h5py
 import numpy
+from PIL import Image
 
 from runs import SMALL_PLATE as CASE, SMALL_TEST as GENERATE, end, gmsh, left_behind, require, run, same_page
 
@@ -108,6 +109,38 @@ def main():
     require(found["S_y"]["on_bound"] and 269.7 < found["S_y"]["value"] <= 270 and not found["E"]["on_bound"] and "(on its bound)" in said and "on its bound" in (folder / "bounded/report.html").read_text(),
             f"a yield stress of 284 that may be 270 at most is on its bound: {found['S_y']}")
     require(not any(one["on_bound"] for one in result["parameters"].values()), "those that may be what they are, are on none")
+
+    hasty = folder / "hasty.yaml"
+    hasty.write_text(cases["displacement_driven"].read_text().replace("identify:", "identify:\n  max_iterations: 1").replace("output: displacement", "output: hasty"))
+    said = run(program, "identify", hasty, 2, status=3, errors=True)
+    doubts = json.loads((folder / "hasty/result.json").read_text())["doubts"]
+    require("stage 1 did not converge in 1 iterations: eta is still" in said and any("stage 1 did not converge" in doubt for doubt in doubts) and "stage 1 did not converge" in (folder / "hasty/report.html").read_text(),
+            f"a stage that did not converge is doubted, and the status says so: {doubts}")
+
+    unseen = folder / "unseen.yaml"
+    unseen.write_text(cases["displacement_driven"].read_text().replace("S_y: 265", "S_y: 2650").replace("free: [E]", "free: [E, S_y]").replace("output: displacement", "output: unseen")
+                      .replace('\n    - {free: [S_y], frames: "2-7"}', ""))
+    said = run(program, "identify", unseen)
+    result = json.loads((folder / "unseen/result.json").read_text())
+    found = result["parameters"]
+    require(found["S_y"]["value"] == 2650 and found["S_y"]["standard_deviation"] is None and found["S_y"]["determined"] is False and found["E"]["standard_deviation"] > 0
+            and "(not determined)" in said and "not determined" in (folder / "unseen/report.html").read_text() and any(doubt.startswith("S_y not determined") for doubt in result["doubts"]),
+            f"a yield stress that no frame shows is not determined: {found['S_y']}")
+    backwards = folder / "backwards.yaml"
+    backwards.write_text(cases["displacement_driven"].read_text().replace("noise: 5", "noise: 5, force_scale: -1").replace("output: displacement", "output: backwards"))
+    said = run(program, "identify", backwards, 2, status=2, errors=True)
+    require("loads.force: a change of -" in said and "by +" in said, f"a force that pushes where the specimen lengthens is refused: {said.splitlines()[-1]}")
+    plain, light = folder / "dic_plain.yaml", folder / "dic_light.yaml"
+    plain.write_text(cases["displacement_driven"].read_text().replace("dic: {brightness: true}", "dic: {low_pass: 1}"))
+    (folder / "drifting").mkdir()
+    for t, name in enumerate(images):
+        grey = numpy.asarray(Image.open(name), float)
+        Image.fromarray(numpy.clip(numpy.rint(grey * (1 - 0.03 * max(0, t - 1))), 0, 255).astype(numpy.uint8)).save(folder / "drifting" / name.name)
+    light.write_text(plain.read_text().replace("made/images/", "drifting/"))
+    for case, changes in ((plain, False), (light, True)):
+        run(program, "dic", case, 2, ["--output", str(folder / case.stem)])
+        doubts = json.loads((folder / case.stem / "result.json").read_text()).get("doubts", [])
+        require(any("the light changes" in doubt for doubt in doubts) == changes, f"{case.stem}: light that drifts is doubted, and no other: {doubts}")
 
     run(program, "report", folder / "force_1/results.h5", 2, ["--output", str(folder / "report")])
     page = (folder / "report/report.html").read_text()

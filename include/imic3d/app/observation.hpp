@@ -45,7 +45,8 @@ struct CorrelationProgress {
 void correlate(Observation& observation, const io::Case& test, const Communicator& world,
                const std::function<void(int place, const correlation::DicFrame&)>& done = {}, CorrelationProgress progress = {});
 
-/// What the identification needs: the record of the frames after the reference, and the images.
+/// What the identification needs: the record of the frames after the reference, and the images. Throws InputError where the force has the sign of
+/// the other direction than the loaded end moves in.
 [[nodiscard]] identification::Record make_record(Observation& observation, const io::Case& test,
                                                  const identification::Specimen& specimen);
 [[nodiscard]] identification::ImageData make_image_data(const Observation& observation, const io::Case& test);

@@ -26,11 +26,15 @@ struct StageSummary {
   int iterations = 0;
   int increments = 1;      ///< load increments between two frames, identification::Iterate
   bool converged = false;
+  double eta = 0.0;        ///< Eq. 13, of the last step
   std::string message;
   identification::Covariance covariance;
   Eigen::VectorXd unsure;  ///< identification::FinerIncrements
   std::string unknown_noise;  ///< identification::StageResult
 };
+
+/// Says how a stage that did not converge ended.
+[[nodiscard]] std::string not_converged(std::size_t stage, const StageSummary& summary);
 
 /// Writes on rank 0 only; every function may be called on every rank.
 class RunOutput {
@@ -49,7 +53,7 @@ class RunOutput {
   /// residual at a few frames.
   void model(const Communicator& world, const identification::ImageData& images, const identification::Record& record,
              const identification::Path& shown, const identification::Path& driven);
-  /// result.json, pictures and report.html; prints the table of the parameters. `force_noise`: of what the functional compares with the measured force, NaN if nothing does [force]; `seconds`: time of the run; `groups`: what groups of ranks
+  /// result.json, pictures and report.html; prints the table of the parameters. `force_noise`: of the measured force less the reaction of the DIC-driven simulation, NaN if these are not compared [force]; `seconds`: time of the run; `groups`: what groups of ranks
   /// did with theirs, by what they did.
   void finish(const Material& material, const Eigen::MatrixXd& covariance, const std::vector<StageSummary>& stages,
               double force_noise, double seconds, const GroupTimes& groups);
