@@ -10,6 +10,7 @@
 #include <sstream>
 
 #include "imic3d/app/program.hpp"
+#include "imic3d/core/error.hpp"
 #include "imic3d/core/log.hpp"
 #include "imic3d/core/median.hpp"
 #include "imic3d/io/pictures.hpp"
@@ -112,8 +113,10 @@ std::string unlikely_correlation(const io::Case& test, const Observation& seen) 
   if (std::isfinite(typical) && typical > unlikely_light && !test.dic.brightness && !test.dic.local_brightness) {
     constexpr std::size_t looked_at = 8;
     std::vector<double> shares;
-    for (std::size_t t = 0; t < beyond.size(); t += 1 + beyond.size() / looked_at)
-      if (beyond[t] > unlikely_light) shares.push_back(share_of_light(test, seen, t));
+    for (std::size_t t = 0; t < beyond.size(); t += 1 + beyond.size() / looked_at) try {
+        if (beyond[t] > unlikely_light) shares.push_back(share_of_light(test, seen, t));
+      } catch (const InputError&) {  // an image that has become unreadable says nothing, and takes nothing away
+      }
     if (const double share = shares.empty() ? 0.0 : median(shares); share > 0.5)
       return fmt::format("{}, and {:.0f} % of what is beyond noise is a gain and an offset: the light changes, and moves the parameters by more than their standard deviations; dic.brightness (or dic.local_brightness) takes it off", much, 100.0 * std::min(share, 1.0));
   }
