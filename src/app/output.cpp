@@ -118,7 +118,7 @@ std::string unlikely_correlation(const io::Case& test, const Observation& seen) 
       } catch (const InputError&) {  // an image that has become unreadable says nothing, and takes nothing away
       }
     if (const double share = shares.empty() ? 0.0 : median(shares); share > 0.5)
-      return fmt::format("{}, and {:.0f} % of what is beyond noise is a gain and an offset: the light changes, and moves the parameters by more than their standard deviations; dic.brightness (or dic.local_brightness) takes it off", much, 100.0 * std::min(share, 1.0));
+      return fmt::format("{}, and {:.0f} % of what is beyond noise is a gain and an offset: the light changes, and may move the parameters by more than their standard deviations; dic.brightness (or dic.local_brightness) takes it off", much, 100.0 * std::min(share, 1.0));
   }
   if (!std::isfinite(typical) || typical < unlikely_residual) return {};
   return much + fmt::format(": the standard deviations, which are those of noise alone, may be too small by more than that. A motion that the mesh cannot follow (a finer one helps), {}, or frames that lost it",
