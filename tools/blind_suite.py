@@ -160,12 +160,12 @@ def main():
     for seed in range(2 if options.reduced else options.nulls):
         result = suite.trial("null", "-", "0", {}, 1000 + seed)
         if seed == 0 and result:
-            detectable = {one["name"]: one["sizes"][0]["detectable"] for one in result["before"]["candidates"]}
+            detectable = {one["name"]: one["sizes"][0]["detectable"] for one in result["before"]["candidates"] if one["sizes"][0]["detectable"] is not None}
             for name, (parameter, shapes, _, _) in EFFECTS.items():
                 if shapes and (not options.reduced or name in REDUCED) and (not options.only or name in options.only or {"left out", "pairs"} & set(options.only)):
                     with_it = suite.run(suite.folder / f"declared_{name}", {"declare": {name: {parameter: 0.0} | shapes}}, 1000)
                     if with_it:
-                        detectable[name] = (result["before"]["threshold"] + 1.1) * with_it["before"]["parameters"][parameter]["standard_deviation"]
+                        detectable[name] = (result["before"]["threshold"] + 0.9) * with_it["before"]["parameters"][parameter]["standard_deviation"]
 
     def planted(effect, multiple):
         parameter, shapes, usual, _ = EFFECTS[effect]

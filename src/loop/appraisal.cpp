@@ -227,7 +227,7 @@ void Appraisal::trace(Model& model) const {
   for (std::size_t i = 0; i < kept.size(); ++i) hold_within_bounds(model.scores.candidates[i], kept[i], model);
   for (std::size_t i = 0; i < kept.size(); ++i)
     if (Score& one = model.scores.candidates[i]; one.z > model.scores.threshold && one.z < 2.0 * model.scores.threshold && !one.shown_by_prior)
-      one.contradicted = one.z * one.z + held_out_evidence(one, marks_of_kept[i], model, prior) < model.scores.threshold * model.scores.threshold;
+      one.contradicted = contradicted(one, marks_of_kept[i], model, prior);
 }
 
 /// Whether a candidate is in the model, or of a parameter that is free already.
@@ -237,10 +237,10 @@ bool Appraisal::is_in(int k, const Model& model) const {
   return std::any_of(its.begin(), its.end(), [&](int j) { return std::find(model.fit.free.begin(), model.fit.free.end(), j) != model.fit.free.end(); });
 }
 
-/// Twice the logarithm of how much likelier the held-out residual is with the candidate's size than without it, (|r|^2 - |r - v|^2)/s^2: v is the change of the prediction there, the free
-/// parameters giving way, s^2 the variance of noise along it. Added to T = z^2 it tells of a score just beyond the limit whether it is there; far beyond, the linear size may be off by more
-/// than noise. Of one that acts somewhere: at the place that explains most of what is fitted.
-double Appraisal::held_out_evidence(const Score& one, const Mark& mark, const Model& model, const Known& prior) const {
+/// Whether held-out frames speak against a score just beyond the limit; far beyond, the linear size may be off by more than noise. L is twice the logarithm of how much likelier their residual r is with
+/// the candidate's size than without it, (|r|^2 - |r - v|^2)/s^2: v is the change of the prediction there, the free parameters giving way, s^2 the variance of noise along it. T = z^2 and L together are
+/// below the limit, or frames that would show the size at two standard deviations are explained worse with it. Of one that acts somewhere: at the place that explains most of what is fitted.
+bool Appraisal::contradicted(const Score& one, const Mark& mark, const Model& model, const Known& prior) const {
   const Eigen::MatrixXd J = model.fit.sensitivity(held_rows_, Eigen::all), pull = pull_of(model, prior);
   Eigen::MatrixXd signature = mark.columns.leftCols(one.size.size());
   Eigen::VectorXd size = one.size;
@@ -253,7 +253,8 @@ double Appraisal::held_out_evidence(const Score& one, const Mark& mark, const Mo
   const Eigen::MatrixXd& null = model.ground->null;
   const Eigen::VectorXd n = null(held_rows_, Eigen::all).transpose() * v - (pull * stacked(null(rows_, Eigen::all), prior.null)).transpose() * (J.transpose() * v);
   const double variance = n.squaredNorm() / static_cast<double>(n.size()) / std::max(v.squaredNorm(), 1e-300);
-  return (2.0 * v.dot(r) - v.squaredNorm()) / std::max(variance, 1e-300);
+  const double L = (2.0 * v.dot(r) - v.squaredNorm()) / std::max(variance, 1e-300), shown = v.squaredNorm() / std::max(variance, 1e-300);
+  return one.z * one.z + L < model.scores.threshold * model.scores.threshold || (shown > 4.0 && L < 0.0);
 }
 
 /// Whether a size within its bounds would be found, with the usual shape or with another.
