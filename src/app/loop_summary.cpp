@@ -93,9 +93,8 @@ class Summary {
       }
       const auto column = static_cast<Eigen::Index>(c);
       const double size = score.size[column], deviation = score.deviation[column], detectable = score.detectable[column], usual = info.scale > 0.0 ? info.scale : 1.0;
-      const bool hidden = !(detectable < 1e100);  // the mark is round-off
-      one["sizes"].push_back({{"parameter", info.name}, {"unit", info.unit}, {"size", size}, {"standard_deviation", deviation}, {"interval", deviation > 0.0 ? json{size - 1.96 * deviation, size + 1.96 * deviation} : json()}, {"detectable", hidden ? json() : json(detectable)},
-                              {"shift_of_parameters_at_detectable_size", hidden ? json::object() : shift(model, score, column, detectable)}, {"usual_size", usual}, {"usual_size_is_unit", !(info.scale > 0.0)},
+      one["sizes"].push_back({{"parameter", info.name}, {"unit", info.unit}, {"size", size}, {"standard_deviation", deviation}, {"interval", deviation > 0.0 ? json{size - 1.96 * deviation, size + 1.96 * deviation} : json()}, {"detectable", detectable},
+                              {"shift_of_parameters_at_detectable_size", shift(model, score, column, detectable)}, {"usual_size", usual}, {"usual_size_is_unit", !(info.scale > 0.0)},
                               {"shift_of_parameters_at_usual_size", shift(model, score, column, usual)}});
     }
   }

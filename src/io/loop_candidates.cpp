@@ -96,7 +96,7 @@ std::string size_rows(const json& one, const char* size, const char* shift, cons
   for (const json& its : one["sizes"]) {
     const bool per_unit = std::string(size) == "usual_size" && its["usual_size_is_unit"].get<bool>();
     const bool begins = rows.empty();
-    rows += fmt::format("<tr><td>{}</td><td class=\"left\">{} {}{}{}</td><td class=\"words\">{}</td>{}</tr>\n", begins ? first : "", parameter_of(its, one), its[size].is_null() ? "none that would be found," : shown(its[size], 2), unit_of(its), per_unit ? " (a unit)" : "",
+    rows += fmt::format("<tr><td>{}</td><td class=\"left\">{} {}{}{}</td><td class=\"words\">{}</td>{}</tr>\n", begins ? first : "", parameter_of(its, one), shown(its[size], 2), unit_of(its), per_unit ? " (a unit)" : "",
                         shifts(its[shift], parameters), last.empty() ? "" : fmt::format("<td class=\"words\">{}</td>", begins ? last : ""));
     if (one["sizes"].size() > many) return rows;
   }
