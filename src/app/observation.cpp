@@ -225,6 +225,7 @@ Eigen::MatrixXd displacement_of_file(const io::Case& test, const std::vector<int
 
 /// Where there is no load record the frames' numbers are the clock.
 double time_of(const io::Case& test, int place) { return test.loads.records.empty() ? test.frames[static_cast<std::size_t>(place)] : test.load(place).time; }
+
 /// The force is that on the loaded end along +axis, so that both grow in one direction until it is largest. Throws InputError where they clearly do not.
 void require_one_direction(const Observation& observation, const io::Case& test, const identification::Specimen& specimen, const identification::Record& record) {
   const auto& dofs = specimen.displacement_dofs;
@@ -253,6 +254,7 @@ void require_one_direction(const Observation& observation, const io::Case& test,
                                               record.frames[static_cast<std::size_t>(peak)], length[peak], test.units.length, axis),
                    fmt::format("the force on specimen.loaded, positive along +{}: a negative loads.force_scale turns its sign, or specimen.held and specimen.loaded belong the other way round", axis));
 }
+
 }  // namespace
 
 identification::Record make_record(Observation& observation, const io::Case& test,

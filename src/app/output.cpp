@@ -113,10 +113,13 @@ std::string unlikely_correlation(const io::Case& test, const Observation& seen) 
   if (std::isfinite(typical) && typical > unlikely_light && !test.dic.brightness && !test.dic.local_brightness) {
     constexpr std::size_t looked_at = 8;
     std::vector<double> shares;
-    for (std::size_t t = 0; t < beyond.size(); t += 1 + beyond.size() / looked_at) try {
-        if (beyond[t] > unlikely_light) shares.push_back(share_of_light(test, seen, t));
-      } catch (const InputError&) {  // an image that has become unreadable says nothing, and takes nothing away
+    for (std::size_t t = 0; t < beyond.size(); t += 1 + beyond.size() / looked_at) {
+      if (beyond[t] <= unlikely_light) continue;
+      try {
+        shares.push_back(share_of_light(test, seen, t));
+      } catch (const InputError&) {  // an image that has become unreadable says nothing, and takes no results away
       }
+    }
     if (const double share = shares.empty() ? 0.0 : median(shares); share > 0.5)
       return fmt::format("{}, and {:.0f} % of what is beyond noise is a gain and an offset: the light changes, and may move the parameters by more than their standard deviations; dic.brightness (or dic.local_brightness) takes it off", much, 100.0 * std::min(share, 1.0));
   }

@@ -249,8 +249,8 @@ class Loop {
     return starts;
   }
 
-  /// An effect without a shape that changes the path on which the law yields (its own, or that of a bar's strain), looked for where the misfit is large.
-  bool from_afar(const Model& at, int k) const { return (candidate(k).link == Link::material || candidate(k).name == "compliance") && !shaped(k) && far(at); }
+  /// An effect without a shape, of the law or of the path on which it yields, looked for where the misfit is large.
+  bool from_afar(const Model& at, int k) const { return (candidate(k).link == Link::material || candidate(k).changes_path) && !shaped(k) && far(at); }
 
   Round try_candidates(const Model& at) {
     const std::vector<Score>& scores = at.scores.candidates;

@@ -128,6 +128,7 @@ void FieldExperiment::make_candidates() {
       parameters_.back().info.name = key_of(which) + q.name;
     }
     if (candidate.parameters.size() == description.quantities.size()) candidate.elsewhere = description.elsewhere;
+    candidate.changes_path = description.changes_path;
     // What says how an effect acts, not how much, is none by itself.
     if (std::any_of(candidate.parameters.begin(), candidate.parameters.end(), [&](int j) { return !parameters_[static_cast<std::size_t>(j)].info.shape; })) ordered.push_back(std::move(candidate));
     effects_.push_back(effect);

@@ -344,20 +344,17 @@ Eigen::VectorXd FieldExperiment::change_of_section(const identification::Specime
 std::vector<std::pair<double, FieldExperiment::Simulation>> FieldExperiment::simulations_of(const std::vector<double>& values, const Eigen::MatrixXd& driving) const {
   std::vector<std::pair<double, Simulation>> all;
   all.emplace_back(1.0, simulation_of(values, driving));
-  const Simulation base = simulation_of(values, smooth_ends_);
-  double taken = 0.0;
   for (std::size_t k = 0; k < effects_.size(); ++k) {
     Numerics numerics;
     effects_[k]->numerics(numerics);
     const auto its = values_of(k, values);
     if ((numerics.refinements == 0 && numerics.increments_factor == 1) || its[0] == 0.0) continue;
-    Simulation other = base;
+    Simulation other = simulation_of(values, smooth_ends_);
     std::vector<double>& key = specimen_key(other);
     key[0] = numerics.refinements, key[1] = numerics.increments_factor;
-    taken += its[0];
     all.emplace_back(its[0], std::move(other));
+    all.emplace_back(-its[0], simulation_of(values, smooth_ends_));
   }
-  if (all.size() > 1) all.emplace_back(-taken, base);
   return all;
 }
 

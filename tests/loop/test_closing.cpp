@@ -185,6 +185,18 @@ TEST(Closing, TheDetectableSizeIsFoundInFourOfFive) {
   EXPECT_LE(found, 93);
 }
 
+/// Beyond its limit by far, an effect that is there is not taken away by held-out frames that hardly see it.
+TEST(Closing, HeldOutFramesThatHardlySeeAnEffectDoNotDecide) {
+  const Report null = loop_on(Curves(1));
+  const auto& others = null.declared.others;
+  const auto place = static_cast<std::size_t>(std::find(others.begin(), others.end(), Curves::kink) - others.begin());
+  const double size = 1.3 * null.declared.scores.candidates[place].detectable[0];
+  int lost = 0;
+  for (unsigned seed = 300; seed < 500; ++seed) lost += loop_on(Curves(seed, {{Curves::kink, size}})).declared.scores.candidates[place].contradicted ? 1 : 0;
+  RecordProperty("lost", lost);
+  EXPECT_LE(lost, 4) << "of 200";
+}
+
 TEST(Closing, OneEffectIsNamedAndItsSizeFound) {
   int right = 0, covered = 0, tests = 0;
   for (const auto& [effect, size] : {std::pair(int{Curves::drift}, 4.0), {int{Curves::kink}, 6.0}, {int{Curves::curved}, 2.5}, {int{Curves::offset}, -15.0}})

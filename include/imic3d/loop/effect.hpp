@@ -95,6 +95,7 @@ class Effect {
     std::vector<Quantity> quantities;
     std::string sentence, confused_with, separated_by;
     std::vector<std::vector<double>> elsewhere{};  ///< of one that acts somewhere: Candidate::elsewhere
+    bool changes_path = false;                     ///< Candidate::changes_path
   };
   using Values = std::span<const double>;
 

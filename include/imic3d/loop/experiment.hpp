@@ -37,6 +37,7 @@ struct Candidate {
   /// Values of all its shapes that are as likely [any][shapes]: places or moments, of an effect that acts somewhere or from some time on. It is looked for at all of them, and identified from the
   /// best. Empty: a part and a multiple of each shape.
   std::vector<std::vector<double>> elsewhere{};
+  bool changes_path = false;    ///< on which the law yields, as the law's own effects do: what is missing bends the parameters, and its mark there says little
 };
 
 constexpr int force_channel = -1;

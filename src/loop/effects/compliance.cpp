@@ -16,7 +16,9 @@ class Compliance final : public Effect {
             .quantities = {{.name = "compliance", .unit = "1/stress", .description = "recorded strain per stress beyond that of the bar", .step = 1e-6 / largest, .size = 1e-3 / largest, .lower = 0.0, .upper = 0.03 / largest}},
             .sentence = "the recorded strain contains that of grips and load train",
             .confused_with = "E",
-            .separated_by = "an extensometer on the bar; a handbook value of E"};
+            .separated_by = "an extensometer on the bar; a handbook value of E",
+            .elsewhere = {},
+            .changes_path = true};
   }
   [[nodiscard]] bool applies(const Scene& scene) const override { return scene.surface == nullptr; }
   [[nodiscard]] bool acts_on_curves() const override { return true; }
