@@ -192,9 +192,12 @@ TEST(Closing, HeldOutFramesThatHardlySeeAnEffectDoNotDecide) {
   const auto place = static_cast<std::size_t>(std::find(others.begin(), others.end(), Curves::kink) - others.begin());
   const double size = 1.3 * null.declared.scores.candidates[place].detectable[0];
   int lost = 0;
-  for (unsigned seed = 300; seed < 500; ++seed) lost += loop_on(Curves(seed, {{Curves::kink, size}})).declared.scores.candidates[place].contradicted ? 1 : 0;
+  for (unsigned seed = 300; seed < 500; ++seed) {
+    Curves experiment(seed, {{Curves::kink, size}});
+    lost += close_loop(experiment, {.draws = 200, .additions = 0, .starts = {1.0}, .held_out = {26, 29, 32, 35}}).declared.scores.candidates[place].contradicted ? 1 : 0;  // four of forty frames
+  }
   RecordProperty("lost", lost);
-  EXPECT_LE(lost, 4) << "of 200";
+  EXPECT_LE(lost, 14) << "of 200";
 }
 
 TEST(Closing, OneEffectIsNamedAndItsSizeFound) {
