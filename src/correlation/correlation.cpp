@@ -32,7 +32,8 @@ Correlation::Correlation(const mesh::Mesh& surface, std::shared_ptr<const imagin
       dofs_(options.dofs_per_node),
       brightness_(options.brightness || options.local_brightness),
       local_brightness_(options.local_brightness),
-      slope_noise_(options.slope_noise) {
+      slope_noise_(options.slope_noise),
+      low_pass_(options.low_pass) {
   const std::string& place = options.quadrature.place;
   if (surface_.type != mesh::CellType::quad4 || surface_.cells.cols() != 4 || surface_.cells.rows() == 0)
     throw InputError(place, "no quadrilaterals", "a surface mesh of 4-node quadrilaterals");
@@ -42,6 +43,7 @@ Correlation::Correlation(const mesh::Mesh& surface, std::shared_ptr<const imagin
     positions_.row(node) = camera_->project(surface_.nodes.row(node).transpose()).transpose();
   quadrature_ = correlation::quadrature(surface_.cells, positions_, reference, options.quadrature);
   if (!camera_->affine()) correct_local_coordinates();
+  if (low_pass_ > 0.0) reference_ = reference;
   const auto& f = quadrature_.f;
   if (!f.empty())
     mean_grey_ = static_cast<float>(std::accumulate(f.begin(), f.end(), 0.0) / static_cast<double>(f.size()));
@@ -260,6 +262,21 @@ std::vector<Eigen::Matrix2d> Correlation::deformation_gradient(const Eigen::Vect
   return F;
 }
 
+const float* Correlation::smoothed_alike(int element, const std::vector<Eigen::Matrix2d>& F, std::vector<float>& levels) const {
+  const ElementPixels pixels = pixels_of(element);
+  const Eigen::Matrix2d& own = F[static_cast<std::size_t>(element)];
+  if (!(low_pass_ > 0.0) || !(own.determinant() > 0.05)) return pixels.f;
+  const Eigen::Matrix2d inverse = own.inverse();
+  const Eigen::Matrix2f wider = (0.5 * low_pass_ * low_pass_ * (inverse * inverse.transpose() - Eigen::Matrix2d::Identity())).cast<float>();
+  levels.assign(pixels.f, pixels.f + pixels.count);
+  float* at = levels.data();
+  for (const PixelRow& run : quadrature_.rows_of(element)) {
+    reference_.add_curvature(run.column, run.row, run.count, wider(0, 0), wider(0, 1), wider(1, 1), at);
+    at += run.count;
+  }
+  return levels.data();
+}
+
 template <class Real>
 void Correlation::interpolate(const imaging::BSpline& g, int element, const InImage& shift, const Eigen::VectorXd& U, bool slopes,
                               Seen<Real>& seen) const {
@@ -304,16 +321,18 @@ void Correlation::interpolate(const imaging::BSpline& g, int element, const InIm
 
 template <class Real>
 std::vector<ElementSums> Correlation::sums_of(int begin, int end, const imaging::BSpline& g, const InImage& shift, const Eigen::VectorXd& U,
-                                              Gradient gradient) const {
+                                              const std::vector<Eigen::Matrix2d>& F, Gradient gradient) const {
   const bool own_slopes = gradient == Gradient::deformed;
   std::vector<ElementSums> sums(static_cast<std::size_t>(end - begin));
 #pragma omp parallel
   {
     Seen<Real> seen;
+    std::vector<float> levels;
 #pragma omp for schedule(static)
     for (int e = begin; e < end; ++e) {
       interpolate(g, e, shift, U, own_slopes, seen);
       ElementPixels pixels = pixels_of(e);
+      pixels.f = smoothed_alike(e, F, levels);
       if (own_slopes) pixels.gx = seen.slope_x.data(), pixels.gy = seen.slope_y.data();
       sums[static_cast<std::size_t>(e - begin)] = sum_pixels(pixels, seen.value.data(), mean_grey_, brightness_);
     }
@@ -327,8 +346,9 @@ Evaluation Correlation::evaluate(const imaging::BSpline& g, const Eigen::VectorX
   const InImage shift = pixel_displacement(U);
   const bool own_slopes = gradient == Gradient::deformed;
   const auto [begin, end] = share(group);
+  const std::vector<Eigen::Matrix2d> F = deformation_gradient(U);
   // Element sums. Grey levels are counted from the reference's mean, so that the moments keep their digits.
-  const auto sums = precision == Precision::single ? sums_of<float>(begin, end, g, shift, U, gradient) : sums_of<double>(begin, end, g, shift, U, gradient);
+  const auto sums = precision == Precision::single ? sums_of<float>(begin, end, g, shift, U, F, gradient) : sums_of<double>(begin, end, g, shift, U, F, gradient);
   const float grey0 = mean_grey_;
 
   // Light and correlation coefficient from the moments of all pixels.
@@ -373,7 +393,7 @@ Evaluation Correlation::evaluate(const imaging::BSpline& g, const Eigen::VectorX
   };
 
   std::vector<Eigen::Matrix2d> transport;
-  if (gradient == Gradient::transported) transport = transport_of(deformation_gradient(U));
+  if (gradient == Gradient::transported) transport = transport_of(F);
   // One message for everything: b, squares and pixels of the elements.
   std::vector<double> message(static_cast<std::size_t>(unknowns() + 4 * elements()) + 1, 0.0);
   for (int e = begin; e < end; ++e) {
@@ -413,18 +433,21 @@ std::vector<float> Correlation::residual(const imaging::BSpline& g, const Eigen:
   Evaluation seen;
   if (brightness_) seen = evaluate(g, U, Communicator{MPI_COMM_SELF});
   const InImage shift = pixel_displacement(U);
+  const std::vector<Eigen::Matrix2d> F = deformation_gradient(U);
   std::vector<float> residual(quadrature_.pixels());
 #pragma omp parallel
   {
     Seen<float> here;
+    std::vector<float> levels;
 #pragma omp for schedule(static)
     for (int e = 0; e < elements(); ++e) {
       const float gain = brightness_ ? static_cast<float>(seen.element_gain[e]) : 1.0F;
       const float offset = brightness_ ? static_cast<float>(seen.element_offset[e]) : 0.0F;
       interpolate(g, e, shift, U, false, here);
       const std::size_t first = quadrature_.first[static_cast<std::size_t>(e)];
+      const float* const f = smoothed_alike(e, F, levels);
       for (std::size_t p = 0; p < quadrature_.pixels_of(e); ++p)
-        residual[first + p] = quadrature_.f[first + p] - (gain * here.value[p] + offset);
+        residual[first + p] = f[p] - (gain * here.value[p] + offset);
     }
   }
   return residual;

@@ -118,7 +118,7 @@ void GlobalDic::build(const mesh::Mesh& surface, std::vector<View> views, int do
                                    .brightness = options_.brightness,
                                    .local_brightness = options_.local_brightness,
                                    .quadrature = {.place = views[c].place}};
-      if (level == 0) operators.slope_noise = noise_.slope;
+      if (level == 0) operators.slope_noise = noise_.slope, operators.low_pass = options_.low_pass;
       if (masked) operators.quadrature.mask = &mask;
       if (level == 0) operators.quadrature.border = options_.border, operators.quadrature.cut_nodes = options_.cut_nodes;
       operators.quadrature.clip = several || level > 0;  // half a pixel of a coarse image may stick out

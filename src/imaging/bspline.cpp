@@ -99,6 +99,18 @@ IMIC3D_CLONES void row_of(const float* corner, std::ptrdiff_t stride, const doub
   interpolate_row(corner, stride, dx, dy, count, values);
 }
 
+// `above`: coefficient (column - 1, row - 1). At a pixel the splines are 1/6, 2/3, 1/6, their slopes -1/2, 0, 1/2 and their second
+// derivatives 1, -2, 1.
+IMIC3D_CLONES void curvature_of(const float* above, std::ptrdiff_t stride, int count, float xx, float xy, float yy, float* values) {
+  const float side_x = (4.0F * xx - 2.0F * yy) / 6.0F, side_y = (4.0F * yy - 2.0F * xx) / 6.0F, middle = -8.0F * (xx + yy) / 6.0F;
+  const float falling = (xx + yy) / 6.0F + 0.5F * xy, rising = (xx + yy) / 6.0F - 0.5F * xy;
+  const float *const at = above + stride, *const below = at + stride;
+#pragma omp simd
+  for (int i = 0; i < count; ++i)
+    values[i] += falling * (above[i] + below[i + 2]) + rising * (above[i + 2] + below[i]) + side_x * (at[i] + at[i + 2]) +
+                 side_y * (above[i + 1] + below[i + 1]) + middle * at[i + 1];
+}
+
 }  // namespace
 
 void BSpline::shifted_row(int column, int row, const float* dx, const float* dy, int count, float* values) const {
@@ -106,6 +118,10 @@ void BSpline::shifted_row(int column, int row, const float* dx, const float* dy,
 }
 void BSpline::shifted_row(int column, int row, const double* dx, const double* dy, int count, double* values) const {
   row_of(corner(column, row), stride_, dx, dy, count, values);
+}
+
+void BSpline::add_curvature(int column, int row, int count, float xx, float xy, float yy, float* values) const {
+  curvature_of(corner(column, row), stride_, count, xx, xy, yy, values);
 }
 
 BSpline::BSpline(const Image& image) : width_(image.width), height_(image.height), stride_(image.width + 2 * border) {

@@ -142,6 +142,7 @@ void right_hand_side(benchmark::State& state, const CorrelationOptions& options,
 BENCHMARK_CAPTURE(right_hand_side, plain, {}, Gradient::reference)->Arg(10)->Arg(20)->Arg(40)->Arg(100)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(right_hand_side, full_precision, {}, Gradient::reference, Precision::full)->Arg(20)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(right_hand_side, transported, {}, Gradient::transported)->Arg(20)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(right_hand_side, smoothed, {.low_pass = 1.0}, Gradient::transported)->Arg(20)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(right_hand_side, brightness, {.brightness = true}, Gradient::transported)->Arg(20)->Unit(benchmark::kMillisecond);
 
 /// The same through a perspective camera with distortion.

@@ -3,6 +3,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
+#include <map>
 
 #include "imic3d/correlation/covariance.hpp"
 #include "imic3d/correlation/global_dic.hpp"
@@ -254,6 +255,31 @@ TEST(GlobalDic, FollowsAHundredPixelsAndFortyPercentStrain) {
       std::cout << "[          ] frame " << frame << ": rms error " << error.rms << " px, " << found.iterations
                 << " iterations\n";
   }
+}
+
+/// The low pass smooths the deformed image over lengths of the deformed specimen.
+TEST(GlobalDic, LargeStrainIsTheSameInSmoothedImages) {
+  constexpr int width = 240, height = 200;
+  const Speckle speckle(width, height, 1.7, 5);
+  const Image reference = photograph(speckle, width, height);
+  const mesh::Mesh quads = rectangle(50, 40, 190, 160, 14, 12);
+  const Eigen::Matrix2d F = Eigen::Rotation2Dd(0.2).toRotationMatrix() * Eigen::Matrix2d{{1.18, 0.05}, {0.05, 0.90}};
+  const Eigen::Vector2d middle(120, 100);
+  const Motion motion = [&](const Eigen::Vector2d& x) { return Eigen::Vector2d((F - Eigen::Matrix2d::Identity()) * (x - middle)); };
+  const Image deformed = photograph(speckle, width, height, motion);
+  Eigen::VectorXd start = nodal(quads, *camera(), motion);
+  std::map<double, std::pair<Miss, double>> found;  // of the low pass: error, residual in parts of the contrast
+  for (const double low_pass : {0.0, 1.0}) {
+    const GlobalDic dic(quads, *camera(), reference, {.low_pass = low_pass}, "mesh");
+    const DicFrame frame = dic.correlate(deformed, start, 0, 0, alone);
+    EXPECT_TRUE(frame.converged);
+    const std::vector<float>& f = dic.correlation().quadrature().f;
+    const Eigen::ArrayXf grey = Eigen::Map<const Eigen::ArrayXf>(f.data(), static_cast<Eigen::Index>(f.size()));
+    found[low_pass] = {miss(frame.displacement, quads, *camera(), motion), frame.rms / static_cast<double>(std::sqrt((grey - grey.mean()).square().mean()))};
+    std::cout << "[          ] low pass " << low_pass << ": rms error " << found[low_pass].first.rms << " px, residual " << found[low_pass].second << " of the contrast\n";
+  }
+  EXPECT_LT(found[1.0].first.rms, 1.5 * found[0.0].first.rms);
+  EXPECT_LT(found[1.0].second, 1.5 * found[0.0].second);
 }
 
 TEST(GlobalDic, FindsALargeJumpAndSaysWhatIsLost) {

@@ -26,6 +26,10 @@ struct CorrelationOptions {
   /// The same with a gain and an offset for each element: light or reflectance that change from place to place (stress
   /// whitening). An offset that is left in an element cancels between neighbours but pushes the nodes of the contour.
   bool local_brightness = false;
+  /// Standard deviation of the Gaussian that smoothed both images [px]. It smooths the deformed image over lengths of the
+  /// deformed specimen: f is compared as that would show it, with what sigma^2/2 (F^-1 F^-T - 1) : grad grad f adds (F the
+  /// deformation gradient in the image at the element's centre; the first term of the wider or narrower Gaussian's series).
+  double low_pass = 0.0;
   double slope_noise = 1.392;  ///< variance of grad F for unit noise of the reference (imaging::noise_response) [1/px^2]
   QuadratureOptions quadrature = {};
 };
@@ -134,11 +138,14 @@ class Correlation {
     std::vector<Real> value;              // g(x + u)
     std::vector<float> slope_x, slope_y;  // grad g(x + u), if asked for
   };
+  /// The reference's grey levels at an element's pixels, smoothed over the lengths that smooth the deformed image; `levels` may hold them.
+  [[nodiscard]] const float* smoothed_alike(int element, const std::vector<Eigen::Matrix2d>& F, std::vector<float>& levels) const;
   template <class Real>
   void interpolate(const imaging::BSpline& g, int element, const InImage& shift, const Eigen::VectorXd& U, bool slopes, Seen<Real>& seen) const;
   /// Sums of the elements begin ... end - 1.
   template <class Real>
-  [[nodiscard]] std::vector<ElementSums> sums_of(int begin, int end, const imaging::BSpline& g, const InImage& shift, const Eigen::VectorXd& U, Gradient gradient) const;
+  [[nodiscard]] std::vector<ElementSums> sums_of(int begin, int end, const imaging::BSpline& g, const InImage& shift, const Eigen::VectorXd& U,
+                                                 const std::vector<Eigen::Matrix2d>& F, Gradient gradient) const;
   /// Projections of the middles of the edges and of the centre of an element displaced by U, if given.
   [[nodiscard]] Eigen::Matrix<double, 5, 2> inner_points(int element, const Eigen::VectorXd* U) const;
   void correct_local_coordinates();
@@ -149,6 +156,8 @@ class Correlation {
   bool brightness_;
   bool local_brightness_;
   double slope_noise_;
+  double low_pass_;
+  imaging::BSpline reference_;  // if there is a low pass
   InImage positions_;
   PixelQuadrature quadrature_;
   float mean_grey_ = 0.0F;
