@@ -68,7 +68,7 @@ id::GaussNewtonOptions solver_options(const io::Case& test, const Material& mate
   solver.force_noise = force_noise(seen, test);
   if (test.identify.steps_per_frame == 0) solver.most_increments = most_increments;
   for (const auto& info : material.information) solver.scale.push_back(info.effect.empty() ? 0.0 : info.scale);
-  solver.noise_model = {.image = images.noise,
+  solver.noise_model = {.image = images.noise * seen.beyond_noise,
                         .references = seen.references,
                         .force = solver.force_noise,
                         .driving = [&seen](const Eigen::MatrixXd& noise) { return driving_displacement(seen, noise); },

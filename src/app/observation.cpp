@@ -118,6 +118,39 @@ std::string small_elements(const std::vector<correlation::DicFrame>& frames) {
   return fmt::format("; an element of the surface has {:.0f} pixels in the mean, where {:g} and more are wanted: a coarser mesh, or dic.regularisation (waves shorter than some elements) helps", pixels, enough);
 }
 
+namespace {
+/// No static frames: what the DIC leaves in a camera's best frame is noise of that frame and of the reference.
+void noise_of_best_frames(Observation& observation) {
+  std::size_t first = 0;
+  for (const auto& face : observation.faces) {
+    for (std::size_t c = 0; c < face.rig->cameras.size(); ++c) {
+      if (face.rig->noise_is_measured[c]) continue;
+      double smallest = INFINITY;
+      for (const auto& frame : observation.frames) smallest = std::min(smallest, frame.cameras[first + c].rms);
+      observation.camera_noise[static_cast<std::size_t>(face.rig->cameras[c])] =
+          smallest / (face.dic->noise_response().level * std::sqrt(1.0 + 1.0 / observation.references));
+    }
+    first += face.rig->cameras.size();
+  }
+  observation.noise = joint(observation.camera_noise);
+}
+
+}  // namespace
+
+double residual_of_noise(const Observation& seen, const ObservedFace& face, std::size_t camera) {
+  return seen.camera_noise[static_cast<std::size_t>(face.rig->cameras[camera])] * face.dic->noise_response().level * std::sqrt(1.0 + 1.0 / seen.references);
+}
+
+double beyond_noise(const Observation& seen, const correlation::DicFrame& frame) {
+  double sum = 0.0;
+  std::size_t first = 0;
+  for (const auto& face : seen.faces) {
+    for (std::size_t c = 0; c < face.rig->cameras.size(); ++c) sum += std::pow(frame.cameras[first + c].rms / residual_of_noise(seen, face, c), 2);
+    first += face.rig->cameras.size();
+  }
+  return std::sqrt(sum / static_cast<double>(first));
+}
+
 void correlate(Observation& observation, const io::Case& test, const Communicator& world,
                const std::function<void(int, const correlation::DicFrame&)>& done, CorrelationProgress progress) {
   const auto frames = observation.places.size();
@@ -162,20 +195,10 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
   if (!left_out.empty()) spdlog::warn("frames left out, their correlation was lost or did not converge:{}{}", left_out, small);
   observation.places = std::move(kept);
   observation.frames = std::move(known);
-  if (observation.noise_is_measured) return;
-  // No static frames: what the DIC leaves in a camera's best frame is noise of that frame and of the reference.
-  std::size_t first = 0;
-  for (const auto& face : observation.faces) {
-    for (std::size_t c = 0; c < face.rig->cameras.size(); ++c) {
-      if (face.rig->noise_is_measured[c]) continue;
-      double smallest = INFINITY;
-      for (const auto& frame : observation.frames) smallest = std::min(smallest, frame.cameras[first + c].rms);
-      observation.camera_noise[static_cast<std::size_t>(face.rig->cameras[c])] =
-          smallest / (face.dic->noise_response().level * std::sqrt(1.0 + 1.0 / observation.references));
-    }
-    first += face.rig->cameras.size();
-  }
-  observation.noise = joint(observation.camera_noise);
+  if (!observation.noise_is_measured) noise_of_best_frames(observation);
+  std::vector<double> beyond;
+  for (const auto& frame : observation.frames) beyond.push_back(beyond_noise(observation, frame));
+  if (const double typical = median(std::move(beyond)); typical > 1.0 && std::isfinite(typical)) observation.beyond_noise = typical;
 }
 
 namespace {
@@ -188,7 +211,7 @@ double motion_noise(const Observation& observation, const ObservedFace& face, st
 }
 
 /// The same of a face's cameras together in a frame and the reference: of the b that the correlation's weights make,
-/// sum of w_c^2 sigma_c^2 M_c over sum of w_c M_c.
+/// sum of w_c^2 sigma_c^2 M_c over sum of w_c M_c. What the correlation leaves beyond noise counts like it.
 double noise_of_pair(const Observation& observation, const ObservedFace& face) {
   const auto& cameras = face.dic->cameras();
   double squares = 0.0, sum = 0.0;
@@ -197,7 +220,7 @@ double noise_of_pair(const Observation& observation, const ObservedFace& face) {
     squares += std::pow(cameras.weight(c) * motion_noise(observation, face, static_cast<std::size_t>(c)), 2) * size;
     sum += cameras.weight(c) * size;
   }
-  return std::sqrt(squares / sum * (1.0 + 1.0 / observation.references));
+  return observation.beyond_noise * std::sqrt(squares / sum * (1.0 + 1.0 / observation.references));
 }
 
 }  // namespace

@@ -71,22 +71,6 @@ std::set<int> telling_frames(const identification::Record& record, const io::Cas
   return telling;
 }
 
-/// The residual of pure DIC that noise explains [grey level].
-double residual_of_noise(const Observation& seen, const ObservedFace& face, std::size_t camera) {
-  return seen.camera_noise[static_cast<std::size_t>(face.rig->cameras[camera])] * face.dic->noise_response().level * std::sqrt(1.0 + 1.0 / seen.references);
-}
-
-/// The residual of pure DIC over that which noise explains, rms of the cameras.
-double beyond_noise(const Observation& seen, const correlation::DicFrame& frame) {
-  double sum = 0.0;
-  std::size_t first = 0;
-  for (const auto& face : seen.faces) {
-    for (std::size_t c = 0; c < face.rig->cameras.size(); ++c) sum += std::pow(frame.cameras[first + c].rms / residual_of_noise(seen, face, c), 2);
-    first += face.rig->cameras.size();
-  }
-  return std::sqrt(sum / static_cast<double>(first));
-}
-
 /// Of the squares of the residual of pure DIC that noise does not explain, in the first camera: how much a gain and an offset do, f - g(x + u) = a + b f.
 double share_of_light(const io::Case& test, const Observation& seen, std::size_t t) {
   const auto& face = seen.faces.front();
@@ -124,7 +108,7 @@ std::string unlikely_correlation(const io::Case& test, const Observation& seen) 
       return fmt::format("{}, and {:.0f} % of what is beyond noise is a gain and an offset: the light changes, and may move the parameters by more than their standard deviations; dic.brightness (or dic.local_brightness) takes it off", much, 100.0 * std::min(share, 1.0));
   }
   if (!std::isfinite(typical) || typical < unlikely_residual) return {};
-  return much + fmt::format(": the standard deviations, which are those of noise alone, may be too small by more than that. A motion that the mesh cannot follow (a finer one helps), {}, or frames that lost it",
+  return much + fmt::format(": the standard deviations hold it as if it were noise, alike in no two frames, which it may not be. A motion that the mesh cannot follow (a finer one helps), {}, or frames that lost it",
                             test.dic.local_brightness ? "another change of the picture than its light" : test.dic.brightness ? "light that does not change alike everywhere (dic.local_brightness)" : "light that changes (dic.brightness, dic.local_brightness)");
 }
 

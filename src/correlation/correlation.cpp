@@ -268,12 +268,14 @@ const float* Correlation::smoothed_alike(int element, const std::vector<Eigen::M
   if (!(low_pass_ > 0.0) || !(own.determinant() > 0.05)) return pixels.f;
   const Eigen::Matrix2d inverse = own.inverse();
   const Eigen::Matrix2f wider = (0.5 * low_pass_ * low_pass_ * (inverse * inverse.transpose() - Eigen::Matrix2d::Identity())).cast<float>();
-  levels.assign(pixels.f, pixels.f + pixels.count);
+  levels.resize(static_cast<std::size_t>(pixels.count + lanes - 1));
   float* at = levels.data();
   for (const PixelRow& run : quadrature_.rows_of(element)) {
-    reference_.add_curvature(run.column, run.row, run.count, wider(0, 0), wider(0, 1), wider(1, 1), at);
+    reference_.curvature_row(run.column, run.row, run.count, wider(0, 0), wider(0, 1), wider(1, 1), at);
     at += run.count;
   }
+#pragma omp simd
+  for (int i = 0; i < pixels.count; ++i) levels[static_cast<std::size_t>(i)] += pixels.f[i];
   return levels.data();
 }
 

@@ -105,10 +105,10 @@ IMIC3D_CLONES void curvature_of(const float* above, std::ptrdiff_t stride, int c
   const float side_x = (4.0F * xx - 2.0F * yy) / 6.0F, side_y = (4.0F * yy - 2.0F * xx) / 6.0F, middle = -8.0F * (xx + yy) / 6.0F;
   const float falling = (xx + yy) / 6.0F + 0.5F * xy, rising = (xx + yy) / 6.0F - 0.5F * xy;
   const float *const at = above + stride, *const below = at + stride;
-#pragma omp simd
-  for (int i = 0; i < count; ++i)
-    values[i] += falling * (above[i] + below[i + 2]) + rising * (above[i + 2] + below[i]) + side_x * (at[i] + at[i + 2]) +
-                 side_y * (above[i + 1] + below[i + 1]) + middle * at[i + 1];
+  for (int i = 0; i < count; i += lanes)
+    store(falling * (load(above + i) + load(below + i + 2)) + rising * (load(above + i + 2) + load(below + i)) +
+              side_x * (load(at + i) + load(at + i + 2)) + side_y * (load(above + i + 1) + load(below + i + 1)) + middle * load(at + i + 1),
+          values + i);
 }
 
 }  // namespace
@@ -120,7 +120,7 @@ void BSpline::shifted_row(int column, int row, const double* dx, const double* d
   row_of(corner(column, row), stride_, dx, dy, count, values);
 }
 
-void BSpline::add_curvature(int column, int row, int count, float xx, float xy, float yy, float* values) const {
+void BSpline::curvature_row(int column, int row, int count, float xx, float xy, float yy, float* values) const {
   curvature_of(corner(column, row), stride_, count, xx, xy, yy, values);
 }
 

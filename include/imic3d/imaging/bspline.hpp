@@ -38,8 +38,9 @@ class BSpline {
   /// values have `lanes` - 1 elements beyond `count`, which are read and overwritten.
   void shifted_row(int column, int row, const float* dx, const float* dy, int count, float* values) const;
   void shifted_row(int column, int row, const double* dx, const double* dy, int count, double* values) const;
-  /// values[i] += xx d2/dx2 + 2 xy d2/dxdy + yy d2/dy2 at the pixel (column + i, row) for i < count, without any check.
-  void add_curvature(int column, int row, int count, float xx, float xy, float yy, float* values) const;
+  /// values[i] = xx d2/dx2 + 2 xy d2/dxdy + yy d2/dy2 at the pixel (column + i, row) for i < count, without any check. values has
+  /// `lanes` - 1 elements beyond `count`, which are overwritten.
+  void curvature_row(int column, int row, int count, float xx, float xy, float yy, float* values) const;
   /// (d/dx, d/dy) [grey level/px].
   [[nodiscard]] Eigen::Vector2f gradient(double x, double y) const { return sample(x, y).slope; }
   /// Value and gradient together.
