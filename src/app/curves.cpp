@@ -11,6 +11,7 @@
 
 #include "imic3d/app/output.hpp"
 #include "imic3d/core/log.hpp"
+#include "imic3d/core/median.hpp"
 #include "imic3d/io/curve_report.hpp"
 
 namespace imic3d::app {
@@ -58,6 +59,7 @@ id::Curve make_curve(const io::ExperimentCase& experiment, std::size_t file) {
       throw InputError(place(row),
                        fmt::format("time {} after {}", curve.history.time[row], curve.history.time[row - 1]),
                        "a time that does not decrease");
+  if (!experiment.monotonic) curve.history.turns = material::unseen_turns(curve.history.time, curve.history.strain);
 
   bool reached = false;
   double largest_strain = 0.0;
@@ -138,6 +140,39 @@ std::vector<id::Curve> make_curves(const io::Case& test) {
   return curves;
 }
 
+namespace {
+/// Stress over strain in the rows below 30 % of the largest stress that come before it, by least squares with an offset; NaN if there are too few.
+double first_slope(const id::Curve& curve) {
+  const double largest = curve.stress.cwiseAbs().maxCoeff();
+  double n = 0.0, x = 0.0, y = 0.0, xx = 0.0, xy = 0.0;
+  for (Eigen::Index row = 0; row < curve.stress.size() && std::abs(curve.stress[row]) < 0.3 * largest; ++row) {
+    const double strain = curve.history.strain[row], stress = curve.stress[row];
+    n += 1.0, x += strain, y += stress, xx += strain * strain, xy += strain * stress;
+  }
+  const double variance = xx - x * x / n;
+  return n >= 4.0 && variance > 0.0 ? (xy - x * y / n) / variance : std::nan("");
+}
+}  // namespace
+
+std::vector<std::string> unlikely_units(const io::Case& test, const std::vector<id::Curve>& curves) {
+  std::vector<std::string> doubts;
+  const auto declared = test.material.parameters.find("E");
+  if (declared == test.material.parameters.end()) return doubts;
+  constexpr double far = 20.0;
+  for (const auto& experiment : test.experiments) {
+    std::vector<double> slopes;
+    for (const auto* curve : of_group(curves, experiment.name))
+      if (const double slope = first_slope(*curve); std::isfinite(slope)) slopes.push_back(slope);
+    if (slopes.empty()) continue;
+    const double slope = median(std::move(slopes)), ratio = slope / declared->second.value;
+    if (ratio > 1.0 / far && ratio < far) continue;
+    doubts.push_back(fmt::format("experiments.{}: the stress first rises by {:.3g} {} for a strain of 1, where E was declared as {:.4g}: is the strain in percent (strain_scale: 0.01), or the stress in another unit than {} (stress_unit)?",
+                                 experiment.name, slope, io::stress_unit(test.units), declared->second.value, io::stress_unit(test.units)));
+    spdlog::warn("{}", doubts.back());
+  }
+  return doubts;
+}
+
 void identify_curves(const Communicator& world, const CommandOptions& options, const io::Case& test) {
   const auto start = std::chrono::steady_clock::now();
   Material material = make_material(test);
@@ -148,6 +183,7 @@ void identify_curves(const Communicator& world, const CommandOptions& options, c
                material.law->name());
 
   io::CurveRun run;
+  run.doubts = unlikely_units(test, set.curves());
   std::set<int> all_free, at_bounds;
   const auto n = static_cast<Eigen::Index>(material.values.size());
   Eigen::VectorXd deviation = Eigen::VectorXd::Constant(n, std::nan("")), noise_deviation = deviation;
@@ -167,7 +203,10 @@ void identify_curves(const Communicator& world, const CommandOptions& options, c
           run.iterations.push_back(at.parameters);
           run.chi.push_back(at.chi);
         });
-    if (!fit.converged) spdlog::warn("  not converged: eta is still {:.2e}", fit.iterates.back().eta);
+    if (!fit.converged) {
+      run.doubts.push_back(fmt::format("stage {} did not converge in {} iterations: eta is still {:.2e}", k + 1, fit.iterates.size() - 1, fit.iterates.back().eta));
+      spdlog::warn("  {}", run.doubts.back());
+    }
     run.converged = run.converged && fit.converged;
     material.values = fit.parameters;
     for (std::size_t i = 0; i < free.size(); ++i) {
@@ -180,6 +219,7 @@ void identify_curves(const Communicator& world, const CommandOptions& options, c
     at_bounds.insert(fit.at_bounds.begin(), fit.at_bounds.end());
   }
 
+  for (auto& doubt : unlikely_values(test, material, material.values)) run.doubts.push_back(std::move(doubt));
   const Eigen::VectorXd predicted = set.predict(material.values);
   run.title = test.title, run.law = material.law->name(), run.stress_unit = io::stress_unit(test.units),
   run.time_unit = test.units.time;
@@ -232,6 +272,7 @@ void identify_curves(const Communicator& world, const CommandOptions& options, c
     }
     fmt::print("  {:.1f} s; report: {}\n", run.seconds, (folder / "report.html").string());
   });
+  if (!run.converged) throw ConvergenceError("not all stages converged; their results are written");
 }
 
 void print_experiments(const io::Case& test) {

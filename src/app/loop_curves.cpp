@@ -64,6 +64,7 @@ void add_curves(nlohmann::json& json, const io::Case& test, const loop::CurveExp
 class CurveTest final : public LoopTest {
  public:
   CurveTest(const Communicator& world, const io::Case& test, loop::CurveModel model) : world_(world), test_(test), experiment_(world, make_curves(test), std::move(model)) {
+    doubts_ = unlikely_units(test, make_curves(test));
     spdlog::info("{}: {} curves, {} numbers, {} candidates", test.title, experiment_.curves().size(), experiment_.data().size(), experiment_.candidates().size());
   }
   loop::Experiment& experiment() override { return experiment_; }
@@ -84,6 +85,7 @@ class CurveTest final : public LoopTest {
     json["frame_names"] = nlohmann::json::array();
     for (int frame : experiment_.frame_numbers()) json["frame_names"].push_back(experiment_.frame_name(frame));
     add_curves(json, test_, experiment_, curves);
+    if (!doubts_.empty()) json["doubts"] = doubts_;
     json.update(io::case_summary(write_loop_curves(folder, test_, experiment_, report, curves)));
     io::write_json(folder / "result.json", json);
     io::write_loop_page(folder / "report.html", json, {});
@@ -97,6 +99,7 @@ class CurveTest final : public LoopTest {
   const Communicator& world_;
   const io::Case& test_;
   loop::CurveExperiment experiment_;
+  std::vector<std::string> doubts_;
 };
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include <petscsys.h>
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cstdlib>
 #include <ctime>
 #include <functional>
@@ -35,6 +36,14 @@ std::vector<char*> without_petsc_options(int argc, char** argv, std::vector<char
   return own;
 }
 
+/// What mpirun, srun and the like tell the processes that they start.
+constexpr const char* launchers[] = {"OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_RANK", "PMI_FD"};
+
+/// Whether nobody launched this process as one of several.
+bool is_alone() {
+  return std::none_of(std::begin(launchers), std::end(launchers), [](const char* name) { return std::getenv(name) != nullptr; });
+}
+
 int said(const Communicator& world, ExitStatus status, const std::string& text) {
   if (world.is_root()) fmt::print(stderr, "{}\n", text);
   note_in_log_file(text);
@@ -44,7 +53,10 @@ int said(const Communicator& world, ExitStatus status, const std::string& text) 
 }  // namespace
 
 int run(int argc, char** argv) {
-  setenv("OMPI_MCA_ess_singleton_isolated", "1", 0);  // a process that nobody launched needs no daemon beside it, which takes Open MPI 0.2 s
+  if (is_alone()) {  // needs no daemon beside it, nor a network, which take Open MPI 0.2 s each to look for
+    setenv("OMPI_MCA_ess_singleton_isolated", "1", 0);
+    setenv("OMPI_MCA_pml", "ob1", 0);
+  }
   int provided = 0;
   MPI_Init_thread(&argc, &argv, MPI_THREAD_FUNNELED, &provided);
   const Communicator world;

@@ -53,6 +53,7 @@ nlohmann::json to_json(const CurveRun& run) {
                                   {"held_out", to_json(g.held_out, run.stress_unit)}};
   out["iterations"] = run.iterations.size();
   out["converged"] = run.converged;
+  if (!run.doubts.empty()) out["doubts"] = run.doubts;
   out["time"] = quantity(run.seconds, "s");
   return out;
 }
@@ -120,6 +121,7 @@ std::string page(const CurveRun& run) {
       "charset=\"utf-8\">\n<title>{0}</title>\n<style>{1}</style>\n</head>\n<body>\n<h1>{0}</h1>\n"
       "<p class=\"note\">{2} · law {3}{4}</p>\n",
       title, page_style, escaped(run.case_file), escaped(run.law), run.converged ? "" : " · not converged");
+  for (const auto& doubt : run.doubts) out += fmt::format("<p><strong>Doubted:</strong> {}</p>\n", escaped(doubt));
   out +=
       "<h2>Parameters</h2>\n<table>\n<tr><th>parameter</th><th>identified</th><th>standard deviation</th><th>of white "
       "noise alone</th><th>start</th><th>unit</th>"

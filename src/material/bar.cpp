@@ -139,11 +139,19 @@ class Bar {
   Lateral x_ = Lateral::Zero(), course_{-0.5, -0.5, 0.0};  // the next step goes on as the last one did
 };
 
-}  // namespace
+/// Isotropic hardening is a function of the plastic strain, which goes one way: steps of any length are exact. Back-stresses, rates and
+/// heat are integrated.
+bool has_effects(const FiniteStrainLaw& law, std::span<const double> parameters) {
+  for (std::size_t i = 0; i < parameters.size(); ++i) {
+    const ParameterInfo& info = law.parameters()[i];
+    if (!info.effect.empty() && !info.shape && info.null_value && parameters[i] != *info.null_value) return true;
+  }
+  return false;
+}
 
-BarResponse pull_bar(const FiniteStrainLaw& law, std::span<const double> parameters, const BarHistory& history,
-                     std::span<const int> free, const BarOptions& options) {
-  if (law.thickness_strain_index() >= 0) throw std::invalid_argument("pull_bar: a law of plane stress");
+/// Every step that `options` leave of a row in `parts`.
+BarResponse in_steps(const FiniteStrainLaw& law, std::span<const double> parameters, const BarHistory& history,
+                     std::span<const int> free, const BarOptions& options, int parts) {
   const Eigen::Index n = history.strain.size();
   BarResponse response{
       .rows = 0,
@@ -153,20 +161,29 @@ BarResponse pull_bar(const FiniteStrainLaw& law, std::span<const double> paramet
       .plastic_strain = Eigen::VectorXd::Constant(n, std::nan("")),
       .derivatives = Eigen::MatrixXd::Constant(n, static_cast<Eigen::Index>(free.size()), std::nan(""))};
   Bar bar(law, parameters, history.direction, free);
-  for (Eigen::Index row = 0; row < n; ++row) {
-    const double from = bar.strain(), way = history.strain[row] - from,
-                 duration = row > 0 ? history.time[row] - history.time[row - 1] : 0.0;
-    int count = std::max(1, static_cast<int>(std::ceil(std::abs(way) / options.largest_step - 1e-9))), halvings = 0;
+  const auto reach = [&](double strain, double duration) {
+    const double from = bar.strain(), way = strain - from;
+    int count = std::max(1, static_cast<int>(std::ceil(std::abs(way) / options.largest_step - 1e-9))) * parts, halvings = 0;
     for (int k = 1; k <= count;) {
-      if (bar.step(k == count ? history.strain[row] : from + way * k / count, duration / count)) {
+      if (bar.step(k == count ? strain : from + way * k / count, duration / count)) {
         // Short steps where they are needed only: one corner of the curve would else cost thousands of them to the end of its row.
         if (halvings > 0 && k % 2 == 0) --halvings, k /= 2, count /= 2;
         ++k;
         continue;
       }
-      if (++halvings > options.most_halvings) return response;
+      if (++halvings > options.most_halvings) return false;
       k = 2 * k - 1, count *= 2;
     }
+    return true;
+  };
+  auto turn = history.turns.begin();
+  for (Eigen::Index row = 0; row < n; ++row) {
+    double since = row > 0 ? history.time[row - 1] : history.time[0];
+    if (turn != history.turns.end() && turn->row == row) {
+      if (!reach(turn->strain, turn->time - since)) return response;
+      since = turn++->time;
+    }
+    if (!reach(history.strain[row], history.time[row] - since)) return response;
     response.kirchhoff[row] = bar.stress();
     response.engineering[row] = bar.stress() * std::exp(-bar.strain());
     response.lateral.row(row) = bar.lateral().head<2>().transpose();
@@ -174,6 +191,35 @@ BarResponse pull_bar(const FiniteStrainLaw& law, std::span<const double> paramet
     response.derivatives.row(row) = bar.derivatives().transpose();
     response.rows = row + 1;
   }
+  return response;
+}
+
+}  // namespace
+
+std::vector<BarTurn> unseen_turns(const Eigen::VectorXd& time, const Eigen::VectorXd& strain) {
+  constexpr double like = 0.05, of_row = 0.02;
+  std::vector<BarTurn> turns;
+  const auto rate = [&](Eigen::Index row) { return (strain[row] - strain[row - 1]) / (time[row] - time[row - 1]); };
+  const auto alike = [&](double a, double b) { return std::abs(a - b) < like * std::min(std::abs(a), std::abs(b)); };
+  for (Eigen::Index row = 3; row + 2 < strain.size(); ++row) {
+    const double before = rate(row - 1), after = rate(row + 1);
+    if (!(before * after < 0.0) || !alike(rate(row - 2), before) || !alike(rate(row + 2), after)) continue;
+    const double span = time[row] - time[row - 1], share = ((strain[row] - strain[row - 1]) / span - after) / (before - after);
+    if (share > of_row && share < 1.0 - of_row) turns.push_back({row, time[row - 1] + share * span, strain[row - 1] + share * span * before});
+  }
+  return turns;
+}
+
+BarResponse pull_bar(const FiniteStrainLaw& law, std::span<const double> parameters, const BarHistory& history,
+                     std::span<const int> free, const BarOptions& options) {
+  if (law.thickness_strain_index() >= 0) throw std::invalid_argument("pull_bar: a law of plane stress");
+  BarResponse whole = in_steps(law, parameters, history, free, options, 1);
+  if (!has_effects(law, parameters) || whole.rows < history.strain.size()) return whole;
+  BarResponse response = in_steps(law, parameters, history, free, options, 2);
+  if (response.rows < history.strain.size()) return whole;
+  const auto extrapolate = [](auto& halved, const auto& once) { halved += halved - once; };
+  extrapolate(response.kirchhoff, whole.kirchhoff), extrapolate(response.engineering, whole.engineering), extrapolate(response.lateral, whole.lateral);
+  extrapolate(response.plastic_strain, whole.plastic_strain), extrapolate(response.derivatives, whole.derivatives);
   return response;
 }
 

@@ -65,6 +65,63 @@ TEST(Bar, DerivativesMatchDifferencesOfTheWholePath) {
   }
 }
 
+/// A row is the step where rows are far apart: 30 rows from one turn of a cycle to the next.
+TEST(Bar, BackStressesNeedNoNarrowRows) {
+  const auto c = testing::with_effects("kinematic", {"kinematic"}, {40e3, 400.0});
+  std::vector<int> free(c.parameters.size());
+  std::iota(free.begin(), free.end(), 0);
+  const auto cycle_of = [](Eigen::Index rows) {
+    BarHistory history{.time = Eigen::VectorXd::LinSpaced(3 * rows + 1, 0.0, 3.0), .strain = Eigen::VectorXd(3 * rows + 1)};
+    const double turns[] = {0.0, 0.01, -0.01, 0.01};
+    for (Eigen::Index i = 0; i <= 3 * rows; ++i) {
+      const auto branch = static_cast<std::size_t>(std::min<Eigen::Index>(i / rows, 2));
+      history.strain[i] = turns[branch] + (turns[branch + 1] - turns[branch]) * static_cast<double>(i - static_cast<Eigen::Index>(branch) * rows) / static_cast<double>(rows);
+    }
+    return history;
+  };
+  const BarResponse coarse = pull_bar(*c.made().law, c.parameters, cycle_of(30), free), fine = pull_bar(*c.made().law, c.parameters, cycle_of(3000), free);
+  const auto rows = Eigen::seqN(0, 91, 100);
+  const double stress = (coarse.kirchhoff - fine.kirchhoff(rows)).norm() / coarse.kirchhoff.norm();
+  double slope = 0.0;  // worst column: what the parameter is off by, if it alone is free
+  for (Eigen::Index j = 0; j < coarse.derivatives.cols(); ++j) {
+    const Eigen::VectorXd own = fine.derivatives(rows, j);
+    if (own.norm() * c.parameters[static_cast<std::size_t>(j)] > 1e-3 * fine.kirchhoff(rows).norm()) slope = std::max(slope, (coarse.derivatives.col(j) - own).norm() / own.norm());
+  }
+  std::cout << "[          ] 30 rows a branch against 3000: stress " << stress << ", derivatives " << slope << "\n";
+  EXPECT_LT(stress, 1e-3);
+  EXPECT_LT(slope, 0.02);
+}
+
+TEST(Bar, TurnsBetweenRowsAreWhereTheLinesMeet) {
+  const auto triangle = [](double t) { return 0.01 * (1.0 - std::abs(std::fmod(t + 1.0, 4.0) - 2.0)); };  // turns at 1, 3, 5 ...
+  const auto sampled = [](double spacing, double until, const auto& course) {
+    BarHistory history{.time = Eigen::VectorXd::LinSpaced(static_cast<Eigen::Index>(until / spacing) + 1, 0.0, std::floor(until / spacing) * spacing), .strain = {}};
+    history.strain = history.time.unaryExpr([&](double t) { return course(t); });
+    return history;
+  };
+  BarHistory rows = sampled(0.07, 6.0, triangle);
+  EXPECT_TRUE(unseen_turns(sampled(0.05, 6.0, triangle).time, sampled(0.05, 6.0, triangle).strain).empty());  // each turn is a row
+  const BarHistory wave = sampled(0.07, 6.0, [](double t) { return 0.01 * std::sin(t); });
+  EXPECT_TRUE(unseen_turns(wave.time, wave.strain).empty());  // where the rate changes nothing is known
+  rows.turns = unseen_turns(rows.time, rows.strain);
+  ASSERT_EQ(rows.turns.size(), 3U);
+  for (std::size_t k = 0; k < 3; ++k) {
+    EXPECT_NEAR(rows.turns[k].time, 1.0 + 2.0 * static_cast<double>(k), 1e-9);
+    EXPECT_NEAR(rows.turns[k].strain, k % 2 == 0 ? 0.01 : -0.01, 1e-11);
+    EXPECT_EQ(rows.turns[k].row, static_cast<Eigen::Index>(std::ceil(rows.turns[k].time / 0.07)));
+  }
+  const auto c = testing::with_effects("kinematic", {"kinematic"}, {20e3, 150});
+  const BarHistory all = sampled(0.01, 6.0, triangle);
+  const Eigen::VectorXd known = pull_bar(*c.made().law, c.parameters, rows).kirchhoff,
+                        full = pull_bar(*c.made().law, c.parameters, all).kirchhoff(Eigen::seqN(0, rows.strain.size(), 7));
+  rows.turns.clear();
+  const Eigen::VectorXd straight = pull_bar(*c.made().law, c.parameters, rows).kirchhoff;
+  const auto off = [&](const Eigen::VectorXd& stress) { return (stress - full).cwiseAbs().maxCoeff() / full.maxCoeff(); };
+  std::cout << "[          ] stress off by " << off(known) << " of the largest, without turns " << off(straight) << "\n";
+  EXPECT_LT(off(known), 1e-3);
+  EXPECT_GT(off(straight), 0.05);
+}
+
 TEST(Bar, DirectionOfTheBarIsTheAngleOfTheMaterialAxisTheOtherWay) {
   auto turned = testing::with_effects("hill", {"hill"}, {1.2, 0.85, 1.1, -35}),
        straight = testing::with_effects("hill", {"hill"}, {1.2, 0.85, 1.1, 0});

@@ -44,6 +44,7 @@ struct CurveRun {
   std::vector<double> chi;                      ///< and chi
   std::map<std::string, std::string> versions;
   bool converged = true;
+  std::vector<std::string> doubts;
   double seconds = 0.0;
 };
 

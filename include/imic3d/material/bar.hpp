@@ -3,17 +3,30 @@
 
 #include <Eigen/Core>
 #include <span>
+#include <vector>
 
 #include "imic3d/material/finite_strain_law.hpp"
 
 namespace imic3d::material {
+
+/// Where the strain turned back between two rows.
+struct BarTurn {
+  Eigen::Index row;  ///< the one after it
+  double time, strain;
+};
 
 /// What is prescribed: the logarithmic strain of the gauge at times, from the virgin state at time[0].
 struct BarHistory {
   Eigen::VectorXd time;    ///< [rows, time], not descending
   Eigen::VectorXd strain;  ///< ln(length / length_0) [rows, -]
   double direction = 0.0;  ///< of the bar in the plane of the law's axes x, y, counter-clockwise from x [degree]
+  std::vector<BarTurn> turns = {};  ///< in order, one between two rows at most
 };
+
+/// Turns between rows of a test whose strain went at one rate before and at one after: there the two lines meet. A bar that turned
+/// unseen has its yield surface elsewhere: all of the branch after it is off by Young's modulus times what the strain went on.
+/// Where a turn is a row, or the rate changes near it by more than 5 %, there is none.
+[[nodiscard]] std::vector<BarTurn> unseen_turns(const Eigen::VectorXd& time, const Eigen::VectorXd& strain);
 
 struct BarOptions {
   double largest_step = 2e-3;  ///< of the strain; longer ones are divided
@@ -35,7 +48,8 @@ struct BarResponse {
 /// The deformation gradient in the bar's axes is [e^strain, g, 0; 0, e^a, 0; 0, 0, e^b]; a, b and the shear g, which
 /// an anisotropic bar needs, are found by Newton's method with the consistent tangent so that tau_22 = tau_33 = tau_12
 /// = 0. The derivatives are those of the whole path, by direct differentiation. law: not one of plane stress. `free`:
-/// parameters by index.
+/// parameters by index. Where an effect (back-stress, rate, heat) has to be integrated, the response is that of halved steps less
+/// what these err by, the difference to whole ones (Richardson): the error falls with the square of the step.
 [[nodiscard]] BarResponse pull_bar(const FiniteStrainLaw& law, std::span<const double> parameters,
                                    const BarHistory& history, std::span<const int> free = {},
                                    const BarOptions& options = {});
