@@ -262,6 +262,19 @@ std::vector<Eigen::Matrix2d> Correlation::deformation_gradient(const Eigen::Vect
   return F;
 }
 
+std::vector<Eigen::Matrix2d> Correlation::mean_of_neighbours(const std::vector<Eigen::Matrix2d>& F) const {
+  std::vector<Eigen::Matrix2d> of_node(static_cast<std::size_t>(nodes()), Eigen::Matrix2d::Zero()), mean(F.size());
+  Eigen::VectorXd count = Eigen::VectorXd::Zero(nodes());
+  for (int e = 0; e < elements(); ++e)
+    for (int i = 0; i < 4; ++i) of_node[static_cast<std::size_t>(surface_.cells(e, i))] += F[static_cast<std::size_t>(e)], count[surface_.cells(e, i)] += 1.0;
+  for (int e = 0; e < elements(); ++e) {
+    Eigen::Matrix2d sum = Eigen::Matrix2d::Zero();
+    for (int i = 0; i < 4; ++i) sum += of_node[static_cast<std::size_t>(surface_.cells(e, i))] / count[surface_.cells(e, i)];
+    mean[static_cast<std::size_t>(e)] = 0.25 * sum;
+  }
+  return mean;
+}
+
 const float* Correlation::smoothed_alike(int element, const std::vector<Eigen::Matrix2d>& F, std::vector<float>& levels) const {
   const ElementPixels pixels = pixels_of(element);
   const Eigen::Matrix2d& own = F[static_cast<std::size_t>(element)];
@@ -348,9 +361,9 @@ Evaluation Correlation::evaluate(const imaging::BSpline& g, const Eigen::VectorX
   const InImage shift = pixel_displacement(U);
   const bool own_slopes = gradient == Gradient::deformed;
   const auto [begin, end] = share(group);
-  const std::vector<Eigen::Matrix2d> F = deformation_gradient(U);
+  const std::vector<Eigen::Matrix2d> F = deformation_gradient(U), smoothed_over = mean_of_neighbours(F);
   // Element sums. Grey levels are counted from the reference's mean, so that the moments keep their digits.
-  const auto sums = precision == Precision::single ? sums_of<float>(begin, end, g, shift, U, F, gradient) : sums_of<double>(begin, end, g, shift, U, F, gradient);
+  const auto sums = precision == Precision::single ? sums_of<float>(begin, end, g, shift, U, smoothed_over, gradient) : sums_of<double>(begin, end, g, shift, U, smoothed_over, gradient);
   const float grey0 = mean_grey_;
 
   // Light and correlation coefficient from the moments of all pixels.
@@ -435,7 +448,7 @@ std::vector<float> Correlation::residual(const imaging::BSpline& g, const Eigen:
   Evaluation seen;
   if (brightness_) seen = evaluate(g, U, Communicator{MPI_COMM_SELF});
   const InImage shift = pixel_displacement(U);
-  const std::vector<Eigen::Matrix2d> F = deformation_gradient(U);
+  const std::vector<Eigen::Matrix2d> smoothed_over = mean_of_neighbours(deformation_gradient(U));
   std::vector<float> residual(quadrature_.pixels());
 #pragma omp parallel
   {
@@ -447,7 +460,7 @@ std::vector<float> Correlation::residual(const imaging::BSpline& g, const Eigen:
       const float offset = brightness_ ? static_cast<float>(seen.element_offset[e]) : 0.0F;
       interpolate(g, e, shift, U, false, here);
       const std::size_t first = quadrature_.first[static_cast<std::size_t>(e)];
-      const float* const f = smoothed_alike(e, F, levels);
+      const float* const f = smoothed_alike(e, smoothed_over, levels);
       for (std::size_t p = 0; p < quadrature_.pixels_of(e); ++p)
         residual[first + p] = f[p] - (gain * here.value[p] + offset);
     }

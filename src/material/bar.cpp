@@ -139,12 +139,12 @@ class Bar {
   Lateral x_ = Lateral::Zero(), course_{-0.5, -0.5, 0.0};  // the next step goes on as the last one did
 };
 
-/// Isotropic hardening is a function of the plastic strain, which goes one way: steps of any length are exact. Back-stresses, rates and
-/// heat are integrated.
-bool has_effects(const FiniteStrainLaw& law, std::span<const double> parameters) {
+/// Isotropic hardening is a function of the plastic strain, which goes one way: steps of any length are exact, and the stress of a rate is
+/// that of the step's mean rate. Back-stresses and heat are integrated.
+bool is_integrated(const FiniteStrainLaw& law, std::span<const double> parameters) {
   for (std::size_t i = 0; i < parameters.size(); ++i) {
     const ParameterInfo& info = law.parameters()[i];
-    if (!info.effect.empty() && !info.shape && info.null_value && parameters[i] != *info.null_value) return true;
+    if ((info.effect.starts_with("kinematic") || info.effect == "heating") && !info.shape && info.null_value && parameters[i] != *info.null_value) return true;
   }
   return false;
 }
@@ -214,7 +214,7 @@ BarResponse pull_bar(const FiniteStrainLaw& law, std::span<const double> paramet
                      std::span<const int> free, const BarOptions& options) {
   if (law.thickness_strain_index() >= 0) throw std::invalid_argument("pull_bar: a law of plane stress");
   BarResponse whole = in_steps(law, parameters, history, free, options, 1);
-  if (!has_effects(law, parameters) || whole.rows < history.strain.size()) return whole;
+  if (!is_integrated(law, parameters) || whole.rows < history.strain.size()) return whole;
   BarResponse response = in_steps(law, parameters, history, free, options, 2);
   if (response.rows < history.strain.size()) return whole;
   const auto extrapolate = [](auto& halved, const auto& once) { halved += halved - once; };

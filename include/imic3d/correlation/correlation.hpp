@@ -28,7 +28,8 @@ struct CorrelationOptions {
   bool local_brightness = false;
   /// Standard deviation of the Gaussian that smoothed both images [px]. It smooths the deformed image over lengths of the
   /// deformed specimen: f is compared as that would show it, with what sigma^2/2 (F^-1 F^-T - 1) : grad grad f adds (F the
-  /// deformation gradient in the image at the element's centre; the first term of the wider or narrower Gaussian's series).
+  /// deformation gradient in the image, a mean of the element and those beside it, so that noise does not reach it; the first
+  /// term of the wider or narrower Gaussian's series).
   double low_pass = 0.0;
   double slope_noise = 1.392;  ///< variance of grad F for unit noise of the reference (imaging::noise_response) [1/px^2]
   QuadratureOptions quadrature = {};
@@ -138,6 +139,8 @@ class Correlation {
     std::vector<Real> value;              // g(x + u)
     std::vector<float> slope_x, slope_y;  // grad g(x + u), if asked for
   };
+  /// Of each element and those beside it [elements].
+  [[nodiscard]] std::vector<Eigen::Matrix2d> mean_of_neighbours(const std::vector<Eigen::Matrix2d>& F) const;
   /// The reference's grey levels at an element's pixels, smoothed over the lengths that smooth the deformed image; `levels` may hold them.
   [[nodiscard]] const float* smoothed_alike(int element, const std::vector<Eigen::Matrix2d>& F, std::vector<float>& levels) const;
   template <class Real>

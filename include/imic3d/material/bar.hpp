@@ -48,7 +48,7 @@ struct BarResponse {
 /// The deformation gradient in the bar's axes is [e^strain, g, 0; 0, e^a, 0; 0, 0, e^b]; a, b and the shear g, which
 /// an anisotropic bar needs, are found by Newton's method with the consistent tangent so that tau_22 = tau_33 = tau_12
 /// = 0. The derivatives are those of the whole path, by direct differentiation. law: not one of plane stress. `free`:
-/// parameters by index. Where an effect (back-stress, rate, heat) has to be integrated, the response is that of halved steps less
+/// parameters by index. Where a back-stress or heat has to be integrated, the response is that of halved steps less
 /// what these err by, the difference to whole ones (Richardson): the error falls with the square of the step.
 [[nodiscard]] BarResponse pull_bar(const FiniteStrainLaw& law, std::span<const double> parameters,
                                    const BarHistory& history, std::span<const int> free = {},
