@@ -150,7 +150,7 @@ double first_slope(const id::Curve& curve) {
     n += 1.0, x += strain, y += stress, xx += strain * strain, xy += strain * stress;
   }
   const double variance = xx - x * x / n;
-  return n >= 4.0 && variance > 0.0 ? (xy - x * y / n) / variance : std::nan("");
+  return n >= 3.0 && variance > 0.0 ? (xy - x * y / n) / variance : std::nan("");
 }
 }  // namespace
 

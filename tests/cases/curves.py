@@ -103,6 +103,24 @@ def main():
         same_page(program, folder / "loop")
         figures(folder / "loop", ["chi.png", "curves.png"])
 
+        # A unit that was forgotten: the stress rises by 1/100 of E. The identification that starts there stops on bounds or does not end, and says so.
+        strains = [2e-4 * i for i in range(6)] + [0.002 + 1e-3 * i for i in range(40)]
+        draw = random.Random(5)
+        rows = [f"{i}; {100 * strain}; {min(E * strain, 250 + 2000 * strain) + draw.gauss(0, 1)}" for i, strain in enumerate(strains)]
+        (folder / "percent.csv").write_text("clock; strain; stress\n" + "\n".join(rows) + "\n")
+        for scale, doubted in ((0.01, False), (1, True)):
+            case = folder / "percent.yaml"
+            case.write_text("title: bar\nmaterial: {hardening: linear, parameters: {E: 190e3, nu: 0.3, S_y: 230, H: 1500}}\n"
+                            f"experiments: [{{name: bar, file: percent.csv, time: clock, strain: strain, stress: stress, strain_scale: {scale}}}]\n"
+                            "identify: {stages: [{free: [E, S_y, H]}]}\noutput: percent\n")
+            said = run(program, "check", case, errors=True)
+            require(("strain in percent (strain_scale: 0.01)" in said) == doubted, f"strain in per cent, strain_scale {scale}: {'doubted' if doubted else 'not doubted'}")
+        case.write_text(case.read_text().replace("strain_scale: 1", "strain_scale: 0.01").replace("identify: {", "identify: {max_iterations: 1, "))
+        said = run(program, "identify", case, status=3, errors=True)
+        result = json.loads((folder / "percent/result.json").read_text())
+        require("did not converge" in said and any("did not converge" in doubt for doubt in result["doubts"]) and "Doubted" in (folder / "percent/report.html").read_text(),
+                "a stage that does not converge is doubted and ends with status 3, its results written")
+
         def mistake(change, expected, command="check"):
             case = folder / "bad.yaml"
             case.write_text(change(CASE.format(effects="rate", more="", free="", columns=COLUMNS, output="bad")))
