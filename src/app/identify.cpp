@@ -58,6 +58,13 @@ bool ends_on_bound(const Material& material, int parameter, double declared, con
   return std::min(material.values[k] - info.lower, info.upper - material.values[k]) <= 2.0 * solver.eta * std::max(std::abs(declared), solver.scale[k]);
 }
 
+/// What the correlation leaves beyond noise weighs and counts like it.
+id::ImageData judging_images(const Observation& seen, const io::Case& test) {
+  id::ImageData images = make_image_data(seen, test);
+  images.noise *= seen.beyond_noise;
+  return images;
+}
+
 id::GaussNewtonOptions solver_options(const io::Case& test, const Material& material, const Observation& seen, const id::Specimen& specimen, const id::Record& record, const id::ImageData& images) {
   id::GaussNewtonOptions solver;
   solver.functional = id::functional_from(test.identify.functional);
@@ -68,7 +75,7 @@ id::GaussNewtonOptions solver_options(const io::Case& test, const Material& mate
   solver.force_noise = force_noise(seen, test);
   if (test.identify.steps_per_frame == 0) solver.most_increments = most_increments;
   for (const auto& info : material.information) solver.scale.push_back(info.effect.empty() ? 0.0 : info.scale);
-  solver.noise_model = {.image = images.noise * seen.beyond_noise,
+  solver.noise_model = {.image = images.noise,
                         .references = seen.references,
                         .force = solver.force_noise,
                         .driving = [&seen](const Eigen::MatrixXd& noise) { return driving_displacement(seen, noise); },
@@ -90,7 +97,7 @@ class Identification {
         record_(record),
         output_(output),
         checkpoint_(checkpoint),
-        images_(make_image_data(seen, test)),
+        images_(judging_images(seen, test)),
         solver_(solver_options(test, material, seen, specimen, record, images_)),
         tasks_(simulation_tasks(test)),
         model_(world, specimen, material.law, record, {.increments = test.identify.increments()}, tasks_.side_by_side, test.identify.groups, tasks_.before),

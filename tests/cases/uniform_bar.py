@@ -22,7 +22,7 @@ CASE = """
 title: Uniform bar
 specimen: {{mesh: bar.msh, kinematics: plane_stress, element: quad8, thickness: {thickness}, held: bottom, loaded: top, axis: y}}
 cameras:
-  - {{name: front, pixel_size: {pixel}, place: {{origin: [{column}, {row}]}}, images: 'images/*.png', reference: 0-2}}
+  - {{name: front, pixel_size: {pixel}, place: {{origin: [{column}, {row}]}}, images: 'images/*.png', reference: 0-2{noise}}}
 loads: {{file: loads.csv, noise: 4}}
 material:
   law: j2
@@ -32,7 +32,7 @@ identify:
   functional: {functional}
   stages:
     - {{free: [E, S_y, H], frames: "3-{last}"}}
-output: {functional}
+output: {name}
 """
 
 
@@ -72,17 +72,23 @@ def main(program):
             loads.append(f"{frame},{frame},{force[state] + 4 * random.normal():.2f}")
         (folder / "loads.csv").write_text("\n".join(loads) + "\n")
         bar(folder / "bar.msh", -6.0, 6.0, 12, columns=10, half_width=HALF_WIDTH)
-        for functional, percent in (("displacement_driven", 2.0), ("force_driven", 1.0)):
-            case = folder / f"{functional}.yaml"
-            case.write_text(CASE.format(thickness=THICKNESS, pixel=PIXEL, nu=NU, functional=functional, last=len(states) - 1,
+        found = {}
+        for name, functional, noise in (("displacement_driven", "displacement_driven", ""), ("force_driven", "force_driven", ""),
+                                        ("too_sure", "displacement_driven", ", noise: 0.75")):
+            case = folder / f"{name}.yaml"
+            case.write_text(CASE.format(name=name, noise=noise, thickness=THICKNESS, pixel=PIXEL, nu=NU, functional=functional, last=len(states) - 1,
                                         column=(SIZE[0] - 1) / 2, row=(SIZE[1] - 1) / 2))
             run(program, "identify", case)
-            result = json.loads((folder / functional / "result.json").read_text())
-            for name, truth in TRUTH.items():
-                found = result["parameters"][name]
-                off, deviation = found["value"] / truth - 1, found["standard_deviation"] / truth
-                require(abs(off) < percent / 100,
-                        f"{functional}: {name} {100 * off:+.2f} % off (standard deviation {100 * deviation:.2f})")
+            found[name] = json.loads((folder / name / "result.json").read_text())["parameters"]
+        for name, percent in (("displacement_driven", 2.0), ("force_driven", 1.0)):
+            for parameter, truth in TRUTH.items():
+                off, deviation = found[name][parameter]["value"] / truth - 1, found[name][parameter]["standard_deviation"] / truth
+                require(abs(off) < percent / 100, f"{name}: {parameter} {100 * off:+.2f} % off (standard deviation {100 * deviation:.2f})")
+        # Half of the noise declared: the correlation leaves twice as much as that explains, which counts like noise.
+        for parameter in TRUTH:
+            one, other = found["displacement_driven"][parameter], found["too_sure"][parameter]
+            ratio, moved = other["standard_deviation"] / one["standard_deviation"], (other["value"] - one["value"]) / one["standard_deviation"]
+            require(0.8 < ratio < 1.25 and abs(moved) < 0.5, f"half of the noise declared: {parameter} moves by {moved:.2f} standard deviations, which are {ratio:.2f} times those before")
         with h5py.File(folder / "displacement_driven/results.h5") as file:
             nodes, moved = file["surface/nodes"][:], file["dic/displacement"][-1]
         expected = nodes[:, :2] * (numpy.exp([across[-1], STRAIN[-1]]) - 1)

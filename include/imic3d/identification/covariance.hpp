@@ -9,7 +9,7 @@ namespace imic3d::identification {
 
 /// Noise of the measurement. All of it is white in time.
 struct NoiseModel {
-  double image = 0.0;   ///< sigma of one frame [grey level], as ImageData::noise or larger
+  double image = 0.0;   ///< sigma of one frame [grey level], as ImageData::noise
   int references = 1;   ///< images that were averaged to the reference, whose noise is common to all frames
   double force = 0.0;   ///< of the load record [force]
   /// What becomes of a noisy DIC displacement on its way to the ends that it drives: the smoothing, linear
