@@ -279,8 +279,9 @@ const float* Correlation::smoothed_alike(int element, const std::vector<Eigen::M
   const ElementPixels pixels = pixels_of(element);
   const Eigen::Matrix2d& own = F[static_cast<std::size_t>(element)];
   if (!(low_pass_ > 0.0) || !(own.determinant() > 0.05)) return pixels.f;
-  const Eigen::Matrix2d inverse = own.inverse();
-  const Eigen::Matrix2f wider = (0.5 * low_pass_ * low_pass_ * (inverse * inverse.transpose() - Eigen::Matrix2d::Identity())).cast<float>();
+  const Eigen::Matrix2d inverse = own.inverse(), change = inverse * inverse.transpose() - Eigen::Matrix2d::Identity();
+  constexpr double reach = 1.0;  // of the series: a shortening by 30 %, or an element that has lost itself
+  const Eigen::Matrix2f wider = (0.5 * low_pass_ * low_pass_ * std::min(1.0, reach / change.norm()) * change).cast<float>();
   levels.resize(static_cast<std::size_t>(pixels.count + lanes - 1));
   float* at = levels.data();
   for (const PixelRow& run : quadrature_.rows_of(element)) {
