@@ -59,7 +59,7 @@ id::Curve make_curve(const io::ExperimentCase& experiment, std::size_t file) {
       throw InputError(place(row),
                        fmt::format("time {} after {}", curve.history.time[row], curve.history.time[row - 1]),
                        "a time that does not decrease");
-  if (!experiment.monotonic) curve.history.turns = material::unseen_turns(curve.history.time, curve.history.strain);
+  if (!experiment.monotonic) curve.history.turns = material::unseen_turns(curve.history.time, curve.history.strain, curve.stress);
 
   bool reached = false;
   double largest_strain = 0.0;

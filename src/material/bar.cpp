@@ -196,7 +196,7 @@ BarResponse in_steps(const FiniteStrainLaw& law, std::span<const double> paramet
 
 }  // namespace
 
-std::vector<BarTurn> unseen_turns(const Eigen::VectorXd& time, const Eigen::VectorXd& strain) {
+std::vector<BarTurn> unseen_turns(const Eigen::VectorXd& time, const Eigen::VectorXd& strain, const Eigen::VectorXd& stress) {
   constexpr double like = 0.05, of_row = 0.02;
   std::vector<BarTurn> turns;
   const auto rate = [&](Eigen::Index row) { return (strain[row] - strain[row - 1]) / (time[row] - time[row - 1]); };
@@ -205,7 +205,11 @@ std::vector<BarTurn> unseen_turns(const Eigen::VectorXd& time, const Eigen::Vect
     const double before = rate(row - 1), after = rate(row + 1);
     if (!(before * after < 0.0) || !alike(rate(row - 2), before) || !alike(rate(row + 2), after)) continue;
     const double span = time[row] - time[row - 1], share = ((strain[row] - strain[row - 1]) / span - after) / (before - after);
-    if (share > of_row && share < 1.0 - of_row) turns.push_back({row, time[row - 1] + share * span, strain[row - 1] + share * span * before});
+    if (!(share > of_row && share < 1.0 - of_row)) continue;
+    const auto slope = [&](Eigen::Index at) { return (stress[at] - stress[at - 1]) / (strain[at] - strain[at - 1]); };
+    const double way = share * span * before, back = strain[row] - strain[row - 1] - way, change = stress[row] - stress[row - 1];
+    const double turned = slope(row - 1) * way + slope(row + 1) * back, straight = (way + back) * ((way + back) * before > 0.0 ? slope(row - 1) : slope(row + 1));
+    if (std::abs(change - turned) < std::abs(change - straight)) turns.push_back({row, time[row - 1] + share * span, strain[row - 1] + way});
   }
   return turns;
 }

@@ -100,22 +100,24 @@ TEST(Bar, TurnsBetweenRowsAreWhereTheLinesMeet) {
     return history;
   };
   BarHistory rows = sampled(0.07, 6.0, triangle);
-  EXPECT_TRUE(unseen_turns(sampled(0.05, 6.0, triangle).time, sampled(0.05, 6.0, triangle).strain).empty());  // each turn is a row
+  const auto c = testing::with_effects("kinematic", {"kinematic"}, {20e3, 150});
+  const auto stress_of = [&](const BarHistory& history) { return pull_bar(*c.made().law, c.parameters, history).kirchhoff; };
+  const BarHistory all = sampled(0.01, 6.0, triangle), met = sampled(0.05, 6.0, triangle);
+  const Eigen::VectorXd full = stress_of(all)(Eigen::seqN(0, rows.strain.size(), 7));
+  EXPECT_TRUE(unseen_turns(met.time, met.strain, stress_of(met)).empty());  // each turn is a row
+  EXPECT_TRUE(unseen_turns(rows.time, rows.strain, stress_of(rows)).empty());  // the stress is that of a bar that turned at a row
   const BarHistory wave = sampled(0.07, 6.0, [](double t) { return 0.01 * std::sin(t); });
-  EXPECT_TRUE(unseen_turns(wave.time, wave.strain).empty());  // where the rate changes nothing is known
-  rows.turns = unseen_turns(rows.time, rows.strain);
+  EXPECT_TRUE(unseen_turns(wave.time, wave.strain, stress_of(wave)).empty());  // where the rate changes nothing is known
+  rows.turns = unseen_turns(rows.time, rows.strain, full);
   ASSERT_EQ(rows.turns.size(), 3U);
   for (std::size_t k = 0; k < 3; ++k) {
     EXPECT_NEAR(rows.turns[k].time, 1.0 + 2.0 * static_cast<double>(k), 1e-9);
     EXPECT_NEAR(rows.turns[k].strain, k % 2 == 0 ? 0.01 : -0.01, 1e-11);
     EXPECT_EQ(rows.turns[k].row, static_cast<Eigen::Index>(std::ceil(rows.turns[k].time / 0.07)));
   }
-  const auto c = testing::with_effects("kinematic", {"kinematic"}, {20e3, 150});
-  const BarHistory all = sampled(0.01, 6.0, triangle);
-  const Eigen::VectorXd known = pull_bar(*c.made().law, c.parameters, rows).kirchhoff,
-                        full = pull_bar(*c.made().law, c.parameters, all).kirchhoff(Eigen::seqN(0, rows.strain.size(), 7));
+  const Eigen::VectorXd known = stress_of(rows);
   rows.turns.clear();
-  const Eigen::VectorXd straight = pull_bar(*c.made().law, c.parameters, rows).kirchhoff;
+  const Eigen::VectorXd straight = stress_of(rows);
   const auto off = [&](const Eigen::VectorXd& stress) { return (stress - full).cwiseAbs().maxCoeff() / full.maxCoeff(); };
   std::cout << "[          ] stress off by " << off(known) << " of the largest, without turns " << off(straight) << "\n";
   EXPECT_LT(off(known), 1e-3);

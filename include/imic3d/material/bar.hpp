@@ -25,8 +25,9 @@ struct BarHistory {
 
 /// Turns between rows of a test whose strain went at one rate before and at one after: there the two lines meet. A bar that turned
 /// unseen has its yield surface elsewhere: all of the branch after it is off by Young's modulus times what the strain went on.
-/// Where a turn is a row, or the rate changes near it by more than 5 %, there is none.
-[[nodiscard]] std::vector<BarTurn> unseen_turns(const Eigen::VectorXd& time, const Eigen::VectorXd& strain);
+/// Where a turn is a row, or the rate changes near it by more than 5 %, there is none; nor where the stress between the two rows
+/// changes rather as on a straight way, with the slopes of the rows before and after.
+[[nodiscard]] std::vector<BarTurn> unseen_turns(const Eigen::VectorXd& time, const Eigen::VectorXd& strain, const Eigen::VectorXd& stress);
 
 struct BarOptions {
   double largest_step = 2e-3;  ///< of the strain; longer ones are divided
