@@ -61,7 +61,7 @@ bool ends_on_bound(const Material& material, int parameter, double declared, con
 /// What the correlation leaves beyond noise weighs and counts like it.
 id::ImageData judging_images(const Observation& seen, const io::Case& test) {
   id::ImageData images = make_image_data(seen, test);
-  images.noise *= seen.beyond_noise;
+  images.noise *= beyond_noise(seen);
   return images;
 }
 

@@ -119,6 +119,9 @@ std::string small_elements(const std::vector<correlation::DicFrame>& frames) {
 }
 
 namespace {
+/// The residual that noise of one grey level makes in pure DIC.
+double residual_of_unit_noise(const Observation& seen, const ObservedFace& face) { return face.dic->noise_response().level * std::sqrt(1.0 + 1.0 / seen.references); }
+
 /// No static frames: what the DIC leaves in a camera's best frame is noise of that frame and of the reference.
 void noise_of_best_frames(Observation& observation) {
   std::size_t first = 0;
@@ -127,8 +130,7 @@ void noise_of_best_frames(Observation& observation) {
       if (face.rig->noise_is_measured[c]) continue;
       double smallest = INFINITY;
       for (const auto& frame : observation.frames) smallest = std::min(smallest, frame.cameras[first + c].rms);
-      observation.camera_noise[static_cast<std::size_t>(face.rig->cameras[c])] =
-          smallest / (face.dic->noise_response().level * std::sqrt(1.0 + 1.0 / observation.references));
+      observation.camera_noise[static_cast<std::size_t>(face.rig->cameras[c])] = smallest / residual_of_unit_noise(observation, face);
     }
     first += face.rig->cameras.size();
   }
@@ -138,7 +140,7 @@ void noise_of_best_frames(Observation& observation) {
 }  // namespace
 
 double residual_of_noise(const Observation& seen, const ObservedFace& face, std::size_t camera) {
-  return seen.camera_noise[static_cast<std::size_t>(face.rig->cameras[camera])] * face.dic->noise_response().level * std::sqrt(1.0 + 1.0 / seen.references);
+  return seen.camera_noise[static_cast<std::size_t>(face.rig->cameras[camera])] * residual_of_unit_noise(seen, face);
 }
 
 double beyond_noise(const Observation& seen, const correlation::DicFrame& frame) {
@@ -149,6 +151,13 @@ double beyond_noise(const Observation& seen, const correlation::DicFrame& frame)
     first += face.rig->cameras.size();
   }
   return std::sqrt(sum / static_cast<double>(first));
+}
+
+double beyond_noise(const Observation& seen) {
+  std::vector<double> frames;
+  for (const auto& frame : seen.frames) frames.push_back(beyond_noise(seen, frame));
+  const double typical = median(std::move(frames));
+  return std::isfinite(typical) ? std::max(1.0, typical) : 1.0;
 }
 
 void correlate(Observation& observation, const io::Case& test, const Communicator& world,
@@ -196,9 +205,6 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
   observation.places = std::move(kept);
   observation.frames = std::move(known);
   if (!observation.noise_is_measured) noise_of_best_frames(observation);
-  std::vector<double> beyond;
-  for (const auto& frame : observation.frames) beyond.push_back(beyond_noise(observation, frame));
-  if (const double typical = median(std::move(beyond)); typical > 1.0 && std::isfinite(typical)) observation.beyond_noise = typical;
 }
 
 namespace {
@@ -220,7 +226,7 @@ double noise_of_pair(const Observation& observation, const ObservedFace& face) {
     squares += std::pow(cameras.weight(c) * motion_noise(observation, face, static_cast<std::size_t>(c)), 2) * size;
     sum += cameras.weight(c) * size;
   }
-  return observation.beyond_noise * std::sqrt(squares / sum * (1.0 + 1.0 / observation.references));
+  return beyond_noise(observation) * std::sqrt(squares / sum * (1.0 + 1.0 / observation.references));
 }
 
 }  // namespace

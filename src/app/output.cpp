@@ -92,9 +92,9 @@ double share_of_light(const io::Case& test, const Observation& seen, std::size_t
 std::string unlikely_correlation(const io::Case& test, const Observation& seen) {
   std::vector<double> beyond;
   for (const auto& frame : seen.frames) beyond.push_back(beyond_noise(seen, frame));
-  const double typical = median(std::vector(beyond));
+  const double typical = beyond_noise(seen);
   const std::string much = fmt::format("the correlation alone leaves {:.2f} times the residual that noise explains (median of the frames)", typical);
-  if (std::isfinite(typical) && typical > unlikely_light && !test.dic.brightness && !test.dic.local_brightness) {
+  if (typical > unlikely_light && !test.dic.brightness && !test.dic.local_brightness) {
     constexpr std::size_t looked_at = 8;
     std::vector<double> shares;
     for (std::size_t t = 0; t < beyond.size(); t += 1 + beyond.size() / looked_at) {
@@ -107,7 +107,7 @@ std::string unlikely_correlation(const io::Case& test, const Observation& seen) 
     if (const double share = shares.empty() ? 0.0 : median(shares); share > 0.5)
       return fmt::format("{}, and {:.0f} % of what is beyond noise is a gain and an offset: the light changes, and may move the parameters by more than their standard deviations; dic.brightness (or dic.local_brightness) takes it off", much, 100.0 * std::min(share, 1.0));
   }
-  if (!std::isfinite(typical) || typical < unlikely_residual) return {};
+  if (typical < unlikely_residual) return {};
   return much + fmt::format(": the standard deviations hold it as if it were noise, alike in no two frames, which it may not be. A motion that the mesh cannot follow (a finer one helps), {}, or frames that lost it",
                             test.dic.local_brightness ? "another change of the picture than its light" : test.dic.brightness ? "light that does not change alike everywhere (dic.local_brightness)" : "light that changes (dic.brightness, dic.local_brightness)");
 }

@@ -262,7 +262,8 @@ std::vector<Eigen::Matrix2d> Correlation::deformation_gradient(const Eigen::Vect
   return F;
 }
 
-std::vector<Eigen::Matrix2d> Correlation::mean_of_neighbours(const std::vector<Eigen::Matrix2d>& F) const {
+std::vector<Eigen::Matrix2d> Correlation::smoothed_over(const std::vector<Eigen::Matrix2d>& F) const {
+  if (!(low_pass_ > 0.0)) return {};
   std::vector<Eigen::Matrix2d> of_node(static_cast<std::size_t>(nodes()), Eigen::Matrix2d::Zero()), mean(F.size());
   Eigen::VectorXd count = Eigen::VectorXd::Zero(nodes());
   for (int e = 0; e < elements(); ++e)
@@ -277,11 +278,11 @@ std::vector<Eigen::Matrix2d> Correlation::mean_of_neighbours(const std::vector<E
 
 const float* Correlation::smoothed_alike(int element, const std::vector<Eigen::Matrix2d>& F, std::vector<float>& levels) const {
   const ElementPixels pixels = pixels_of(element);
+  if (F.empty()) return pixels.f;
   const Eigen::Matrix2d& own = F[static_cast<std::size_t>(element)];
-  if (!(low_pass_ > 0.0) || !(own.determinant() > 0.05)) return pixels.f;
-  const Eigen::Matrix2d inverse = own.inverse(), change = inverse * inverse.transpose() - Eigen::Matrix2d::Identity();
-  constexpr double reach = 1.0;  // of the series: a shortening by 30 %, or an element that has lost itself
-  const Eigen::Matrix2f wider = (0.5 * low_pass_ * low_pass_ * std::min(1.0, reach / change.norm()) * change).cast<float>();
+  if (!(own.determinant() > 0.05)) return pixels.f;
+  const Eigen::Matrix2d inverse = own.inverse();
+  const Eigen::Matrix2f wider = (0.5 * low_pass_ * low_pass_ * (inverse * inverse.transpose() - Eigen::Matrix2d::Identity())).cast<float>();
   levels.resize(static_cast<std::size_t>(pixels.count + lanes - 1));
   float* at = levels.data();
   for (const PixelRow& run : quadrature_.rows_of(element)) {
@@ -362,9 +363,11 @@ Evaluation Correlation::evaluate(const imaging::BSpline& g, const Eigen::VectorX
   const InImage shift = pixel_displacement(U);
   const bool own_slopes = gradient == Gradient::deformed;
   const auto [begin, end] = share(group);
-  const std::vector<Eigen::Matrix2d> F = deformation_gradient(U), smoothed_over = mean_of_neighbours(F);
+  std::vector<Eigen::Matrix2d> F;
+  if (low_pass_ > 0.0 || gradient == Gradient::transported) F = deformation_gradient(U);
+  const std::vector<Eigen::Matrix2d> lengths = smoothed_over(F);
   // Element sums. Grey levels are counted from the reference's mean, so that the moments keep their digits.
-  const auto sums = precision == Precision::single ? sums_of<float>(begin, end, g, shift, U, smoothed_over, gradient) : sums_of<double>(begin, end, g, shift, U, smoothed_over, gradient);
+  const auto sums = precision == Precision::single ? sums_of<float>(begin, end, g, shift, U, lengths, gradient) : sums_of<double>(begin, end, g, shift, U, lengths, gradient);
   const float grey0 = mean_grey_;
 
   // Light and correlation coefficient from the moments of all pixels.
@@ -449,7 +452,7 @@ std::vector<float> Correlation::residual(const imaging::BSpline& g, const Eigen:
   Evaluation seen;
   if (brightness_) seen = evaluate(g, U, Communicator{MPI_COMM_SELF});
   const InImage shift = pixel_displacement(U);
-  const std::vector<Eigen::Matrix2d> smoothed_over = mean_of_neighbours(deformation_gradient(U));
+  const std::vector<Eigen::Matrix2d> lengths = low_pass_ > 0.0 ? smoothed_over(deformation_gradient(U)) : std::vector<Eigen::Matrix2d>{};
   std::vector<float> residual(quadrature_.pixels());
 #pragma omp parallel
   {
@@ -461,7 +464,7 @@ std::vector<float> Correlation::residual(const imaging::BSpline& g, const Eigen:
       const float offset = brightness_ ? static_cast<float>(seen.element_offset[e]) : 0.0F;
       interpolate(g, e, shift, U, false, here);
       const std::size_t first = quadrature_.first[static_cast<std::size_t>(e)];
-      const float* const f = smoothed_alike(e, smoothed_over, levels);
+      const float* const f = smoothed_alike(e, lengths, levels);
       for (std::size_t p = 0; p < quadrature_.pixels_of(e); ++p)
         residual[first + p] = f[p] - (gain * here.value[p] + offset);
     }

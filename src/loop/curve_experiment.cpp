@@ -232,7 +232,12 @@ Eigen::MatrixXd CurveExperiment::follow(std::size_t curve, const Law& law, const
   const id::Curve& one = curves_[curve];
   material::BarHistory history = one.history;
   history.strain = true_strain(curve, values);
-  for (auto& turn : history.turns) turn.strain += history.strain[turn.row - 1] - one.history.strain[turn.row - 1];
+  // What a gauge errs by at a turn goes on from the two rows before it.
+  const Eigen::VectorXd &recorded = one.history.strain, shift = history.strain - recorded;
+  for (auto& turn : history.turns) {
+    const Eigen::Index last = turn.row - 1;
+    turn.strain += shift[last] + (turn.strain - recorded[last]) * (shift[last] - shift[last - 1]) / (recorded[last] - recorded[last - 1]);
+  }
   const auto response = material::pull_bar(*law.law, law.values, history, free);
   if (response.rows < one.stress.size()) return {};
   Eigen::MatrixXd all(response.rows, 1 + static_cast<Eigen::Index>(free.size()));

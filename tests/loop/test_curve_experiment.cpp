@@ -187,6 +187,31 @@ std::vector<identification::Curve> dense_bars(int count, double zero, unsigned s
   return all;
 }
 
+/// A gauge that is off errs at a turn that no row has, too.
+TEST(CurveExperiment, AGaugeActsOnTurnsBetweenRows) {
+  constexpr double gain = 1.05;
+  const auto triangle = [](double t) { return 0.01 * (1.0 - std::abs(std::fmod(t + 1.0, 4.0) - 2.0)); };
+  const CurveModel m = model(truth);
+  const auto sampled = [&](int rows, double spacing) {
+    material::BarHistory history{.time = Eigen::VectorXd::LinSpaced(rows, 0.0, (rows - 1) * spacing), .strain = {}};
+    history.strain = history.time.unaryExpr(triangle);
+    return history;
+  };
+  identification::Curve curve;
+  curve.name = "cycle", curve.group = "cycles", curve.deviation = 1.0;
+  curve.history = sampled(86, 0.07);
+  curve.stress = material::pull_bar(*m.extended(material::known_effects()), m.values, sampled(596, 0.01)).kirchhoff(Eigen::seqN(0, 86, 7));
+  curve.engineering = false;
+  curve.history.strain *= gain;
+  curve.history.turns = material::unseen_turns(curve.history.time, curve.history.strain, curve.stress);
+  ASSERT_EQ(curve.history.turns.size(), 3U);
+  curve.use.assign(86, identification::Curve::fitted);
+  CurveExperiment experiment(Communicator(), {curve}, model(truth));
+  std::vector<double> values;
+  for (const auto& p : experiment.parameters()) values.push_back(p.info.name == "strain_gain" ? gain : p.value);
+  EXPECT_LT((experiment.predict(values).front() - curve.stress).cwiseAbs().maxCoeff(), 0.05);
+}
+
 /// The elastic part is an eightieth of the strain and more than half of the stress: it has its share of the bins, the same for all bars, and the load cell's zero is told from E.
 TEST(CurveExperiment, TheZeroOfTheForceIsFoundInRepeatedBars) {
   for (int count : {2, 6}) {

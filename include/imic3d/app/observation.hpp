@@ -29,9 +29,6 @@ struct Observation {
   std::vector<double> camera_noise;  ///< grey-level noise of one image of each camera, as Case::cameras [grey level]
   double noise = 0.0;                ///< of one image; several cameras: 1/noise^2 is the mean of theirs [grey level]
   bool noise_is_measured = false;    ///< from static frames or given; else estimated from the residual of the DIC
-  /// What the correlation leaves over what noise explains (`beyond_noise`, median of the frames), not less than one: errors that are
-  /// not noise, such as those of interpolation and of the mesh, move nodes about as much as noise that were larger by this.
-  double beyond_noise = 1.0;
   std::vector<correlation::DicFrame> frames;  ///< one per place, after `correlate`; residuals of all faces together
 };
 
@@ -52,6 +49,9 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
 [[nodiscard]] double residual_of_noise(const Observation& seen, const ObservedFace& face, std::size_t camera);
 /// The residual of pure DIC in a frame over that which noise explains, rms of the cameras.
 [[nodiscard]] double beyond_noise(const Observation& seen, const correlation::DicFrame& frame);
+/// The median of the frames, not less than one: errors that are not noise, such as those of interpolation and of the mesh, move nodes
+/// about as much as noise that were larger by this.
+[[nodiscard]] double beyond_noise(const Observation& seen);
 
 /// What the identification needs: the record of the frames after the reference, and the images. Throws InputError where the force has the sign of
 /// the other direction than the loaded end moves in.

@@ -139,9 +139,9 @@ class Correlation {
     std::vector<Real> value;              // g(x + u)
     std::vector<float> slope_x, slope_y;  // grad g(x + u), if asked for
   };
-  /// Of each element and those beside it [elements].
-  [[nodiscard]] std::vector<Eigen::Matrix2d> mean_of_neighbours(const std::vector<Eigen::Matrix2d>& F) const;
-  /// The reference's grey levels at an element's pixels, smoothed over the lengths that smooth the deformed image; `levels` may hold them.
+  /// Deformation gradient that the low pass goes by: the mean of each element and those beside it [elements]; empty without one.
+  [[nodiscard]] std::vector<Eigen::Matrix2d> smoothed_over(const std::vector<Eigen::Matrix2d>& F) const;
+  /// The reference's grey levels at an element's pixels, smoothed over the lengths that smooth the deformed image (F: `smoothed_over`); `levels` may hold them.
   [[nodiscard]] const float* smoothed_alike(int element, const std::vector<Eigen::Matrix2d>& F, std::vector<float>& levels) const;
   template <class Real>
   void interpolate(const imaging::BSpline& g, int element, const InImage& shift, const Eigen::VectorXd& U, bool slopes, Seen<Real>& seen) const;
