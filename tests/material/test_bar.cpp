@@ -106,10 +106,14 @@ TEST(Bar, TurnsBetweenRowsAreWhereTheLinesMeet) {
   const Eigen::VectorXd full = stress_of(all)(Eigen::seqN(0, rows.strain.size(), 7));
   EXPECT_TRUE(unseen_turns(met.time, met.strain, stress_of(met)).empty());  // each turn is a row
   EXPECT_TRUE(unseen_turns(rows.time, rows.strain, stress_of(rows)).empty());  // the stress is that of a bar that turned at a row
-  const auto course = [](double t) { return 0.01 * std::sin(t); };
-  const BarHistory wave = sampled(0.35, 6.0, course);
-  const Eigen::VectorXd of_wave = stress_of(sampled(0.01, 6.0, course))(Eigen::seqN(0, wave.strain.size(), 35));
-  EXPECT_TRUE(unseen_turns(wave.time, wave.strain, of_wave).empty());  // where the rate changes nothing is known
+  // Where the rate changes the lines do not meet where the test turned.
+  const auto wave = [](double t) { return 0.01 * std::sin(t); };
+  const BarHistory fine = sampled(0.01, 12.0, wave);
+  const Eigen::VectorXd of_wave = stress_of(fine);
+  for (int apart = 10; apart <= 45; ++apart) {
+    const BarHistory few = sampled(0.01 * apart, 12.0, wave);
+    EXPECT_TRUE(unseen_turns(few.time, few.strain, of_wave(Eigen::seqN(0, few.strain.size(), apart))).empty()) << apart;
+  }
   rows.turns = unseen_turns(rows.time, rows.strain, full);
   ASSERT_EQ(rows.turns.size(), 3U);
   for (std::size_t k = 0; k < 3; ++k) {
