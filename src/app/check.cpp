@@ -116,6 +116,7 @@ void check_case(const Communicator& world, const io::Case& test, bool loop) {
 void check(const Communicator& world, const CommandOptions& options) {
   spdlog::set_level(spdlog::level::warn);  // the plan on stdout says it all
   const io::Case test = read_case(options, {}, true, true, true);
+  check_output(test, options);
   if (test.tests.empty()) {
     const bool loop = test.loop.given || test.fields;
     if (loop) check_loop_case(test);

@@ -137,6 +137,11 @@ std::vector<id::Curve> make_curves(const io::Case& test) {
                          "experiments.noise: a standard deviation, or repetitions");
     }
   }
+  std::size_t fitted = 0, most_free = 0;
+  for (const auto& curve : curves) fitted += static_cast<std::size_t>(std::count(curve.use.begin(), curve.use.end(), id::Curve::fitted));
+  for (const auto& stage : test.identify.stages) most_free = std::max(most_free, stage.free.size());
+  if (fitted == 0) throw InputError("experiments", "no row to fit: all are held out, or come before `from`", "rows that are fitted, more than there are free parameters");
+  if (fitted <= most_free) throw InputError("experiments", fmt::format("{} rows to fit, {} free parameters", fitted, most_free), "more rows than free parameters");
   return curves;
 }
 
@@ -165,6 +170,8 @@ std::vector<std::string> unlikely_units(const io::Case& test, const std::vector<
       if (const double slope = first_slope(*curve); std::isfinite(slope)) slopes.push_back(slope);
     if (slopes.empty()) continue;
     const double slope = median(std::move(slopes)), ratio = slope / declared->second.value;
+    if (ratio < -1.0 / far)
+      throw InputError("experiments." + experiment.name, fmt::format("a stress that first changes by {:.3g} {} for a strain of 1", slope, io::stress_unit(test.units)), "stress and strain of one sign, both positive in tension");
     if (ratio > 1.0 / far && ratio < far) continue;
     doubts.push_back(fmt::format("experiments.{}: the stress first rises by {:.3g} {} for a strain of 1, where E was declared as {:.4g}: is the strain in percent (strain_scale: 0.01), or the stress in another unit than {} (stress_unit)?",
                                  experiment.name, slope, io::stress_unit(test.units), declared->second.value, io::stress_unit(test.units)));
@@ -219,7 +226,16 @@ void identify_curves(const Communicator& world, const CommandOptions& options, c
     at_bounds.insert(fit.at_bounds.begin(), fit.at_bounds.end());
   }
 
-  for (auto& doubt : unlikely_values(test, material, material.values)) run.doubts.push_back(std::move(doubt));
+  const auto doubt = [&](std::string text) {
+    spdlog::warn("{}", text);
+    run.doubts.push_back(std::move(text));
+  };
+  for (const int j : all_free) {
+    const auto& name = material.information[static_cast<std::size_t>(j)].name;
+    if (at_bounds.contains(j)) doubt(fmt::format("{} ended on a bound, {:.6g}: the curves pull it beyond, or do not show it", name, material.values[static_cast<std::size_t>(j)]));
+    else if (!std::isfinite(deviation[j])) doubt(fmt::format("{} is not determined: the fitted rows do not show it", name));
+  }
+  for (auto& unlikely : unlikely_values(test, material, material.values)) run.doubts.push_back(std::move(unlikely));
   const Eigen::VectorXd predicted = set.predict(material.values);
   run.title = test.title, run.law = material.law->name(), run.stress_unit = io::stress_unit(test.units),
   run.time_unit = test.units.time;

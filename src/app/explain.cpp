@@ -41,9 +41,11 @@ ParameterSet read_set(const std::filesystem::path& file, const Material& materia
   const auto wrong = [&](const std::string& found) {
     return InputError(file.string(), found, "a result.json of imic3d identify: {parameters: {E: {value: …, standard_deviation: …}}}");
   };
+  std::error_code error;
   std::ifstream stream(file);
-  if (!stream) throw wrong("no such file");
+  if (!stream || std::filesystem::is_directory(file, error)) throw wrong(std::filesystem::exists(file, error) ? "a folder, or not to be read" : "no such file");
   const auto json = nlohmann::json::parse(stream, nullptr, false);
+  if (json.is_discarded()) throw wrong("no JSON");
   if (!json.is_object() || !json.contains("parameters") || !json["parameters"].is_object()) throw wrong("no parameters");
   ParameterSet set;
   if (json.contains("title") && json["title"].is_string()) set.title = json["title"];
@@ -51,6 +53,7 @@ ParameterSet read_set(const std::filesystem::path& file, const Material& materia
     if (!one.is_object() || !one.contains("value") || !one["value"].is_number()) throw wrong("parameters." + name + " without a value");
     set.values[name] = one["value"];
     if (one.contains("standard_deviation") && one["standard_deviation"].is_number()) set.deviations[name] = one["standard_deviation"];
+    if (set.deviations.contains(name) && !(set.deviations[name] >= 0.0)) throw wrong(fmt::format("parameters.{}.standard_deviation: {:g}", name, set.deviations[name]));
     for (const auto& info : material.information)
       if (info.name == name && one.contains("unit") && one["unit"].is_string() && one["unit"] != info.unit)
         throw InputError(file.string(), fmt::format("{} in {}", name, one["unit"].get<std::string>()), "the case's unit, " + info.unit);
@@ -61,11 +64,17 @@ ParameterSet read_set(const std::filesystem::path& file, const Material& materia
     const auto rows = json["covariance"].at("values").get<std::vector<std::vector<double>>>();
     const auto n = static_cast<Eigen::Index>(set.correlated.size());
     set.covariance.resize(n, n);
+    const auto is_row = [&](const auto& row) { return row.size() == rows.size(); };
+    if (rows.size() != set.correlated.size() || !std::all_of(rows.begin(), rows.end(), is_row)) throw std::length_error("rows");
     for (Eigen::Index i = 0; i < n; ++i)
       for (Eigen::Index j = 0; j < n; ++j) set.covariance(i, j) = rows.at(static_cast<std::size_t>(i)).at(static_cast<std::size_t>(j));
   } catch (const std::exception&) {
-    throw InputError(file.string() + " covariance", "not understood", "{parameters: [names], values: [rows]}");
+    throw InputError(file.string() + " covariance", "not understood", "{parameters: [names], values: [rows]}, as many rows and columns as names");
   }
+  const Eigen::VectorXd scale = set.covariance.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
+  const Eigen::MatrixXd correlation = scale.asDiagonal() * set.covariance * scale.asDiagonal();
+  if (set.covariance.size() > 0 && (set.covariance.diagonal().minCoeff() < 0.0 || Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(correlation).eigenvalues()[0] < -1e-6))
+    throw InputError(file.string() + " covariance", "not positive semi-definite", "a covariance");
   return set;
 }
 

@@ -13,7 +13,6 @@
 
 #include "imic3d/core/log.hpp"
 #include "imic3d/core/median.hpp"
-#include "imic3d/correlation/smoothing.hpp"
 #include "imic3d/imaging/noise.hpp"
 #include "imic3d/io/results_file.hpp"
 #include "rig.hpp"
@@ -98,6 +97,7 @@ Observation observe(const io::Case& test, const identification::Specimen& specim
                                 .brightness = test.dic.brightness,
                                 .local_brightness = test.dic.local_brightness,
                                 .groups = test.dic.groups});
+    seen.measure = correlation::measured_by(seen.dic->cameras(), seen.dic->held());
     for (std::size_t c = 0; c < seen.rig->views.size(); ++c) {
       measure_noise(*seen.rig, c, seen.dic->correlation(static_cast<int>(c)).quadrature());
       observation.camera_noise[static_cast<std::size_t>(seen.rig->cameras[c])] = seen.rig->views[c].noise;
@@ -209,8 +209,6 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
 
 namespace {
 
-correlation::Measure measure_of(const ObservedFace& face) { return correlation::measured_by(face.dic->cameras(), face.dic->held()); }
-
 /// White noise of camera `c` of a face that moves a displacement as much as its own [grey level].
 double motion_noise(const Observation& observation, const ObservedFace& face, std::size_t c) {
   return observation.camera_noise[static_cast<std::size_t>(face.rig->cameras[c])] * face.dic->motion_noise(static_cast<int>(c));
@@ -232,20 +230,23 @@ double noise_of_pair(const Observation& observation, const ObservedFace& face) {
 }  // namespace
 
 namespace {
-/// The displacement of another `imic3d dic` on the same mesh at the frames of the record [2 * surface nodes x frames, length].
-Eigen::MatrixXd displacement_of_file(const io::Case& test, const std::vector<int>& places, const identification::Record& record) {
+/// The displacement of another `imic3d dic` on the same mesh, face by face, at the frames of the record [as Record::surface_displacement].
+Eigen::MatrixXd displacement_of_file(const io::Case& test, const identification::Specimen& specimen, const std::vector<int>& places, const identification::Record& record) {
   const auto file = io::ResultsFile::open(test.identify.driving);
   const std::string name = "dic/displacement";
-  const Eigen::Index nodes = record.surface_displacement.rows() / 2;
+  Eigen::Index nodes = 0;
+  for (const Face& face : specimen.faces) nodes += face.surface.mesh.nodes.rows();
   const auto shape = file.has(name) ? file.shape(name) : std::vector<std::size_t>{};
   if (shape.size() != 3 || shape[0] < test.frames.size() || static_cast<Eigen::Index>(shape[1]) != nodes || shape[2] != 3)
     throw InputError("identify.driving", fmt::format("{}: {} [{}]", test.identify.driving.string(), name, fmt::join(shape, ", ")),
                      fmt::format("{} [{}, {}, 3], of the same mesh and frames", name, test.frames.size(), nodes));
-  Eigen::MatrixXd displacement(2 * nodes, record.surface_displacement.cols());
+  Eigen::MatrixXd displacement(record.surface_displacement.rows(), record.surface_displacement.cols());
   for (std::size_t t = 0; t < places.size(); ++t) {
     const auto u = file.read(name, static_cast<std::size_t>(places[t]));
-    for (Eigen::Index i = 0; i < nodes; ++i)
-      displacement.col(static_cast<Eigen::Index>(t)).segment<2>(2 * i) << u[static_cast<std::size_t>(3 * i)], u[static_cast<std::size_t>(3 * i + 1)];
+    std::size_t node = 0;
+    for (const Face& face : specimen.faces)
+      for (Eigen::Index i = 0; i < face.surface.mesh.nodes.rows(); ++i, ++node)
+        for (int k = 0; k < face.components; ++k) displacement(face.first_unknown + face.components * i + k, static_cast<Eigen::Index>(t)) = u[3 * node + static_cast<std::size_t>(k)];
     if (!displacement.col(static_cast<Eigen::Index>(t)).allFinite())
       throw InputError("identify.driving", fmt::format("{}: no displacement at frame {}", test.identify.driving.string(), record.frames[t]), "every frame");
   }
@@ -258,11 +259,19 @@ double time_of(const io::Case& test, int place) { return test.loads.records.empt
 /// The force is that on the loaded end along +axis, so that both grow in one direction until it is largest. Throws InputError where they clearly do not.
 void require_one_direction(const Observation& observation, const io::Case& test, const identification::Specimen& specimen, const identification::Record& record) {
   const auto& dofs = specimen.displacement_dofs;
-  Eigen::RowVectorXd loaded = Eigen::RowVectorXd::Zero(static_cast<Eigen::Index>(dofs.size())), held = loaded;
+  Eigen::MatrixXd loaded = Eigen::MatrixXd::Zero(2, static_cast<Eigen::Index>(dofs.size())), held = loaded;
   for (std::size_t i = 0; i < dofs.size(); ++i)
-    if (dofs[i] % 3 == specimen.axis) (std::binary_search(specimen.loaded.begin(), specimen.loaded.end(), dofs[i] / 3) ? loaded : held)[static_cast<Eigen::Index>(i)] = 1.0;
-  const Eigen::RowVectorXd elongation = (loaded / loaded.sum() - held / held.sum()) * specimen.displacement_from_surface;
-  const Eigen::VectorXd length = (elongation * record.surface_displacement).transpose();
+    if (dofs[i] % 3 < 2) (std::binary_search(specimen.loaded.begin(), specimen.loaded.end(), dofs[i] / 3) ? loaded : held)(dofs[i] % 3, static_cast<Eigen::Index>(i)) = 1.0;
+  for (auto* end : {&loaded, &held})
+    for (auto row : end->rowwise()) row /= std::max(1.0, row.sum());
+  const Eigen::MatrixXd apart = (loaded - held) * specimen.displacement_from_surface;
+  const Eigen::RowVectorXd elongation = apart.row(specimen.axis);
+  const auto& nodes = specimen.volume.nodes;
+  const Eigen::Vector2d between = (nodes(specimen.loaded, Eigen::all).colwise().mean() - nodes(specimen.held, Eigen::all).colwise().mean()).head<2>().transpose();
+  const Eigen::MatrixXd moved_apart = apart * record.surface_displacement;
+  Eigen::VectorXd length = moved_apart.row(specimen.axis).transpose();
+  if (std::abs(between[specimen.axis]) > 0.7 * between.norm())  // along the axis that turns with the specimen
+    length = std::copysign(1.0, between[specimen.axis]) * ((moved_apart.colwise() + between).colwise().norm().array() - between.norm()).matrix().transpose();
   const auto& reference = test.cameras.front().reference;
   double before = 0.0;
   for (int number : reference) before += test.load(test.index_of(number)).force / static_cast<double>(reference.size());
@@ -310,13 +319,13 @@ identification::Record make_record(Observation& observation, const io::Case& tes
     high = std::max(high, specimen.volume.nodes(node, 1 - specimen.axis));
   }
   const double longest = test.identify.boundary_smoothing.value_or(0.5 * (high - low));
-  record.driving = test.identify.driving.empty() ? record.surface_displacement : displacement_of_file(test, observation.places, record);
+  record.driving = test.identify.driving.empty() ? record.surface_displacement : displacement_of_file(test, specimen, observation.places, record);
   if (longest > 0.0) {
     std::vector<double> cut_offs;
     for (std::size_t k = 0; k < observation.faces.size(); ++k) {
       const Face& face = specimen.faces[k];
       auto& seen = observation.faces[k];
-      seen.driving_cut_off = correlation::cut_offs_of_least_error(measure_of(seen), record.driving.middleRows(face.first_unknown, face.unknowns()), nodes_of_ends(specimen, face),
+      seen.driving_cut_off = correlation::cut_offs_of_least_error(seen.measure, record.driving.middleRows(face.first_unknown, face.unknowns()), nodes_of_ends(specimen, face),
                                                                   noise_of_pair(observation, seen), longest);
       cut_offs.insert(cut_offs.end(), seen.driving_cut_off.begin(), seen.driving_cut_off.end());
     }
@@ -332,7 +341,7 @@ Eigen::MatrixXd driving_displacement(const Observation& observation, Eigen::Matr
   Eigen::Index first = 0;
   for (const auto& face : observation.faces) {
     const Eigen::Index unknowns = face.dic->cameras().unknowns();
-    displacement.middleRows(first, unknowns) = correlation::smooth(measure_of(face), displacement.middleRows(first, unknowns), face.driving_cut_off);
+    displacement.middleRows(first, unknowns) = correlation::smooth(face.measure, displacement.middleRows(first, unknowns), face.driving_cut_off);
     first += unknowns;
   }
   return displacement;
@@ -344,10 +353,9 @@ Eigen::MatrixXd driving_noise(const Observation& observation, int draws) {
   Eigen::MatrixXd all(unknowns, draws);
   unknowns = 0;
   for (const auto& face : observation.faces) {
-    const auto measure = measure_of(face);
-    Eigen::MatrixXd noise = correlation::noise_draws(measure, noise_of_pair(observation, face), draws);
+    Eigen::MatrixXd noise = correlation::noise_draws(face.measure, noise_of_pair(observation, face), draws);
     if (auto cut_offs = face.driving_cut_off; !cut_offs.empty()) {
-      if (const double cut_off = median(cut_offs); cut_off > 0.0) noise = correlation::smooth(measure, noise, cut_off);
+      if (const double cut_off = median(cut_offs); cut_off > 0.0) noise = correlation::smooth(face.measure, noise, cut_off);
     }
     all.middleRows(unknowns, noise.rows()) = noise;
     unknowns += noise.rows();

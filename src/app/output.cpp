@@ -273,8 +273,9 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
   for (auto& doubt : unlikely_values(test_, material, material.values)) doubts.push_back(std::move(doubt));
   const nlohmann::json::json_pointer of_force("/fitted/force_rms_difference/value");
   if (const double left = json.contains(of_force) && json[of_force].is_number() ? json[of_force].get<double>() : 0.0; left > unlikely_force * force_noise) {
-    doubts.push_back(fmt::format("the model leaves {:.3g} {} of the force (rms of the fitted frames), {:.1f} times its noise: what it lacks (a finer mesh{}, an effect that imic3d loop finds) may move the parameters by more than their standard deviations, which are those of noise alone",
-                                 left, test_.units.force, left / force_noise, test_.identify.steps_per_frame > 0 ? ", more load increments between frames: identify.steps_per_frame: auto" : ""));
+    doubts.push_back(fmt::format("the model leaves {:.3g} {} of the force (rms of the fitted frames), {:.1f} times its noise: what it lacks (a finer mesh{}, an effect that imic3d loop finds{}) may move the parameters by more than their standard deviations, which are those of noise alone",
+                                 left, test_.units.force, left / force_noise, test_.identify.steps_per_frame > 0 ? ", more load increments between frames: identify.steps_per_frame: auto" : "",
+                                 test_.identify.functional != "force_driven" ? "; or a mesh that is turned against the specimen by a tenth of a degree, which driven ends take for shear" : ""));
     spdlog::warn("{}", doubts.back());
   }
   for (std::size_t k = 0; k < stages.size(); ++k)

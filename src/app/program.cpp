@@ -6,7 +6,10 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cerrno>
+#include <cstdio>
 #include <cstdlib>
+#include <cstring>
 #include <ctime>
 #include <functional>
 #include <map>
@@ -34,6 +37,23 @@ std::vector<char*> without_petsc_options(int argc, char** argv, std::vector<char
     if (value) petsc.push_back(argv[++i]);
   }
   return own;
+}
+
+/// Options of imic3d that were written with one dash, which PETSc would take.
+std::string with_one_dash(const std::vector<char*>& petsc) {
+  for (std::size_t i = 1; i < petsc.size(); ++i)
+    for (const char* name : {"output", "resume", "from", "to", "tolerance"})
+      if (petsc[i] == std::string("-") + name) return name;
+  return {};
+}
+
+/// Says which of PETSc's options nothing has asked for.
+void warn_of_unused_options() {
+  PetscInt count = 0;
+  char **names = nullptr, **values = nullptr;
+  if (PetscOptionsLeftGet(nullptr, &count, &names, &values) != 0) return;
+  for (PetscInt i = 0; i < count; ++i) spdlog::warn("-{}: nothing has asked for this option", names[i]);
+  PetscOptionsLeftRestore(nullptr, &count, &names, &values);
 }
 
 /// What mpirun, srun and the like tell the processes that they start.
@@ -68,7 +88,7 @@ int run(int argc, char** argv) {
     CLI::App program("Identifies elasto-plastic parameters from the images and the load record of a mechanical test.",
                      "imic3d");
     program.footer("PETSc options are written with a single dash: -mechanics_ksp_type cg -log_view\n"
-                   "Exit status: 0 done, 2 bad input, 3 did not converge, 4 stopped (SIGTERM, SIGUSR1) and can be resumed: the same command with --resume.");
+                   "Exit status: 0 done, 2 bad input, 3 did not converge, 4 stopped (SIGTERM, SIGUSR1, SIGINT, SIGHUP) and can be resumed: the same command with --resume.");
     CommandOptions options;
     std::function<void()> command;
     const auto add = [&](const std::string& name, const std::string& what, auto function, const std::string& file) {
@@ -99,6 +119,7 @@ int run(int argc, char** argv) {
     program.add_flag("--version", show_version, "revision and versions of the libraries");
 
     try {
+      if (const auto name = with_one_dash(petsc_arguments); !name.empty()) throw CLI::ParseError(fmt::format("-{0}: with two dashes, --{0}", name), CLI::ExitCodes::InvalidError);
       program.parse(static_cast<int>(arguments.size()), arguments.data());
       if (show_version) {
         if (world.is_root()) fmt::print("{}", version_text());
@@ -125,6 +146,7 @@ int run(int argc, char** argv) {
                                    fmt::localtime(std::time(nullptr))));
       try {
         collectively(world, command);
+        warn_of_unused_options();
       } catch (const InputError& error) {
         status = said(world, ExitStatus::bad_input, error.what());
       } catch (const ConvergenceError& error) {
@@ -133,6 +155,10 @@ int run(int argc, char** argv) {
         status = said(world, ExitStatus::can_be_resumed, fmt::format("stopped by {}; the same command with --resume goes on from here", error.what()));
       } catch (const std::exception& error) {
         status = said(world, ExitStatus::internal_error, fmt::format("internal error: {}", error.what()));
+      }
+      if (std::fflush(stdout) != 0) {
+        if (status == 0) status = said(world, ExitStatus::bad_input, fmt::format("standard output: {}", std::strerror(errno)));
+        [[maybe_unused]] const auto* nowhere = std::freopen("/dev/null", "w", stdout);  // PETSc writes there at its end
       }
       PetscPopErrorHandler();
       PetscFinalize();

@@ -2,11 +2,14 @@
 
 #include <fmt/format.h>
 
+#include <unistd.h>
+
 #include <algorithm>
 #include <cmath>
 
 #include "imic3d/core/log.hpp"
 #include "imic3d/imaging/compression.hpp"
+#include "imic3d/mesh/connectivity.hpp"
 #include "imic3d/mesh/mesh.hpp"
 #include "test_effects.hpp"
 
@@ -25,6 +28,15 @@ material::LawChoice choice(const io::MaterialCase& declared, bool plane_stress =
           .cauchy_yield = declared.yield_stress == "cauchy",
           .effects = declared.effects,
           .table_strain = declared.table_strain};
+}
+
+mesh::Mesh read_mesh(const std::filesystem::path& file) {
+  mesh::Mesh mesh = mesh::read(file);
+  if (const auto pairs = mesh::nodes_at_one_place(mesh); !pairs.empty()) {
+    const auto [a, b] = pairs.front();
+    spdlog::warn("{}: {} pair{} of nodes at one place, the first at ({:.4g}, {:.4g}, {:.4g}): the mesh is open there, like a crack, unless they are merged", file.string(), pairs.size(), pairs.size() == 1 ? "" : "s", mesh.nodes(a, 0), mesh.nodes(a, 1), mesh.nodes(a, 2));
+  }
+  return mesh;
 }
 
 }  // namespace
@@ -54,7 +66,7 @@ int Material::index(const std::string& name) const {
 io::Case read_case(const CommandOptions& options, std::vector<std::string> sections, bool images, bool fields, bool several) {
   io::Case test = io::read_case(options.case_file,
                        {.parameters_of = [](const io::MaterialCase& m) { return material::make_law(choice(m))->parameters(); },
-                        .read_mesh = [](const std::filesystem::path& file) { return mesh::read(file); },
+                        .read_mesh = read_mesh,
                         .effects = effect_quantities,
                         .sections = std::move(sections),
                         .images = images,
@@ -187,10 +199,29 @@ SimulationTasks simulation_tasks(const io::Case& test) {
   return {.side_by_side = static_cast<int>(1 + most_free), .before = identify.functional == "displacement_driven" ? 0 : 1};
 }
 
+void check_output(const io::Case& test, const CommandOptions& options) {
+  const std::filesystem::path folder = options.output.empty() ? test.output : options.output;
+  const char* const allowed = "a folder that can be written";
+  std::error_code failed;
+  if (folder.empty()) throw InputError("output", "an empty name", allowed);
+  for (auto above = std::filesystem::absolute(folder, failed).lexically_normal(); !above.empty(); above = above.parent_path()) {
+    if (!std::filesystem::exists(above, failed)) {
+      if (above == above.parent_path()) break;
+      continue;
+    }
+    if (!std::filesystem::is_directory(above, failed)) throw InputError("output", fmt::format("{}: {} is no folder", folder.string(), above.string()), allowed);
+    if (access(above.c_str(), W_OK) != 0) throw InputError("output", fmt::format("{}: {} cannot be written", folder.string(), above.string()), allowed);
+    break;
+  }
+  for (const char* name : {"result.json", "results.h5", "report.html", "log.txt", "checkpoint.h5"})
+    if (std::filesystem::is_directory(folder / name, failed)) throw InputError("output", (folder / name).string() + ", a folder", allowed);
+}
+
 std::filesystem::path output_folder(const io::Case& test, const CommandOptions& options, const Communicator& world) {
   const std::filesystem::path folder = options.output.empty() ? test.output : options.output;
   collectively(world, [&] {
     if (!world.is_root()) return;
+    check_output(test, options);
     std::error_code failed;
     std::filesystem::create_directories(folder, failed);
     if (failed) throw InputError("output", folder.string() + ": " + failed.message(), "a folder that can be written");

@@ -208,7 +208,8 @@ Specimen make_specimen(mesh::Mesh volume, const std::string& held, const std::st
   specimen.held = group(specimen.volume, held, case_place + ".held");
   specimen.loaded = group(specimen.volume, loaded, case_place + ".loaded");
 
-  // Nodes for the supports: the ends of the held edge on the front, and the middle of the loaded one.
+  // Nodes for the supports: the ends of the held edge on the front, and the middle of the loaded one. The latter, guided across the axis, keeps the specimen from turning: held at one end alone it would buckle
+  // under a quarter of the force.
   const int across = 1 - axis;
   const double front = nodes.col(2).maxCoeff();
   const auto extreme = [&](const std::vector<int>& candidates, auto measure) {
@@ -225,7 +226,8 @@ Specimen make_specimen(mesh::Mesh volume, const std::string& held, const std::st
   const int b = extreme(specimen.held, [&](int n) { return nodes(n, across); });
   const int c = extreme(specimen.loaded, [&](int n) { return -std::abs(nodes(n, across) - middle); });
 
-  std::set<int> displacement_dofs, force_dofs = {3 * a, 3 * a + 1, 3 * b + axis};
+  const bool guided = std::abs(nodes(c, axis) - nodes(a, axis)) > 0.25 * std::abs(nodes(b, across) - nodes(a, across));
+  std::set<int> displacement_dofs, force_dofs = {3 * a, 3 * a + 1, guided ? 3 * c + across : 3 * b + axis};
   for (const auto* end : {&specimen.held, &specimen.loaded})
     for (int node : *end) displacement_dofs.insert({3 * node, 3 * node + 1});
   const bool plane = mesh::dimension(specimen.volume.type) == 2;

@@ -107,6 +107,8 @@ class CaseReader {
   /// Pinhole cameras have a calibration, and the specimen a place in front of them.
   void check_pinholes();
   void check_mesh(const Section& section);
+  /// Every part of the mesh is held by one of the ends.
+  void check_parts(const Section& section, const mesh::Mesh& mesh);
   void read_loads_section();
   void read_cameras();
   void read_place(const Section& camera_section, CameraCase& camera);
@@ -139,11 +141,15 @@ class CaseReader {
   /// Frames under `key`, restricted to `available` (where nothing is known of the images, as they are written).
   Frames frames_of(const Section& section, const std::string& key, const std::optional<Frames>& available);
   [[nodiscard]] bool simulates() const;
+  [[nodiscard]] bool on_curves() const;
+  /// The schema has refused the value of this path, one around it, or (within a section) one of its members: what follows from that is no mistake of its own.
+  [[nodiscard]] bool is_refused(const std::string& path) const;
   static bool exists(const fs::path& path);
   void mistake(const std::string& path, std::string found, std::string allowed);
   YamlDocument document_;
   const CaseChecks& checks_;
   std::vector<PlacedMistake> mistakes_;
+  std::size_t of_schema_ = 0;  // of these the first, which the schema's check has found
   fs::path folder_;
   Section root_;
   Case case_;

@@ -24,6 +24,7 @@ NamedColumns read_named_columns(const std::filesystem::path& file, const std::ve
   NamedColumns table{file, wanted, {}, ','};
   std::vector<std::string> longest;
   std::vector<std::size_t> place;
+  std::size_t columns = 0;
   std::string line;
   for (int number = 1; std::getline(stream, line); ++number) {
     if (number == 1 && line.starts_with("\xEF\xBB\xBF")) line.erase(0, 3);
@@ -34,11 +35,14 @@ NamedColumns read_named_columns(const std::filesystem::path& file, const std::ve
       for (const auto& name : wanted)
         if (const auto found = std::find(header.begin(), header.end(), name); found != header.end()) place.push_back(static_cast<std::size_t>(found - header.begin()));
       if (place.size() < wanted.size()) place.clear();
+      columns = header.size();
       if (header.size() > longest.size()) longest = header;
       continue;
     }
     const auto fields = fields_of(line, table.separator);
     if (table.rows.empty() && fields && are_units(*fields)) continue;
+    if (fields && std::any_of(fields->begin() + static_cast<std::ptrdiff_t>(std::min(columns, fields->size())), fields->end(), [](const std::string& field) { return !field.empty(); }))
+      throw InputError(fmt::format("{}:{}", file.string(), number), fmt::format("{} fields", fields->size()), fmt::format("{} as in the header{}", columns, table.separator == ',' ? " (where a comma parts fields, the decimal sign is the point)" : ""));
     auto& row = table.rows.emplace_back(NamedColumns::Row{number, std::vector<std::string>(wanted.size())});
     for (std::size_t i = 0; i < wanted.size(); ++i)
       if (fields && place[i] < fields->size()) row.text[i] = (*fields)[place[i]];

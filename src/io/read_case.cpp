@@ -11,6 +11,7 @@
 
 #include "case_reader.hpp"
 #include "image_files.hpp"
+#include "imic3d/mesh/connectivity.hpp"
 
 namespace imic3d::io {
 
@@ -27,6 +28,7 @@ double newtons(const std::string& unit) {
 
 Case CaseReader::read() {
   for (auto& mistake : check_schema(document_, case_schema())) mistakes_.push_back(std::move(mistake));
+  of_schema_ = mistakes_.size();
   case_.file = document_.file;
   case_.text = document_.text;
   root_.get("title", case_.title);
@@ -36,10 +38,9 @@ Case CaseReader::read() {
     read_tests();
     return finished();
   }
-  const bool on_curves = root_.has("experiments") && std::count(checks_.sections.begin(), checks_.sections.end(), "identify") > 0;
-  const bool on_fields = root_.has("fields");
+  const bool on_fields = root_.has("fields"), on_bars = root_.has("experiments") && std::count(checks_.sections.begin(), checks_.sections.end(), "identify") > 0;
   for (const auto& section : checks_.sections)
-    if (!root_.has(section) && !(on_fields && (section == "cameras" || section == "loads")) && !(on_curves && (section == "cameras" || section == "loads"))) mistake(section, "not given", "a section " + section);
+    if (!root_.has(section) && !(on_fields && (section == "cameras" || section == "loads")) && !(on_bars && (section == "cameras" || section == "loads"))) mistake(section, "not given", "a section " + section);
 
   read_units();
   read_specimen();
@@ -143,6 +144,7 @@ void CaseReader::check_mesh(const Section& section) {
   };
   check_group("held", specimen.held);
   check_group("loaded", specimen.loaded);
+  check_parts(section, mesh);
   const bool solid = mesh.type == mesh::CellType::hex8;
   if (solid) check_group("front", specimen.front);
   if (!solid && !section.has("thickness") && simulates())
@@ -151,6 +153,24 @@ void CaseReader::check_mesh(const Section& section) {
     mistake(section.path("kinematics"), "plane_stress for a 3D mesh", "a 2D mesh of quadrilaterals");
   if (solid && section.has("thickness"))
     mistake(section.path("thickness"), "given for a 3D mesh", "only with a 2D mesh");
+}
+
+void CaseReader::check_parts(const Section& section, const mesh::Mesh& mesh) {
+  const auto held = mesh.node_groups.find(case_.specimen.held), loaded = mesh.node_groups.find(case_.specimen.loaded);
+  if (!simulates() || held == mesh.node_groups.end() || loaded == mesh.node_groups.end()) return;
+  std::vector<char> at_end(static_cast<std::size_t>(mesh.nodes.rows()), 0);
+  for (const auto* group : {&held->second, &loaded->second})
+    for (const int node : *group) at_end[static_cast<std::size_t>(node)] = 1;
+  const std::vector<int> parts = mesh::parts_of(mesh);
+  std::map<int, std::pair<int, bool>> found;  // elements of a part, whether an end holds it
+  for (Eigen::Index cell = 0; cell < mesh.cells.rows(); ++cell) {
+    auto& [elements, is_held] = found[parts[static_cast<std::size_t>(cell)]];
+    ++elements;
+    for (const int node : mesh.cells.row(cell)) is_held = is_held || at_end[static_cast<std::size_t>(node)] != 0;
+  }
+  for (const auto& [part, what] : found)
+    if (!what.second)
+      mistake(section.path("mesh"), fmt::format("{} of {} elements share no node with the others, nor belong to held or loaded", what.first, mesh.cells.rows()), "elements that hang together (nodes at one place are to be merged)");
 }
 
 void CaseReader::read_loads_section() {
@@ -250,7 +270,21 @@ bool CaseReader::exists(const fs::path& path) {
   return fs::is_regular_file(path, error);
 }
 
+bool CaseReader::on_curves() const { return root_.has("experiments") && !root_.has("cameras") && !root_.has("fields"); }
+
+bool CaseReader::is_refused(const std::string& path) const {
+  const auto inside = [](const std::string& inner, const std::string& outer) { return inner.starts_with(outer) && (inner.size() == outer.size() || inner[outer.size()] == '.' || inner[outer.size()] == '['); };
+  return std::any_of(mistakes_.begin(), mistakes_.begin() + static_cast<std::ptrdiff_t>(of_schema_), [&](const PlacedMistake& one) {
+    const auto& place = one.mistake.place;
+    const auto blank = place.find(' ', document_.file.string().size());
+    if (blank == std::string::npos) return false;
+    const std::string refused = place.substr(blank + 1);
+    return inside(path, refused) || (path.find('.') != std::string::npos && inside(refused, path) && refused.find_first_of(".[", path.size() + 1) == std::string::npos);
+  });
+}
+
 void CaseReader::mistake(const std::string& path, std::string found, std::string allowed) {
+  if (is_refused(path)) return;
   mistakes_.push_back({document_.line(path), {document_.place(path), std::move(found), std::move(allowed)}});
 }
 

@@ -54,6 +54,8 @@ void CaseReader::read_identify() {
   if (!root_.has("identify")) return;
   const auto section = root_.group("identify");
   auto& identify = case_.identify;
+  for (const char* key : {"functional", "alpha", "boundary_smoothing", "driving", "steps_per_frame", "held_out"})
+    if (on_curves() && section.has(key)) mistake(section.path(key), "given for experiments", "only with images or displacement fields");
   section.get("functional", identify.functional);
   section.get("alpha", identify.alpha);
   const bool gap = identify.functional == "equilibrium_gap";
@@ -104,6 +106,10 @@ void CaseReader::read_identify() {
       }
     }
     stage.frames = case_.frames;
+    if (on_curves() && stage_section.has("frames")) {
+      mistake(stage_section.path("frames"), "given for experiments", "from, until and held_out of an experiment say which rows are fitted");
+      continue;
+    }
     if (stage_section.has("frames")) stage.frames = frames_of(stage_section, "frames", case_.frames);
     const bool any = !stage.frames.empty();
     std::erase_if(stage.frames, is_held_out);

@@ -212,14 +212,23 @@ void Appraisal::trace(Model& model) const {
     marks_of_kept.push_back(signatures[i]);
   }
   model.scores = score(problem);
+  const auto forget = [&](std::size_t i, const char* why) {
+    model.untested.push_back({kept[i], why, model.scores.candidates[i]});
+    const auto place = static_cast<std::ptrdiff_t>(i);
+    kept.erase(kept.begin() + place), marks_of_kept.erase(marks_of_kept.begin() + place), problem.signatures.erase(problem.signatures.begin() + place), problem.sizes.erase(problem.sizes.begin() + place);
+    problem.elsewhere.erase(problem.elsewhere.begin() + place), problem.held_out.elsewhere.erase(problem.held_out.elsewhere.begin() + place);
+  };
+  if (const auto noisy = made_of_noise(kept, problem, model); !noisy.empty()) {
+    for (const auto& [i, c] : noisy) problem.signatures[i].col(c).setZero(), marks_of_kept[i].columns.col(c).setZero();
+    for (std::size_t i = kept.size(); i-- > 0;)
+      if (problem.signatures[i].isZero(0.0)) forget(i, "what the free parameters leave of its mark is what the noise of the ends makes of it");
+    model.scores = score(problem);
+  }
   // A mark that stays below the noise at every size that the candidate may have consists of it (an undisturbed strip has no mesh error: what a finer mesh
   // changes is what the ends' noise makes of it), and would be found again in the residual.
   for (std::size_t i = kept.size(); i-- > 0;) {
     if (within_reach(kept[i], model.scores.candidates[i], model)) continue;
-    model.untested.push_back({kept[i], "no size within its bounds would be found", model.scores.candidates[i]});
-    const auto place = static_cast<std::ptrdiff_t>(i);
-    kept.erase(kept.begin() + place), marks_of_kept.erase(marks_of_kept.begin() + place), problem.signatures.erase(problem.signatures.begin() + place), problem.sizes.erase(problem.sizes.begin() + place);
-    problem.elsewhere.erase(problem.elsewhere.begin() + place), problem.held_out.elsewhere.erase(problem.held_out.elsewhere.begin() + place);
+    forget(i, "no size within its bounds would be found");
   }
   if (kept.size() < model.scores.candidates.size()) model.scores = score(problem);
   if (model.added.empty()) model.baselines = baselines(problem);
@@ -227,7 +236,38 @@ void Appraisal::trace(Model& model) const {
   for (std::size_t i = 0; i < kept.size(); ++i) hold_within_bounds(model.scores.candidates[i], kept[i], model);
   for (std::size_t i = 0; i < kept.size(); ++i)
     if (Score& one = model.scores.candidates[i]; one.z > model.scores.threshold && one.z < 2.0 * model.scores.threshold && !one.shown_by_prior)
-      one.contradicted = contradicted(one, marks_of_kept[i], model, prior);
+      one.contradicted = contradicted(one, marks_of_kept[i], problem, model);
+}
+
+/// Columns of which the free parameters leave little else than what the noise of the ends makes of them: the residual holds the model's answer to that noise, too, and they would be found in it. That is told
+/// by a pair of opposite draws, of candidates about the limit and somewhat beyond it; [candidate, column] of each.
+std::vector<std::pair<std::size_t, Eigen::Index>> Appraisal::made_of_noise(const std::vector<int>& kept, const ScoreProblem& problem, const Model& model) const {
+  constexpr double share = 0.05;  // of the square of what is left: it moves a score by about a standard deviation
+  constexpr double from = 0.8, to = 3.0;  // of the limit: columns that are noise alone were found at 3.5 to 7 standard deviations
+  const auto left = [&](const Eigen::MatrixXd& sensitivity, const Eigen::MatrixXd& columns) -> Eigen::MatrixXd { return columns - sensitivity * (pseudo_inverse(sensitivity) * columns); };
+  std::vector<std::size_t> suspects;
+  std::vector<Eigen::MatrixXd> own;
+  for (std::size_t i = 0; i < kept.size(); ++i) {
+    const double z = model.scores.candidates[i].z, limit = model.scores.threshold;
+    if (!candidate(kept[i]).elsewhere.empty() || z < from * limit || z > to * limit) continue;
+    suspects.push_back(i), own.push_back(left(problem.sensitivity, problem.signatures[i]));
+  }
+  std::vector<std::pair<std::size_t, Eigen::Index>> found;
+  if (suspects.empty()) return found;
+  std::vector<int> asked;
+  for (const auto i : suspects) asked.push_back(kept[i]);
+  const auto disturbed = [&](double times) { return disturbed_marks(experiment_, model.ground->weight, model.fit.values, asked, model.fit.free, times); };
+  const auto up = disturbed(1.0), down = disturbed(-1.0);
+  if (!up || !down) return found;
+  const auto fitted = [&](const Eigen::MatrixXd& all) -> Eigen::MatrixXd { return stacked(all(rows_, Eigen::all), Eigen::MatrixXd::Zero(problem.known, all.cols())); };
+  const auto with_known = [&](const Eigen::MatrixXd& sensitivity) -> Eigen::MatrixXd { return stacked(sensitivity(rows_, Eigen::all), problem.sensitivity.bottomRows(problem.known)); };
+  const Eigen::MatrixXd S_up = with_known(up->sensitivity), S_down = with_known(down->sensitivity);
+  for (std::size_t s = 0; s < suspects.size(); ++s) {
+    const Eigen::MatrixXd by_noise = 0.5 * (left(S_up, fitted(up->columns[s])) - left(S_down, fitted(down->columns[s])));
+    for (Eigen::Index c = 0; c < by_noise.cols(); ++c)
+      if (by_noise.col(c).squaredNorm() > share * own[s].col(c).squaredNorm()) found.emplace_back(suspects[s], c);
+  }
+  return found;
 }
 
 /// Whether a candidate is in the model, or of a parameter that is free already.
@@ -240,18 +280,20 @@ bool Appraisal::is_in(int k, const Model& model) const {
 /// Whether held-out frames speak against a score just beyond the limit; far beyond, the linear size may be off by more than noise. L is twice the logarithm of how much likelier their residual r is with
 /// the candidate's size than without it, (|r|^2 - |r - v|^2)/s^2: v is the change of the prediction there, the free parameters giving way, s^2 the variance of noise along it. T = z^2 and L together are
 /// below the limit, or frames that would show the size at two standard deviations are explained worse with it. Of one that acts somewhere: at the place that explains most of what is fitted.
-bool Appraisal::contradicted(const Score& one, const Mark& mark, const Model& model, const Known& prior) const {
-  const Eigen::MatrixXd J = model.fit.sensitivity(held_rows_, Eigen::all), pull = pull_of(model, prior);
+bool Appraisal::contradicted(const Score& one, const Mark& mark, const ScoreProblem& problem, const Model& model) const {
+  const Eigen::MatrixXd& J = problem.held_out.sensitivity;
+  const Eigen::MatrixXd pull = pseudo_inverse(problem.sensitivity);
   Eigen::MatrixXd signature = mark.columns.leftCols(one.size.size());
   Eigen::VectorXd size = one.size;
   if (Eigen::Index best = 0; one.drop_there.size() > 0) {
     one.drop_there.maxCoeff(&best);
     signature = mark.elsewhere.middleCols(best * size.size(), size.size()), size = one.size_there.col(best);
   }
-  const Eigen::MatrixXd bias = pull * stacked(signature(rows_, Eigen::all), Eigen::MatrixXd::Zero(prior.residual.size(), signature.cols()));
-  const Eigen::VectorXd r = model.fit.residual(held_rows_), v = (signature(held_rows_, Eigen::all) - J * bias) * size;
+  const Eigen::MatrixXd bias = pull * stacked(signature(rows_, Eigen::all), Eigen::MatrixXd::Zero(problem.known, signature.cols()));
+  const Eigen::VectorXd& r = problem.held_out.residual;
+  const Eigen::VectorXd v = (signature(held_rows_, Eigen::all) - J * bias) * size;
   const Eigen::MatrixXd& null = model.ground->null;
-  const Eigen::VectorXd n = null(held_rows_, Eigen::all).transpose() * v - (pull * stacked(null(rows_, Eigen::all), prior.null)).transpose() * (J.transpose() * v);
+  const Eigen::VectorXd n = null(held_rows_, Eigen::all).transpose() * v - (pull * problem.null).transpose() * (J.transpose() * v);
   const double variance = n.squaredNorm() / static_cast<double>(n.size()) / std::max(v.squaredNorm(), 1e-300);
   const double L = (2.0 * v.dot(r) - v.squaredNorm()) / std::max(variance, 1e-300), shown = v.squaredNorm() / std::max(variance, 1e-300);
   return one.z * one.z + L < model.scores.threshold * model.scores.threshold || (shown > 4.0 && L < 0.0);

@@ -47,7 +47,8 @@ class Appraisal {
   void cross_validate(Model& model, const Known& prior) const;
   [[nodiscard]] ScoreProblem problem_of(const Model& model, const Known& prior) const;
   [[nodiscard]] bool is_in(int k, const Model& model) const;
-  [[nodiscard]] bool contradicted(const Score& one, const Mark& mark, const Model& model, const Known& prior) const;
+  [[nodiscard]] std::vector<std::pair<std::size_t, Eigen::Index>> made_of_noise(const std::vector<int>& kept, const ScoreProblem& problem, const Model& model) const;
+  [[nodiscard]] bool contradicted(const Score& one, const Mark& mark, const ScoreProblem& problem, const Model& model) const;
   [[nodiscard]] bool within_reach(int k, const Score& one, const Model& model) const;
   void hold_within_bounds(Score& one, int k, const Model& model) const;
   [[nodiscard]] bool has_its_turn(int k, const Model& model) const;

@@ -141,6 +141,7 @@ class Loop {
       }
     }
     if (best.values.empty()) throw ConvergenceError(failure);
+    if (!std::isfinite(best.cost)) throw ConvergenceError("the residual of the identified model is no number");
     // What the mesh and the correlation err by is learned at the first parameters, unless it was near them, and again at those that it leads to.
     for (int pass = 0; pass < 2; ++pass) {
       if (const auto known = experiment_.learned(); known && !known->at.empty() && !moved_far(known->at, best)) break;  // scatter of bars, which is put back with no model, is learned again

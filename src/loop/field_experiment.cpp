@@ -427,6 +427,24 @@ std::vector<Eigen::VectorXd> FieldExperiment::residuals_near(const std::vector<d
   return result;
 }
 
+std::vector<Eigen::VectorXd> FieldExperiment::residuals_disturbed(const std::vector<double>& values, std::vector<std::vector<double>> sets, double times) {
+  if (disturbance_.size() == 0) {
+    std::mt19937_64 random(17);
+    disturbance_ = measured_.smooth(drawn_fields(Eigen::SimplicialLLT<Eigen::SparseMatrix<double>>(M_), random).first);
+  }
+  const Eigen::MatrixXd undisturbed = measured_.driving;
+  measured_.driving += times * disturbance_;
+  std::vector<Eigen::VectorXd> result;
+  try {
+    result = residuals_near(values, std::move(sets));
+  } catch (...) {
+    measured_.driving = undisturbed;
+    throw;
+  }
+  measured_.driving = undisturbed;
+  return result;
+}
+
 std::vector<FieldExperiment::Prediction> FieldExperiment::responses(const std::vector<double>& values, const std::vector<Eigen::MatrixXd>& changes) {
   const Eigen::MatrixXd driving = true_motion(values, measured_.driving);
   std::vector<Tangent> tangents;

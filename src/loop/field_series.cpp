@@ -86,7 +86,7 @@ FieldExperiment::Variant& FieldExperiment::variant(const Key& wanted) {
   made.specimen = model_.specimen(mesh_of(wanted));
   made.before_test = before_test;
   const auto unknowns = made.specimen.projection.rows();
-  const bool same = std::equal(made.specimen.faces.begin(), made.specimen.faces.end(), measured_.faces.begin(), measured_.faces.end(), [](const auto& a, const auto& b) { return a.surface.mesh.nodes == b.surface.nodes; });
+  const bool same = std::equal(made.specimen.faces.begin(), made.specimen.faces.end(), measured_.faces.begin(), measured_.faces.end(), [](const auto& a, const auto& b) { return a.surface.mesh.nodes.rows() == b.surface.nodes.rows() && a.surface.mesh.nodes == b.surface.nodes; });
   if (same && unknowns == measured_.unknowns()) {
     made.to_variant.resize(unknowns, unknowns);
     made.to_variant.setIdentity();

@@ -136,25 +136,32 @@ Eigen::MatrixXd directions_beside(const Eigen::MatrixXd& columns, Eigen::MatrixX
 
 }  // namespace
 
-std::vector<Mark> marks(Experiment& experiment, const Weight& weight, const std::vector<double>& values, const std::vector<int>& candidates) {
+namespace {
+
+/// Sets of values whose residuals make the columns of candidates' marks.
+struct Asked {
   struct Column {
-    std::size_t moved;
+    std::size_t moved;  // among the residuals, of which the first is that of no move
     double step;
   };
   std::vector<std::vector<double>> sets;
-  std::vector<std::vector<Column>> columns;
+  std::vector<std::vector<Column>> columns;  // of each candidate
+};
+
+Asked asked_for(const Experiment& experiment, const std::vector<double>& values, const std::vector<int>& candidates) {
+  Asked asked;
   const auto& parameters = experiment.parameters();
   const auto place_of = [](int j) { return static_cast<std::size_t>(j); };
   for (int k : candidates) {
-    auto& its = columns.emplace_back();
+    auto& its = asked.columns.emplace_back();
     const auto& candidate = experiment.candidates()[static_cast<std::size_t>(k)];
     std::vector<int> sizes, shapes;
     for (int j : candidate.parameters) (parameters[place_of(j)].info.shape ? shapes : sizes).push_back(j);
     const auto add = [&](std::vector<double> set, const std::vector<int>& moved) {
       double step = 1.0;
       for (int j : moved) step = signed_step(parameters[place_of(j)], values[place_of(j)]), set[place_of(j)] += step;
-      sets.push_back(std::move(set));
-      its.push_back({sets.size(), step});
+      asked.sets.push_back(std::move(set));
+      its.push_back({asked.sets.size(), step});
     };
     for (int j : sizes) add(values, {j});
     for (int j : candidate.elsewhere.empty() ? shapes : std::vector<int>{})
@@ -169,6 +176,15 @@ std::vector<Mark> marks(Experiment& experiment, const Weight& weight, const std:
       for (int j : sizes) add(set, {j});
     }
   }
+  return asked;
+}
+
+}  // namespace
+
+std::vector<Mark> marks(Experiment& experiment, const Weight& weight, const std::vector<double>& values, const std::vector<int>& candidates) {
+  const auto [sets, columns] = asked_for(experiment, values, candidates);
+  const auto& parameters = experiment.parameters();
+  const auto place_of = [](int j) { return static_cast<std::size_t>(j); };
   const auto residuals = experiment.residuals_near(values, sets);
   const Eigen::VectorXd& here = residuals.front();
   std::vector<Mark> result;
@@ -191,6 +207,27 @@ std::vector<Mark> marks(Experiment& experiment, const Weight& weight, const std:
     mark.columns.resize(own.rows(), sizes + others.cols());
     mark.columns << own, others;
   }
+  return result;
+}
+
+std::optional<DisturbedMarks> disturbed_marks(Experiment& experiment, const Weight& weight, const std::vector<double>& values, const std::vector<int>& candidates, const std::vector<int>& free, double times) {
+  auto [sets, columns] = asked_for(experiment, values, candidates);
+  auto& its = columns.emplace_back();  // of the free parameters
+  for (int j : free) {
+    const auto place = static_cast<std::size_t>(j);
+    const double step = signed_step(experiment.parameters()[place], values[place]);
+    sets.push_back(values), sets.back()[place] += step;
+    its.push_back({sets.size(), step});
+  }
+  const auto residuals = experiment.residuals_disturbed(values, sets, times);
+  if (residuals.empty() || std::any_of(residuals.begin(), residuals.end(), [](const auto& r) { return r.size() == 0; })) return std::nullopt;
+  DisturbedMarks result;
+  for (const auto& of_one : columns) {
+    auto& all = result.columns.emplace_back(residuals.front().size(), static_cast<Eigen::Index>(of_one.size()));
+    for (std::size_t c = 0; c < of_one.size(); ++c) all.col(static_cast<Eigen::Index>(c)) = weight((residuals.front() - residuals[of_one[c].moved]) / of_one[c].step);
+  }
+  result.sensitivity = std::move(result.columns.back());
+  result.columns.pop_back();
   return result;
 }
 

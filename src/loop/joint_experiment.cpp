@@ -103,12 +103,21 @@ std::vector<double> JointExperiment::values_of(std::size_t test, const std::vect
 /// Each test is asked once for each set of its own values.
 std::vector<Eigen::VectorXd> JointExperiment::residuals(const std::vector<std::vector<double>>& sets) {
   if (sets.empty()) return {};
-  return residuals_near(sets.front(), {sets.begin() + 1, sets.end()}, false);
+  return asked(sets.front(), {sets.begin() + 1, sets.end()}, [](Experiment& test, const std::vector<std::vector<double>>& own) { return test.residuals(own); });
 }
 
-std::vector<Eigen::VectorXd> JointExperiment::residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) { return residuals_near(values, sets, true); }
+std::vector<Eigen::VectorXd> JointExperiment::residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) {
+  return asked(values, sets, [](Experiment& test, const std::vector<std::vector<double>>& own) { return test.residuals_near(own.front(), {own.begin() + 1, own.end()}); });
+}
 
-std::vector<Eigen::VectorXd> JointExperiment::residuals_near(const std::vector<double>& values, const std::vector<std::vector<double>>& sets, bool near) {
+std::vector<Eigen::VectorXd> JointExperiment::residuals_disturbed(const std::vector<double>& values, std::vector<std::vector<double>> sets, double times) {
+  return asked(values, sets, [times](Experiment& test, const std::vector<std::vector<double>>& own) {
+    auto found = test.residuals_disturbed(own.front(), {own.begin() + 1, own.end()}, times);
+    return found.size() != own.size() ? test.residuals_near(own.front(), {own.begin() + 1, own.end()}) : found;
+  });
+}
+
+std::vector<Eigen::VectorXd> JointExperiment::asked(const std::vector<double>& values, const std::vector<std::vector<double>>& sets, const Question& question) {
   const Eigen::Index rows = first_row_.back();
   std::vector<Eigen::VectorXd> all(1 + sets.size(), Eigen::VectorXd(rows));
   for (std::size_t k = 0; k < tests_.size(); ++k) {
@@ -120,8 +129,7 @@ std::vector<Eigen::VectorXd> JointExperiment::residuals_near(const std::vector<d
       use.push_back(static_cast<std::size_t>(found - own.begin()));
       if (found == own.end()) own.push_back(std::move(wanted));
     }
-    auto& test = *tests_[k].experiment;
-    const auto found = near ? test.residuals_near(own.front(), {own.begin() + 1, own.end()}) : test.residuals(own);
+    const auto found = question(*tests_[k].experiment, own);
     for (std::size_t s = 0; s < all.size(); ++s) {
       if (all[s].size() == 0) continue;
       if (found[use[s]].size() == 0)

@@ -6,7 +6,7 @@ namespace imic3d::loop {
 
 namespace {
 
-enum class Kind { residuals = 1, near, learned, noise };
+enum class Kind { residuals = 1, near, learned, noise, disturbed };
 
 Eigen::MatrixXd question_of(Kind kind, int draws, const std::vector<std::vector<double>>& sets) {
   const auto parameters = static_cast<Eigen::Index>(sets.empty() ? 0 : sets.front().size());
@@ -81,6 +81,16 @@ std::vector<Eigen::VectorXd> RecordedExperiment::residuals_near(const std::vecto
   auto all = sets;
   all.insert(all.begin(), values);
   return residuals(question_of(Kind::near, 0, all), [&] { return experiment_.residuals_near(values, std::move(sets)); });
+}
+
+std::vector<Eigen::VectorXd> RecordedExperiment::residuals_disturbed(const std::vector<double>& values, std::vector<std::vector<double>> sets, double times) {
+  auto all = sets;
+  all.insert(all.begin(), values);
+  return residuals(question_of(Kind::disturbed, static_cast<int>(times), all), [&] {
+    auto found = experiment_.residuals_disturbed(values, std::move(sets), times);
+    if (found.empty()) found.emplace_back();  // an answer has a number
+    return found;
+  });
 }
 
 void RecordedExperiment::learn_bias(const std::vector<double>& values) {

@@ -158,7 +158,7 @@ Scores score(const ScoreProblem& problem) {
   for (const auto& [first, count] : columns) {
     const auto own = A.middleCols(first, count);
     Score& one = seen.emplace_back();
-    one.visibility = (length.segment(first, count).array() / before.segment(first, count).array()).maxCoeff();
+    one.visibility = (own.colwise().squaredNorm().transpose().array() > 0.0).select(length.segment(first, count).array() / before.segment(first, count).array(), 0.0).maxCoeff();
     one.shown_by_prior = 2.0 * own.bottomRows(problem.known).squaredNorm() > own.squaredNorm();
     visible.push_back(one.visible() ? 1 : 0);
   }

@@ -67,7 +67,7 @@ KeptFactors::Factor KeptFactors::make_solver() {
       IMIC3D_PETSC(PCSetType(preconditioner, PCGAMG));
     IMIC3D_PETSC(KSPSetTolerances(solver, least_remaining_, PETSC_DEFAULT, PETSC_DEFAULT, 200));
   }
-  IMIC3D_PETSC(KSPSetFromOptions(solver));
+  if (KSPSetFromOptions(solver) != 0) throw InputError("command line", "options of PETSc (-mechanics_ksp_…, -mechanics_pc_…) that make no solver", "those of PETSc's KSP and PC");
   IMIC3D_PETSC(KSPSetOperators(solver, tangent_, tangent_));
   PetscBool is_factor = PETSC_FALSE;
   IMIC3D_PETSC(PetscObjectTypeCompareAny(reinterpret_cast<PetscObject>(preconditioner), &is_factor, PCCHOLESKY, PCLU, ""));

@@ -83,6 +83,16 @@ def write_mesh(path, moved=(), merged=()):
     path.write_text("\n".join(lines + ["$EndElements", ""]))
 
 
+def loosen(path):
+    """One more element, beside the strip."""
+    text = path.read_text()
+    nodes, elements = (NX + 1) * (NY + 1), 2 * NX + NX * NY
+    corners = "\n".join(f"{nodes + 1 + k} {5 + x} {y} 0" for k, (x, y) in enumerate([(0, 0), (1, 0), (1, 1), (0, 1)]))
+    text = text.replace(f"$Nodes\n{nodes}\n", f"$Nodes\n{nodes + 4}\n").replace("$EndNodes", corners + "\n$EndNodes")
+    text = text.replace(f"$Elements\n{elements}\n", f"$Elements\n{elements + 1}\n")
+    path.write_text(text.replace("$EndElements", f"{elements + 1} 3 2 3 3 " + " ".join(str(nodes + 1 + k) for k in range(4)) + "\n$EndElements"))
+
+
 def write_good_case(folder):
     folder.mkdir(parents=True)
     (folder / "case.yaml").write_text(CASE)
@@ -186,6 +196,10 @@ TABLE = [
       "mid_plane_symmetry, place, refine, thickness"]),
     ("duplicate_key", change("case.yaml", "layers: 2", "layers: 2, layers: 3"),
      ["case.yaml:4 specimen.layers: key given twice (first in line 4); allowed: each key once"]),
+    ("parameter_that_is_a_text", change("case.yaml", "E: 198e3", "E: 198 GPa"),
+     [r're:case\.yaml:14 material\.parameters\.E: "198 GPa"; allowed: .*']),
+    ("mesh_with_a_loose_part", lambda folder: loosen(folder / "strip.msh"),
+     ["case.yaml:4 specimen.mesh: 1 of 25 elements share no node with the others, nor belong to held or loaded; allowed: elements that hang together (nodes at one place are to be merged)"]),
     ("parameter_outside_its_bounds", change("case.yaml", "S_y: 284", "S_y: {value: 284, lower: 300, upper: 400}"),
      ["case.yaml:14 material.parameters.S_y: value 284; allowed: a value between its bounds, from 300, up to 400"]),
     ("parameter_that_no_material_has", change("case.yaml", "nu: 0.25", "nu: 0.75"),

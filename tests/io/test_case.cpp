@@ -30,6 +30,7 @@ std::vector<ParameterInfo> parameters_of(const MaterialCase& material) {
 
 mesh::Mesh plate_mesh(const fs::path&) {
   mesh::Mesh mesh;
+  mesh.nodes.setZero(3, 3);
   mesh.node_groups = {{"top", {0}}, {"bottom", {1}}, {"hole", {2}}};
   return mesh;
 }

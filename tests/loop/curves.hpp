@@ -82,6 +82,16 @@ class Curves final : public Experiment {
     return *this;
   }
 
+  /// One more candidate, whose mark is what the noise of this seed makes of it in some of the frames.
+  Curves& with_mark_of_noise(unsigned seed) {
+    candidates_.push_back({.name = "answer", .link = Link::material, .parameters = {static_cast<int>(parameters_.size())}, .sentence = "answer", .confused_with = "", .separated_by = "another test", .after = {}});
+    answer_ = parameters_.size();
+    parameters_.push_back({.info = {.name = "answer", .unit = "-", .description = "", .lower = -100.0, .upper = 100.0, .null_value = 0.0}, .value = 0.0, .step = 1e-4, .prior = 0.0, .free = false});
+    mark_of_noise_ = draw(seed), disturbance_ = draw(seed + 77U);
+    mark_of_noise_.tail(mark_of_noise_.size() - 50).setZero(), disturbance_.tail(mark_of_noise_.size() - 50).setZero();
+    return *this;
+  }
+
   /// The drift that is measured in the held-out frames, too, is none of the model's there.
   Curves& without_drift_when_held_out() {
     drift_when_held_out_ = false;
@@ -116,6 +126,7 @@ class Curves final : public Experiment {
   double unlike_twins = 0.2;  // the rest of gain
   bool follows = true;        // what its model is asked for
   bool records_offset = true;
+  bool knows_disturbance = true;  // the noise of what drives it
   std::function<bool(const std::vector<double>&)> within = [](const auto&) { return true; };  // sets that its model can follow
   int series = 0;
 
@@ -124,6 +135,14 @@ class Curves final : public Experiment {
     series += static_cast<int>(sets.size());
     std::vector<Eigen::VectorXd> all;
     for (const auto& set : sets) all.emplace_back(within(set) ? Eigen::VectorXd(measured_ - predict(set)) : Eigen::VectorXd());
+    return all;
+  }
+  std::vector<Eigen::VectorXd> residuals_disturbed(const std::vector<double>& values, std::vector<std::vector<double>> sets, double times) override {
+    if (!knows_disturbance) return {};
+    const Eigen::VectorXd undisturbed = mark_of_noise_;
+    mark_of_noise_ += times * disturbance_;
+    auto all = residuals_near(values, std::move(sets));
+    mark_of_noise_ = undisturbed;
     return all;
   }
   Eigen::MatrixXd noise(const std::vector<double>&, int draws) override {
@@ -161,6 +180,7 @@ class Curves final : public Experiment {
       }
       y[t * (numbers + 1) + numbers] = 30.0 * v[0] * std::tanh(4.0 * s) + 20.0 * v[1] * s + 30.0 * v[6] * std::tanh(4.0 * s) + (records_offset ? v[8] : 0.0);
     }
+    if (answer_ > 0) y += v[answer_] * mark_of_noise_;
     return y;
   }
   static Eigen::VectorXd draw(unsigned seed) {
@@ -178,6 +198,8 @@ class Curves final : public Experiment {
   std::vector<Parameter> parameters_;
   std::vector<Candidate> candidates_;
   std::vector<Datum> data_;
+  std::size_t answer_ = 0;
+  Eigen::VectorXd mark_of_noise_, disturbance_;
   int untold_ = -1;  // a parameter that shows in held-out frames
   bool drift_when_held_out_ = true;
   Eigen::VectorXd measured_;

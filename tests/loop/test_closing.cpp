@@ -107,6 +107,23 @@ TEST(Closing, FalseAlarmsStayAtTheirLevel) {
   EXPECT_LT(distance_from_uniform(energy), limit) << "of the energy";
 }
 
+/// A mark that is the model's answer to the noise that is in the residual, too, would be found in it.
+TEST(Closing, WhatTheNoiseMakesOfAMarkIsNotFound) {
+  int alarms = 0, named = 0;
+  for (unsigned seed = 1; seed <= 10; ++seed) {
+    const Report report = loop_on(Curves(seed).with_mark_of_noise(seed));
+    alarms += report.verdict != Verdict::nothing_found ? 1 : 0;
+    Curves unaware = Curves(seed).with_mark_of_noise(seed);
+    unaware.knows_disturbance = false;
+    named += close_loop(unaware, usual).verdict == Verdict::attributed ? 1 : 0;
+  }
+  RecordProperty("alarms", alarms), RecordProperty("named", named);
+  EXPECT_LE(alarms, 1);
+  EXPECT_GE(named, 8) << "of 10, without that";
+  const Report right = loop_on(Curves(1, {{Curves::drift, 1.0}}).with_mark_of_noise(1));
+  EXPECT_EQ(right.named, std::vector<int>{Curves::drift}) << right.sentence;
+}
+
 /// The noise of few draws makes the limit, not the rate: with 30 draws as with 200.
 TEST(Closing, FewDrawsRaiseNoMoreAlarms) {
   int alarms = 0;

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 
+#include "imic3d/mesh/connectivity.hpp"
 #include "meshes.hpp"
 
 namespace imic3d::mesh {
@@ -10,6 +11,7 @@ namespace test_mesh {
 
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::Pair;
 using ::testing::SizeIs;
 
 TEST(Check, AGoodMeshHasNoMistakes) {
@@ -278,6 +280,21 @@ TEST(Contours, OuterCounterClockwiseThenHoles) {
   EXPECT_EQ(found[0][1], 1);
   EXPECT_THAT(found[1], SizeIs(4));
   EXPECT_THAT(found[1], ElementsAre(14, 20, 21, 15));
+}
+
+TEST(Connectivity, NodesAtOnePlaceAndPartsAreFound) {
+  Mesh mesh = grid(3, 2);
+  EXPECT_TRUE(nodes_at_one_place(mesh).empty());
+  EXPECT_THAT(parts_of(mesh), ElementsAre(0, 0, 0, 0, 0, 0));
+  mesh.nodes.conservativeResize(16, 3);
+  for (int k = 0; k < 4; ++k) {  // the upper row has nodes of its own
+    mesh.nodes.row(12 + k) = mesh.nodes.row(4 + k);
+    for (int cell = 3; cell < 6; ++cell)
+      for (int& node : mesh.cells.row(cell))
+        if (node == 4 + k) node = 12 + k;
+  }
+  EXPECT_THAT(nodes_at_one_place(mesh), ElementsAre(Pair(4, 12), Pair(5, 13), Pair(6, 14), Pair(7, 15)));
+  EXPECT_THAT(parts_of(mesh), ElementsAre(0, 0, 0, 1, 1, 1));
 }
 
 /// Of each quadrilateral without its sign: a surface seen from behind has as much.

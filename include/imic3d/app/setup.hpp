@@ -60,6 +60,9 @@ struct SimulationTasks {
 };
 [[nodiscard]] SimulationTasks simulation_tasks(const io::Case& test);
 
+/// Throws InputError if the folder of the results could not be created or written. Creates nothing.
+void check_output(const io::Case& test, const CommandOptions& options);
+
 /// Creates the folder of the results, begins the log file in it and returns it. Throws InputError if that cannot be done.
 [[nodiscard]] std::filesystem::path output_folder(const io::Case& test, const CommandOptions& options,
                                                   const Communicator& world);

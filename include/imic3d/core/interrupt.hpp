@@ -1,6 +1,7 @@
 #pragma once
 // Signals that ask a run to stop where it can go on later.
 
+#include <array>
 #include <csignal>
 #include <stdexcept>
 
@@ -14,7 +15,7 @@ class Interrupted : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
-/// While it lives, SIGTERM and SIGUSR1 (what SLURM's --signal sends) are noted and do not end the process.
+/// While it lives, SIGTERM, SIGUSR1 (what SLURM's --signal sends), SIGINT (Ctrl-C, of which a second one ends the process) and SIGHUP (a terminal that closes) are noted and do not end the process.
 class SignalWatch {
  public:
   SignalWatch();
@@ -23,7 +24,7 @@ class SignalWatch {
   SignalWatch& operator=(const SignalWatch&) = delete;
 
  private:
-  struct sigaction terminate_ {}, user_ {};  // what was there before
+  std::array<struct sigaction, 4> before_ {};
 };
 
 /// Throws Interrupted on every rank of `communicator` once a signal was noted on any of them. Collective.

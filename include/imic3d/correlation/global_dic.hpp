@@ -27,7 +27,7 @@ struct DicOptions {
   std::vector<int> cut_nodes = {};  ///< nodes where the specimen goes on beyond the mesh: no border there
   bool brightness = false;      ///< fit gain and offset of every frame together with the displacement
   bool local_brightness = false;  ///< a gain and an offset for each element
-  double strain_change = 0.02;  ///< M is built anew, with the gradient transported, when an element's deformation
+  double strain_change = 0.05;  ///< M is built anew, with the gradient transported, when an element's deformation
                                 ///< gradient has changed by more than this
   double lost = 0.5;            ///< a frame whose grey levels correlate less than this with the reference's is lost
   int groups = 0;               ///< groups of ranks over frames; 0: plan_frames

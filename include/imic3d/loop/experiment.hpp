@@ -70,6 +70,8 @@ class Experiment {
     sets.insert(sets.begin(), values);
     return residuals(sets);
   }
+  /// The same where what drives the model has one more draw of its noise, taken `times` times; empty where that noise is not known.
+  [[nodiscard]] virtual std::vector<Eigen::VectorXd> residuals_disturbed(const std::vector<double>& /*values*/, std::vector<std::vector<double>> /*sets*/, double /*times*/) { return {}; }
   /// Whether the derivative by a parameter takes simulations of its own.
   [[nodiscard]] virtual bool takes_simulations(int /*parameter*/) const { return false; }
   /// Norm of a difference of two residuals that is round-off.

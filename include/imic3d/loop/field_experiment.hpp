@@ -108,6 +108,7 @@ class FieldExperiment final : public Experiment {
   [[nodiscard]] std::vector<int> frame_numbers() const override { return measured_.frames; }
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) override;
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) override;
+  [[nodiscard]] std::vector<Eigen::VectorXd> residuals_disturbed(const std::vector<double>& values, std::vector<std::vector<double>> sets, double times) override;
   [[nodiscard]] bool takes_simulations(int parameter) const override;
   void learn_bias(const std::vector<double>& values) override;
   /// What was learned, in units of the noise [N].
@@ -212,6 +213,7 @@ class FieldExperiment final : public Experiment {
   bool differentiable_ = false;     // its series
   Eigen::MatrixXd motion_;          // of the faces under the declared model [unknowns x frames]
   Eigen::MatrixXd smooth_ends_;     // the same, smoothed ten times as what drives the ends is once
+  Eigen::MatrixXd disturbance_;     // one more draw of the noise of what drives the ends [unknowns x frames]; empty until it is asked for
   struct Groups;
   std::unique_ptr<Groups> groups_;
   /// The series of a synthetic test, side by side: on refined meshes, the finest first, whose ends are driven by `driving_as_seen` [unknowns x frames]; then on the declared mesh in the same and in

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <array>
+#include <optional>
 #include <vector>
 
 #include "imic3d/loop/experiment.hpp"
@@ -67,5 +68,14 @@ struct Mark {
 /// hold nearly all of its marks at other places. Collective.
 [[nodiscard]] std::vector<Mark> marks(Experiment& experiment, const Weight& weight, const std::vector<double>& values,
                                       const std::vector<int>& candidates);
+
+/// The same where what drives the model has one more draw of its noise, `times` times, and the sensitivities found in the same way. Not of candidates that act somewhere.
+struct DisturbedMarks {
+  Eigen::MatrixXd sensitivity{};           ///< by the free parameters [N x free]
+  std::vector<Eigen::MatrixXd> columns{};  ///< of each candidate, as Mark::columns
+};
+/// Nothing where that noise is not known. Collective.
+[[nodiscard]] std::optional<DisturbedMarks> disturbed_marks(Experiment& experiment, const Weight& weight, const std::vector<double>& values, const std::vector<int>& candidates, const std::vector<int>& free,
+                                                            double times);
 
 }  // namespace imic3d::loop

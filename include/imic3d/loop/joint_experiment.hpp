@@ -1,6 +1,7 @@
 #pragma once
 // Several tests of one material, each of its own kind: images, displacement fields, curves.
 
+#include <functional>
 #include <memory>
 #include <string>
 #include <utility>
@@ -34,6 +35,7 @@ class JointExperiment final : public Experiment {
   [[nodiscard]] std::string channel_name(int channel) const override;
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) override;
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) override;
+  [[nodiscard]] std::vector<Eigen::VectorXd> residuals_disturbed(const std::vector<double>& values, std::vector<std::vector<double>> sets, double times) override;
   [[nodiscard]] bool takes_simulations(int parameter) const override;
   [[nodiscard]] double round_off() const override;
   [[nodiscard]] Eigen::VectorXd freedom() const override;
@@ -58,7 +60,9 @@ class JointExperiment final : public Experiment {
   [[nodiscard]] const std::vector<Test>& tests() const { return tests_; }
 
  private:
-  [[nodiscard]] std::vector<Eigen::VectorXd> residuals_near(const std::vector<double>& values, const std::vector<std::vector<double>>& sets, bool near);
+  /// What every test answers, put together: its own sets, each once, the first those of `values`.
+  using Question = std::function<std::vector<Eigen::VectorXd>(Experiment& test, const std::vector<std::vector<double>>& own)>;
+  [[nodiscard]] std::vector<Eigen::VectorXd> asked(const std::vector<double>& values, const std::vector<std::vector<double>>& sets, const Question& question);
   [[nodiscard]] Model model_of(std::size_t test, const Model& all) const;
   [[nodiscard]] std::vector<int> candidates_of(std::size_t test, const std::vector<int>& all) const;
   void take_parameters(std::size_t test);

@@ -31,6 +31,7 @@ class RecordedExperiment final : public Experiment {
   [[nodiscard]] std::string frame_name(int frame) const override { return experiment_.frame_name(frame); }
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) override;
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) override;
+  [[nodiscard]] std::vector<Eigen::VectorXd> residuals_disturbed(const std::vector<double>& values, std::vector<std::vector<double>> sets, double times) override;
   [[nodiscard]] bool takes_simulations(int parameter) const override { return experiment_.takes_simulations(parameter); }
   [[nodiscard]] double round_off() const override { return experiment_.round_off(); }
   [[nodiscard]] Eigen::VectorXd freedom() const override { return experiment_.freedom(); }
