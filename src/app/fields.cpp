@@ -188,7 +188,7 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
   if (data.start_time >= data.time[0] && frames > 1) data.start_time = data.time[0] - (data.time[1] - data.time[0]);
   data.force_noise = test.loads.records.empty() ? INFINITY : test.loads.noise.value_or(1e-3 * data.force.cwiseAbs().maxCoeff());
 
-  auto measure = std::make_shared<correlation::Measure>(correlation::Measure{.dofs_per_node = 2, .M = data.faces.front().M, .energy = correlation::curvature_energy(face, 2), .smoothing_weight = weight});
+  auto measure = std::make_shared<correlation::Measure>(correlation::Measure{.surface = face, .dofs_per_node = 2, .M = data.faces.front().M, .smoothing_weight = weight});
   double low = INFINITY, high = -INFINITY;
   for (int node : specimen.loaded) {
     const double across = specimen.volume.nodes(node, 1 - specimen.axis);

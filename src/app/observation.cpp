@@ -13,6 +13,7 @@
 
 #include "imic3d/core/log.hpp"
 #include "imic3d/core/median.hpp"
+#include "imic3d/correlation/smoothing.hpp"
 #include "imic3d/imaging/noise.hpp"
 #include "imic3d/io/results_file.hpp"
 #include "rig.hpp"
@@ -97,7 +98,6 @@ Observation observe(const io::Case& test, const identification::Specimen& specim
                                 .brightness = test.dic.brightness,
                                 .local_brightness = test.dic.local_brightness,
                                 .groups = test.dic.groups});
-    seen.measure = correlation::measured_by(seen.dic->cameras(), seen.dic->held());
     for (std::size_t c = 0; c < seen.rig->views.size(); ++c) {
       measure_noise(*seen.rig, c, seen.dic->correlation(static_cast<int>(c)).quadrature());
       observation.camera_noise[static_cast<std::size_t>(seen.rig->cameras[c])] = seen.rig->views[c].noise;
@@ -208,6 +208,8 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
 }
 
 namespace {
+
+correlation::Measure measure_of(const ObservedFace& face) { return correlation::measured_by(face.dic->cameras(), face.dic->held()); }
 
 /// White noise of camera `c` of a face that moves a displacement as much as its own [grey level].
 double motion_noise(const Observation& observation, const ObservedFace& face, std::size_t c) {
@@ -325,7 +327,7 @@ identification::Record make_record(Observation& observation, const io::Case& tes
     for (std::size_t k = 0; k < observation.faces.size(); ++k) {
       const Face& face = specimen.faces[k];
       auto& seen = observation.faces[k];
-      seen.driving_cut_off = correlation::cut_offs_of_least_error(seen.measure, record.driving.middleRows(face.first_unknown, face.unknowns()), nodes_of_ends(specimen, face),
+      seen.driving_cut_off = correlation::cut_offs_of_least_error(measure_of(seen), record.driving.middleRows(face.first_unknown, face.unknowns()), nodes_of_ends(specimen, face),
                                                                   noise_of_pair(observation, seen), longest);
       cut_offs.insert(cut_offs.end(), seen.driving_cut_off.begin(), seen.driving_cut_off.end());
     }
@@ -341,7 +343,7 @@ Eigen::MatrixXd driving_displacement(const Observation& observation, Eigen::Matr
   Eigen::Index first = 0;
   for (const auto& face : observation.faces) {
     const Eigen::Index unknowns = face.dic->cameras().unknowns();
-    displacement.middleRows(first, unknowns) = correlation::smooth(face.measure, displacement.middleRows(first, unknowns), face.driving_cut_off);
+    displacement.middleRows(first, unknowns) = correlation::smooth(measure_of(face), displacement.middleRows(first, unknowns), face.driving_cut_off);
     first += unknowns;
   }
   return displacement;
@@ -353,9 +355,10 @@ Eigen::MatrixXd driving_noise(const Observation& observation, int draws) {
   Eigen::MatrixXd all(unknowns, draws);
   unknowns = 0;
   for (const auto& face : observation.faces) {
-    Eigen::MatrixXd noise = correlation::noise_draws(face.measure, noise_of_pair(observation, face), draws);
+    const auto measure = measure_of(face);
+    Eigen::MatrixXd noise = correlation::noise_draws(measure, noise_of_pair(observation, face), draws);
     if (auto cut_offs = face.driving_cut_off; !cut_offs.empty()) {
-      if (const double cut_off = median(cut_offs); cut_off > 0.0) noise = correlation::smooth(face.measure, noise, cut_off);
+      if (const double cut_off = median(cut_offs); cut_off > 0.0) noise = correlation::smooth(measure, noise, cut_off);
     }
     all.middleRows(unknowns, noise.rows()) = noise;
     unknowns += noise.rows();

@@ -39,11 +39,13 @@ std::vector<char*> without_petsc_options(int argc, char** argv, std::vector<char
   return own;
 }
 
-/// Options of imic3d that were written with one dash, which PETSc would take.
-std::string with_one_dash(const std::vector<char*>& petsc) {
-  for (std::size_t i = 1; i < petsc.size(); ++i)
-    for (const char* name : {"output", "resume", "from", "to", "tolerance"})
-      if (petsc[i] == std::string("-") + name) return name;
+/// The first option of the program that was written with one dash, which PETSc would take; else empty.
+std::string with_one_dash(const CLI::App& program, const std::vector<char*>& petsc) {
+  for (std::size_t i = 1; i < petsc.size(); ++i) {
+    const std::string with_two = std::string("-") + petsc[i];
+    for (const CLI::App* command : program.get_subcommands({}))
+      if (command->get_option_no_throw(with_two) != nullptr) return with_two;
+  }
   return {};
 }
 
@@ -119,7 +121,7 @@ int run(int argc, char** argv) {
     program.add_flag("--version", show_version, "revision and versions of the libraries");
 
     try {
-      if (const auto name = with_one_dash(petsc_arguments); !name.empty()) throw CLI::ParseError(fmt::format("-{0}: with two dashes, --{0}", name), CLI::ExitCodes::InvalidError);
+      if (const auto option = with_one_dash(program, petsc_arguments); !option.empty()) throw CLI::ParseError(fmt::format("{}: with two dashes, {}", option.substr(1), option), CLI::ExitCodes::InvalidError);
       program.parse(static_cast<int>(arguments.size()), arguments.data());
       if (show_version) {
         if (world.is_root()) fmt::print("{}", version_text());

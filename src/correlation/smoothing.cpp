@@ -79,7 +79,7 @@ double smoothing_weight(const Correlation& correlation, double cut_off) {
 }
 
 Measure measured_by(const Cameras& cameras, const Eigen::SparseMatrix<double>& held) {
-  Measure measure{.dofs_per_node = cameras.dofs_per_node(), .M = cameras.M(), .energy = curvature_energy(cameras.surface(), cameras.dofs_per_node()),
+  Measure measure{.surface = cameras.surface(), .dofs_per_node = cameras.dofs_per_node(), .M = cameras.M(),
                   .smoothing_weight = [&cameras](double cut_off) { return cameras.smoothing_weight(cut_off); }};
   if (held.size() > 0) measure.M += held;
   return measure;
@@ -94,10 +94,11 @@ Eigen::MatrixXd smooth(const Measure& measure, Eigen::MatrixXd U, const std::vec
   for (std::size_t t = 0; t < cut_offs.size() && static_cast<Eigen::Index>(t) < U.cols(); ++t)
     if (cut_offs[t] > 0.0) frames_of[cut_offs[t]].push_back(static_cast<Eigen::Index>(t));
   if (frames_of.empty()) return U;
+  const Eigen::SparseMatrix<double> energy = curvature_energy(measure.surface, measure.dofs_per_node);
   Factor factor;
-  factor.analyzePattern(measure.M + measure.energy);
+  factor.analyzePattern(measure.M + energy);
   for (const auto& [cut_off, frames] : frames_of) {
-    const Eigen::SparseMatrix<double> bent = measure.smoothing_weight(cut_off) * measure.energy;
+    const Eigen::SparseMatrix<double> bent = measure.smoothing_weight(cut_off) * energy;
     factor.factorize(measure.M + bent);
     const Columns own = U(Eigen::all, frames);
     U(Eigen::all, frames) = own - inverse_times(factor, bent * inverse_times(factor, bent * own));
@@ -124,6 +125,7 @@ std::vector<double> cut_offs_of_least_error(const Measure& measure, const Eigen:
   Columns at = Columns::Zero(U.rows(), count);
   for (Eigen::Index i = 0; i < count; ++i) at(unknowns[static_cast<std::size_t>(i)], i) = 1.0;
   const auto diagonal = [&](const Columns& columns) { return Eigen::ArrayXd(columns(unknowns, Eigen::all).diagonal().array()); };
+  const Eigen::SparseMatrix<double> energy = curvature_energy(measure.surface, measure.dofs_per_node);
   // Each unknown in units of its own noise: a node that is hardly seen would outweigh all others.
   const Eigen::ArrayXd variance = diagonal(inverse_times(Factor(measure.M), at)).cwiseMax(1e-300);
   std::vector<double> cut_offs{0.0};
@@ -131,9 +133,9 @@ std::vector<double> cut_offs_of_least_error(const Measure& measure, const Eigen:
   Eigen::MatrixXd error(static_cast<Eigen::Index>(cut_offs.size()), frames);
   error.row(0).setConstant(2.0 * static_cast<double>(count));
   Factor factor;
-  factor.analyzePattern(measure.M + measure.energy);
+  factor.analyzePattern(measure.M + energy);
   for (std::size_t k = 1; k < cut_offs.size(); ++k) {
-    const Eigen::SparseMatrix<double> bent = measure.smoothing_weight(cut_offs[k]) * measure.energy;
+    const Eigen::SparseMatrix<double> bent = measure.smoothing_weight(cut_offs[k]) * energy;
     factor.factorize(measure.M + bent);
     const Columns lost = inverse_times(factor, bent * inverse_times(factor, bent * measured)), once = inverse_times(factor, at);
     const Eigen::ArrayXd kept = 2.0 * diagonal(once) - once.cwiseProduct(Columns(measure.M * once)).colwise().sum().transpose().array();  // of the noise: its covariance with what smoothing leaves of it, over sigma^2

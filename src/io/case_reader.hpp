@@ -149,7 +149,6 @@ class CaseReader {
   YamlDocument document_;
   const CaseChecks& checks_;
   std::vector<PlacedMistake> mistakes_;
-  std::size_t of_schema_ = 0;  // of these the first, which the schema's check has found
   fs::path folder_;
   Section root_;
   Case case_;

@@ -28,7 +28,6 @@ double newtons(const std::string& unit) {
 
 Case CaseReader::read() {
   for (auto& mistake : check_schema(document_, case_schema())) mistakes_.push_back(std::move(mistake));
-  of_schema_ = mistakes_.size();
   case_.file = document_.file;
   case_.text = document_.text;
   root_.get("title", case_.title);
@@ -274,12 +273,9 @@ bool CaseReader::on_curves() const { return root_.has("experiments") && !root_.h
 
 bool CaseReader::is_refused(const std::string& path) const {
   const auto inside = [](const std::string& inner, const std::string& outer) { return inner.starts_with(outer) && (inner.size() == outer.size() || inner[outer.size()] == '.' || inner[outer.size()] == '['); };
-  return std::any_of(mistakes_.begin(), mistakes_.begin() + static_cast<std::ptrdiff_t>(of_schema_), [&](const PlacedMistake& one) {
-    const auto& place = one.mistake.place;
-    const auto blank = place.find(' ', document_.file.string().size());
-    if (blank == std::string::npos) return false;
-    const std::string refused = place.substr(blank + 1);
-    return inside(path, refused) || (path.find('.') != std::string::npos && inside(refused, path) && refused.find_first_of(".[", path.size() + 1) == std::string::npos);
+  return std::any_of(mistakes_.begin(), mistakes_.end(), [&](const PlacedMistake& one) {
+    if (one.path.empty()) return false;
+    return inside(path, one.path) || (path.find('.') != std::string::npos && inside(one.path, path) && one.path.find_first_of(".[", path.size() + 1) == std::string::npos);
   });
 }
 

@@ -15,6 +15,7 @@ namespace imic3d::io {
 struct PlacedMistake {
   int line = 0;
   Mistake mistake;
+  std::string path = {};  ///< of the value that the schema refuses
 };
 
 /// The contents of a YAML file. A value is named by its key path, e.g. `cameras[0].pixel_size`; the root is "".

@@ -8,6 +8,7 @@ import json
 import math
 import pathlib
 import random
+import subprocess
 import sys
 import tempfile
 
@@ -124,7 +125,6 @@ def main():
         def mistake(change, expected, command="check"):
             case = folder / "bad.yaml"
             case.write_text(change(CASE.format(effects="rate", more="", free="", columns=COLUMNS, output="bad")))
-            import subprocess
             done = subprocess.run([program, command, str(case)], capture_output=True, text=True)
             require(done.returncode == 2 and expected in done.stderr, f"{expected!r} is said ({done.stderr.strip()[:200]})")
 
@@ -145,7 +145,6 @@ def main():
         mistake(lambda s: few(s).replace("few.csv", "signs.csv"), "experiments.few: a stress that first changes by -2e+05 MPa for a strain of 1; allowed: stress and strain of one sign", "loop")
         (folder / "commas.csv").write_text("strain,stress\n0,0\n0,001,200,5\n0,002,250,1\n0,003,260,2\n")
         mistake(lambda s: few(s).replace("few.csv", "commas.csv"), "commas.csv:3: 4 fields; allowed: 2 as in the header")
-        import subprocess
         done = subprocess.run([program, "identify", str(folder / "bad.yaml"), "-resume"], capture_output=True, text=True)
         require(done.returncode == 2 and "with two dashes, --resume" in done.stderr, "an option with one dash instead of two is said")
         (folder / "good.yaml").write_text(CASE.format(effects="rate", more=", C_rate: 0.01", free=", C_rate", columns=COLUMNS, output="file.txt/out"))

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """A uniform bar (J2, linear hardening) pulled to 18 % strain, whose stress, strain and images are closed forms: waves of random direction in
 the reference, integrated over every pixel; nothing is simulated or interpolated. Identified from its images by two functionals; and pulled to 5 %,
-of which the loop has to say that nothing is missing.
+of which the loop has to say that nothing is missing, while it turns by 25 degrees, and with its mesh placed askew.
 
 Usage: uniform_bar.py EXECUTABLE
 """
@@ -25,7 +25,7 @@ CASE = """
 title: Uniform bar
 specimen: {{mesh: bar.msh, kinematics: plane_stress, element: quad8, thickness: {thickness}, held: bottom, loaded: top, axis: y}}
 cameras:
-  - {{name: front, pixel_size: {pixel}, place: {{origin: [{column}, {row}]}}, images: 'images/*.png', reference: 0-2{noise}}}
+  - {{name: front, pixel_size: {pixel}, place: {{origin: [{column}, {row}], rotation: {askew}}}, images: 'images/*.png', reference: 0-2{noise}}}
 loads: {{file: loads.csv, noise: 4}}
 material:
   law: j2
@@ -46,40 +46,43 @@ def response(strain):
     return stress, -NU * elastic - 0.5 * (strain - elastic)
 
 
-def photograph(waves, along, across):
-    """Grey levels [rows, columns] of the bar with these logarithmic strains; y points up, the middle of the image stays."""
+def photograph(waves, along, across, turn):
+    """Grey levels [rows, columns] of the bar with these logarithmic strains, turned by so much [rad]; y points up, the middle of the image stays."""
     k, phase = waves
-    k = k / numpy.exp([across, along])  # [waves, 2, 1/px]: the texture is carried along
+    to_image = numpy.array([[numpy.cos(turn), -numpy.sin(turn)], [numpy.sin(turn), numpy.cos(turn)]])
+    k = k / numpy.exp([across, along]) @ to_image.T  # [waves, 2, 1/px]: the texture is carried along
     x, y = numpy.arange(SIZE[0]) - (SIZE[0] - 1) / 2, (SIZE[1] - 1) / 2 - numpy.arange(SIZE[1])
     size = numpy.sinc(k[:, 0] / 2 / numpy.pi) * numpy.sinc(k[:, 1] / 2 / numpy.pi)  # mean over a pixel
     grey = numpy.real((numpy.exp(1j * numpy.outer(y, k[:, 1])) * (size * numpy.exp(1j * phase))) @ numpy.exp(1j * numpy.outer(k[:, 0], x)))
     grey = 128 + 40 * grey * numpy.sqrt(2 / len(phase))
-    grey[:, numpy.abs(x) * PIXEL > HALF_WIDTH * numpy.exp(across)] = 20
+    grey[numpy.abs(to_image[0, 0] * x[None, :] + to_image[1, 0] * y[:, None]) * PIXEL > HALF_WIDTH * numpy.exp(across)] = 20
     return grey
 
 
-def make_test(folder, strain, seed, elements):
-    """Images, load record and mesh of a bar pulled to these strains, `elements` along and across; the number of its last frame."""
+def make_test(folder, strain, seed, elements, turn=0.0, half_length=6.0):
+    """Images, load record and mesh of a bar pulled to these strains, `elements` along and across, that turns evenly to so many degrees at last; the number of its last frame."""
     (folder / "images").mkdir(parents=True)
     random = numpy.random.default_rng(seed)
     angle, number = random.uniform(0, 2 * numpy.pi, 300), random.uniform(0.5, 1.2, 300)  # waves of 5 to 13 px
     waves = number[:, None] * numpy.stack([numpy.cos(angle), numpy.sin(angle)], 1), random.uniform(0, 2 * numpy.pi, 300)
     stress, across = response(strain)
     force = stress * numpy.exp(-strain) * 2 * HALF_WIDTH * THICKNESS
+    turns = numpy.radians(turn) * numpy.arange(len(strain)) / (len(strain) - 1)
+    force = force * numpy.cos(turns)  # its part along the axis
     states = [0] * STATIC + list(range(1, len(strain)))
     loads = ["frame,time_s,force_N"]
     for frame, state in enumerate(states):
-        grey = photograph(waves, strain[state], across[state]) + random.normal(size=SIZE[::-1]) * 1.5
+        grey = photograph(waves, strain[state], across[state], turns[state]) + random.normal(size=SIZE[::-1]) * 1.5
         Image.fromarray(numpy.clip(numpy.rint(grey), 0, 255).astype(numpy.uint8)).save(folder / f"images/{frame:02}.png")
         loads.append(f"{frame},{frame},{force[state] + 4 * random.normal():.2f}")
     (folder / "loads.csv").write_text("\n".join(loads) + "\n")
-    bar(folder / "bar.msh", -6.0, 6.0, elements[0], columns=elements[1], half_width=HALF_WIDTH)
+    bar(folder / "bar.msh", -half_length, half_length, elements[0], columns=elements[1], half_width=HALF_WIDTH)
     return len(states) - 1
 
 
-def case_of(folder, name, functional, last, noise="", parameters=START):
+def case_of(folder, name, functional, last, noise="", parameters=START, askew=0.0):
     case = folder / f"{name}.yaml"
-    case.write_text(CASE.format(name=name, noise=noise, thickness=THICKNESS, pixel=PIXEL, nu=NU, functional=functional, last=last, column=(SIZE[0] - 1) / 2, row=(SIZE[1] - 1) / 2, **parameters))
+    case.write_text(CASE.format(name=name, noise=noise, thickness=THICKNESS, pixel=PIXEL, nu=NU, functional=functional, last=last, column=(SIZE[0] - 1) / 2, row=(SIZE[1] - 1) / 2, askew=askew, **parameters))
     return case
 
 
@@ -108,12 +111,22 @@ def main(program):
         error = numpy.sqrt(numpy.mean((moved[:, :2] - expected) ** 2)) / PIXEL
         require(error < 0.025, f"nodes {error:.4f} px off at 18 % strain (rms)")
         # Under uniform tension pressure and anisotropy show in nothing but what the noise of the driven ends makes of them.
+        last = make_test(folder := pathlib.Path(made) / "turned", SMALL, 1, (5, 6), turn=25.0, half_length=4.0)
+        run(program, "identify", case_of(folder, "turned", "force_driven", last))
+        result = json.loads((folder / "turned/result.json").read_text())["parameters"]
+        for parameter, truth in TRUTH.items():
+            off = result[parameter]["value"] / truth - 1
+            require(abs(off) < 0.02, f"turned by 25 degrees, force_driven: {parameter} {100 * off:+.2f} % off (standard deviation {100 * result[parameter]['standard_deviation'] / truth:.2f})")
         for seed in (2, 4):
             folder = pathlib.Path(made) / f"small_{seed}"
             case = case_of(folder, "loop", "displacement_driven", make_test(folder, SMALL, seed, (7, 6)), parameters=TRUTH)
             run(program, "loop", case)
             result = json.loads((folder / "loop/result.json").read_text())
             require(result["verdict"] == "nothing found", f"nothing is missing, test {seed}: {result['sentence']}")
+        run(program, "identify", case_of(folder, "askew", "displacement_driven", last, askew=0.15))
+        result = json.loads((folder / "askew/result.json").read_text())
+        off = result["parameters"]["H"]["value"] / TRUTH["H"] - 1
+        require(off > 0.1 and any("turned against the specimen" in doubt for doubt in result["doubts"]), f"a mesh that is askew by 0.15 degrees, displacement_driven: H {100 * off:+.1f} % off, which is doubted")
     end()
 
 

@@ -85,6 +85,23 @@ TEST(Scores, FewDegreesOfFreedomRaiseNoMoreAlarms) {
   EXPECT_GT(as_if_known, alarms + 6);
 }
 
+/// A size whose column was taken out does not make visible what the parameters explain.
+TEST(Scores, ASizeThatIsLeftOutShowsNothing) {
+  std::mt19937_64 random(3);
+  std::normal_distribution<double> normal;
+  const auto drawn = [&](Eigen::Index columns) {
+    Eigen::MatrixXd all(40, columns);
+    for (double& x : all.reshaped()) x = normal(random);
+    return all;
+  };
+  ScoreProblem problem;
+  problem.residual = drawn(1), problem.sensitivity = drawn(1), problem.signatures = {Eigen::MatrixXd::Zero(40, 2), drawn(1)}, problem.null = drawn(100);
+  problem.signatures.front().col(1) = problem.sensitivity;
+  const Scores scores = score(problem);
+  EXPECT_FALSE(scores.candidates[0].visible());
+  EXPECT_TRUE(scores.candidates[1].visible());
+}
+
 /// 200 tests in which nothing is missing: 4 % false alarms asked of the scores and 1 % of the omnibus test.
 TEST(Closing, FalseAlarmsStayAtTheirLevel) {
   int alarms = 0, contradicted = 0;

@@ -6,7 +6,6 @@
 
 #include "imic3d/app/setup.hpp"
 #include "imic3d/correlation/global_dic.hpp"
-#include "imic3d/correlation/smoothing.hpp"
 #include "imic3d/identification/forward_model.hpp"
 #include "imic3d/identification/gauss_newton.hpp"
 #include "imic3d/imaging/camera.hpp"
@@ -19,7 +18,6 @@ struct Rig;
 struct ObservedFace {
   std::shared_ptr<Rig> rig;
   std::unique_ptr<correlation::GlobalDic> dic;
-  correlation::Measure measure;         ///< of what it measures
   std::vector<double> driving_cut_off;  ///< waves that the displacement on the ends has lost in each frame [length]
 };
 

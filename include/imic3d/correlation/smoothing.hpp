@@ -24,9 +24,9 @@ namespace imic3d::correlation {
 
 /// How a displacement of a quad mesh was measured: its white noise has the covariance sigma^2 M^-1.
 struct Measure {
+  mesh::Mesh surface;
   int dofs_per_node = 2;
-  Eigen::SparseMatrix<double> M;       ///< of Eq. 8, with what holds motions that nothing shows [unknowns x unknowns]
-  Eigen::SparseMatrix<double> energy;  ///< curvature_energy of the surface [unknowns x unknowns]
+  Eigen::SparseMatrix<double> M;  ///< of Eq. 8, with what holds motions that nothing shows [unknowns x unknowns]
   /// The weight of the curvature's energy at which it equals M's term for waves of length `cut_off` [length].
   std::function<double(double cut_off)> smoothing_weight;
 };
