@@ -123,6 +123,16 @@ std::string deviation_from(const io::ExperimentCase& experiment) {
   return experiment.noise ? "given" : experiment.files.size() > 1 ? "repetitions" : "points";
 }
 
+namespace {
+/// Whether most changes of the stress are against those of the strain, by their products: elastic loading and unloading go together, whatever flow does.
+bool falls_with_strain(const id::Curve& curve) {
+  const Eigen::Index last = curve.stress.size() - 1;
+  const auto steps = [last](const Eigen::VectorXd& values) -> Eigen::ArrayXd { return values.tail(last).array() - values.head(last).array(); };
+  const Eigen::ArrayXd products = steps(curve.history.strain) * steps(curve.stress);
+  return products.sum() < -0.5 * products.abs().sum();
+}
+}  // namespace
+
 std::vector<id::Curve> make_curves(const io::Case& test) {
   std::vector<id::Curve> curves;
   for (const auto& experiment : test.experiments) {
@@ -137,6 +147,17 @@ std::vector<id::Curve> make_curves(const io::Case& test) {
                          "experiments.noise: a standard deviation, or repetitions");
     }
   }
+  std::vector<Mistake> mistakes;
+  for (std::size_t k = 0, file = 0; k < curves.size(); ++k, ++file) {
+    if (k > 0 && curves[k].group != curves[k - 1].group) file = 0;
+    const auto& own = curves[k];
+    const auto place = fmt::format("experiments.{} {}", own.group, own.name);
+    if (falls_with_strain(own)) mistakes.push_back({place, "a stress that falls where the strain grows", "stress and strain of one sign, both positive in tension"});
+    for (std::size_t other = k - file; other < k; ++other)
+      if (curves[other].stress.size() == own.stress.size() && curves[other].stress == own.stress && curves[other].history.strain == own.history.strain)
+        mistakes.push_back({place, fmt::format("the numbers of {} once more", curves[other].name), "bars that were measured, each once"});
+  }
+  if (!mistakes.empty()) throw InputError(std::move(mistakes));
   std::size_t fitted = 0, most_free = 0;
   for (const auto& curve : curves) fitted += static_cast<std::size_t>(std::count(curve.use.begin(), curve.use.end(), id::Curve::fitted));
   for (const auto& stage : test.identify.stages) most_free = std::max(most_free, stage.free.size());
@@ -170,8 +191,6 @@ std::vector<std::string> unlikely_units(const io::Case& test, const std::vector<
       if (const double slope = first_slope(*curve); std::isfinite(slope)) slopes.push_back(slope);
     if (slopes.empty()) continue;
     const double slope = median(std::move(slopes)), ratio = slope / declared->second.value;
-    if (ratio < -1.0 / far)
-      throw InputError("experiments." + experiment.name, fmt::format("a stress that first changes by {:.3g} {} for a strain of 1", slope, io::stress_unit(test.units)), "stress and strain of one sign, both positive in tension");
     if (ratio > 1.0 / far && ratio < far) continue;
     doubts.push_back(fmt::format("experiments.{}: the stress first rises by {:.3g} {} for a strain of 1, where E was declared as {:.4g}: is the strain in percent (strain_scale: 0.01), or the stress in another unit than {} (stress_unit)?",
                                  experiment.name, slope, io::stress_unit(test.units), declared->second.value, io::stress_unit(test.units)));

@@ -141,7 +141,6 @@ class Loop {
       }
     }
     if (best.values.empty()) throw ConvergenceError(failure);
-    if (!std::isfinite(best.cost)) throw ConvergenceError("the residual of the identified model is no number");
     // What the mesh and the correlation err by is learned at the first parameters, unless it was near them, and again at those that it leads to.
     for (int pass = 0; pass < 2; ++pass) {
       if (const auto known = experiment_.learned(); known && !known->at.empty() && !moved_far(known->at, best)) break;  // scatter of bars, which is put back with no model, is learned again
@@ -153,6 +152,7 @@ class Loop {
     say(fmt::format("null ensemble: {} + {} draws of the noise", options_.draws, experiment_.draws(options_.draws)));
     report_.declared.ground = ground_of(experiment_, best.values, options_.draws);
     report_.declared.fit = fit(experiment_, report_.declared.ground->weight, rows_, free, best.values);
+    if (!std::isfinite(report_.declared.fit.cost)) throw ConvergenceError("the residual of the declared model is no number in units of its noise");
     appraisal_.judge(report_.declared);
     announce(report_.declared, "declared model");
   }

@@ -142,7 +142,9 @@ def main():
         few = lambda s: s[:s.index("experiments:")] + "experiments: [{name: few, file: few.csv, strain: strain, stress: stress, noise: 1}]\n" + s[s.index("identify:"):]
         mistake(few, "experiments: 3 rows to fit, 3 free parameters; allowed: more rows than free parameters", "loop")
         (folder / "signs.csv").write_text("strain,stress\n" + "".join(f"{k / 10000},{-20 * k}\n" for k in range(12)))
-        mistake(lambda s: few(s).replace("few.csv", "signs.csv"), "experiments.few: a stress that first changes by -2e+05 MPa for a strain of 1; allowed: stress and strain of one sign", "loop")
+        mistake(lambda s: few(s).replace("few.csv", "signs.csv"), "experiments.few signs: a stress that falls where the strain grows; allowed: stress and strain of one sign", "loop")
+        (folder / "copy.csv").write_text((folder / "slow_0.csv").read_text())
+        mistake(lambda s: s.replace('"slow_*.csv"', "[slow_0.csv, slow_1.csv, copy.csv]"), "experiments.slow copy: the numbers of slow_0 once more; allowed: bars that were measured, each once", "loop")
         (folder / "commas.csv").write_text("strain,stress\n0,0\n0,001,200,5\n0,002,250,1\n0,003,260,2\n")
         mistake(lambda s: few(s).replace("few.csv", "commas.csv"), "commas.csv:3: 4 fields; allowed: 2 as in the header")
         done = subprocess.run([program, "identify", str(folder / "bad.yaml"), "-resume"], capture_output=True, text=True)

@@ -234,6 +234,12 @@ TEST(Closing, HeldOutFramesThatHardlySeeAnEffectDoNotDecide) {
   EXPECT_LE(lost, 14) << "of 200";
 }
 
+TEST(Closing, AResidualThatIsNoNumberIsNoAnswer) {
+  Curves experiment(1);
+  experiment.doubted_each = std::nan("");
+  EXPECT_THROW(static_cast<void>(close_loop(experiment, usual)), ConvergenceError);
+}
+
 TEST(Closing, OneEffectIsNamedAndItsSizeFound) {
   int right = 0, covered = 0, tests = 0;
   for (const auto& [effect, size] : {std::pair(int{Curves::drift}, 4.0), {int{Curves::kink}, 6.0}, {int{Curves::curved}, 2.5}, {int{Curves::offset}, -15.0}})
