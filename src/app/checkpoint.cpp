@@ -119,6 +119,7 @@ void put(Checkpoint& into, const std::string& at, const id::StagePoint& point) {
   into.put(at + "force_sensitivity", columns(point.linear.force_sensitivity));
   put(into, at + "finer/", point.finer);
   into.put(at + "noise/parameters", column(point.noise.parameters));
+  into.put(at + "noise/difference", point.noise.difference);
   into.put(at + "noise/unknown", point.noise.unknown);
   put(into, at + "noise/covariance/", point.noise.covariance);
   const auto& normal = point.normal;
@@ -137,7 +138,7 @@ id::StagePoint point_of(const Checkpoint& from, const std::string& at) {
   for (int j = 0; j < from.count(at + "free"); ++j) point.linear.sensitivity.push_back(from.matrix(fmt::format("{}sensitivity/{}", at, j)));
   point.linear.force_sensitivity = vectors_of(from.matrix(at + "force_sensitivity"));
   point.finer = finer_increments_of(from, at + "finer/");
-  point.noise = {.parameters = values_of(from.matrix(at + "noise/parameters")), .covariance = covariance_of(from, at + "noise/covariance/"), .unknown = from.text(at + "noise/unknown")};
+  point.noise = {.parameters = values_of(from.matrix(at + "noise/parameters")), .covariance = covariance_of(from, at + "noise/covariance/"), .difference = from.matrix(at + "noise/difference"), .unknown = from.text(at + "noise/unknown")};
   point.normal.matrix = from.matrix(at + "matrix");
   point.normal.right = from.matrix(at + "right");
   const auto sums = values_of(from.matrix(at + "sums"));
@@ -152,6 +153,7 @@ void put(Checkpoint& into, const std::string& at, const StageDone& stage) {
   into.put(at + "converged", stage.result.converged ? 1.0 : 0.0);
   into.put(at + "message", stage.result.message);
   put(into, at + "finer/", stage.result.finer);
+  into.put(at + "difference", stage.result.difference);
   into.put(at + "unknown_noise", stage.result.unknown_noise);
   put(into, at + "covariance/", stage.result.covariance);
 }
@@ -161,6 +163,7 @@ StageDone stage_of(const Checkpoint& from, const std::string& at) {
   stage.result.converged = from.number(at + "converged") > 0.5;
   stage.result.message = from.text(at + "message");
   stage.result.finer = finer_increments_of(from, at + "finer/");
+  stage.result.difference = from.matrix(at + "difference");
   stage.result.unknown_noise = from.text(at + "unknown_noise");
   stage.result.covariance = covariance_of(from, at + "covariance/");
   return stage;

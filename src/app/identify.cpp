@@ -170,6 +170,7 @@ class Identification {
     }
     if (!shown.front().message.empty()) spdlog::warn("{}", shown.front().message);
     output_.model(world_, images_, record_, shown.front(), driven.front());
+    if (!gap()) compare_force(driven.front());
     auto work = model_.work();
     if (by_all_ranks) work += by_all_ranks->work();
     spdlog::info("{} frames simulated with {} factorisations, {} passes over the elements, and {} for derivatives", work.frames, work.factorisations, work.passes, work.derivative_passes);
@@ -185,11 +186,24 @@ class Identification {
   void finish(double seconds, GroupTimes times) const {
     times["simulations"] = model_.group_times();
     say(times);
-    output_.finish(material_, covariance_, stages_, gap() ? std::nan("") : compared_noise_, seconds, times);
+    output_.finish(material_, covariance_, stages_, force_left_, seconds, times);
   }
 
  private:
   [[nodiscard]] bool gap() const { return solver_.functional == id::Functional::equilibrium_gap; }
+
+  /// What the model leaves of the force in the fitted frames, in units of its noise there.
+  void compare_force(const id::Path& driven) {
+    std::set<int> fitted;
+    for (const auto& stage : declared_) fitted.insert(stage.frames.begin(), stage.frames.end());
+    double squares = 0.0;
+    int frames = 0;
+    for (const int t : fitted) {
+      if (t >= driven.frames) continue;
+      squares += std::pow((record_.force[t] - driven.reaction[t]) / (t < difference_.size() ? difference_[t] : compared_noise_), 2), ++frames;
+    }
+    if (frames > 0) force_left_ = std::sqrt(squares / frames);
+  }
 
   /// `first`: the declared values of the parameters.
   void run_stage(std::size_t k, const std::vector<double>& first) {
@@ -238,6 +252,7 @@ class Identification {
     }
     output_.identified(material_.values, covariance_, on_bound_);
     finer_ = std::move(result.finer);
+    difference_ = std::move(result.difference);
     declared_.push_back(std::move(stage));
   }
 
@@ -251,7 +266,9 @@ class Identification {
   RunCheckpoint& checkpoint_;
   id::ImageData images_;
   id::GaussNewtonOptions solver_;
-  double compared_noise_ = 0.0;  // of the measured force less the reaction of the DIC-driven simulation [force]
+  double compared_noise_ = 0.0;  // of the measured force less the reaction of the DIC-driven simulation, an upper bound [force]
+  Eigen::VectorXd difference_;   // the same of each frame, as far as the last stage found it [frames, force]
+  double force_left_ = 0.0;      // of the measured force by the identified model, in units of this noise
   SimulationTasks tasks_;
   id::ForwardModel model_;
   int increments_;  // that the identified model takes between two frames

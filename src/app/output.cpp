@@ -260,7 +260,7 @@ void RunOutput::freed_at_once(const Material& material, const std::vector<int>& 
 }
 
 void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covariance,
-                       const std::vector<StageSummary>& stages, double force_noise, double seconds, const GroupTimes& groups) {
+                       const std::vector<StageSummary>& stages, double force_left, double seconds, const GroupTimes& groups) {
   if (!file_) return;
   auto json = io::summary(*file_);
   auto doubts = test_.doubts;
@@ -271,10 +271,9 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
     doubts.push_back(std::move(doubt));
   }
   for (auto& doubt : unlikely_values(test_, material, material.values)) doubts.push_back(std::move(doubt));
-  const nlohmann::json::json_pointer of_force("/fitted/force_rms_difference/value");
-  if (const double left = json.contains(of_force) && json[of_force].is_number() ? json[of_force].get<double>() : 0.0; left > unlikely_force * force_noise) {
+  if (force_left > unlikely_force) {
     doubts.push_back(fmt::format("the model leaves {:.3g} {} of the force (rms of the fitted frames), {:.1f} times its noise: what it lacks (a finer mesh{}, an effect that imic3d loop finds{}) may move the parameters by more than their standard deviations, which are those of noise alone",
-                                 left, test_.units.force, left / force_noise, test_.identify.steps_per_frame > 0 ? ", more load increments between frames: identify.steps_per_frame: auto" : "",
+                                 json["/fitted/force_rms_difference/value"_json_pointer].get<double>(), test_.units.force, force_left, test_.identify.steps_per_frame > 0 ? ", more load increments between frames: identify.steps_per_frame: auto" : "",
                                  test_.identify.functional != "force_driven" ? "; or a mesh that is turned against the specimen by a tenth of a degree, which driven ends take for shear" : ""));
     spdlog::warn("{}", doubts.back());
   }

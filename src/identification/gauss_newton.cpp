@@ -148,8 +148,9 @@ void extrapolate(Linearisation& at, const Eigen::VectorXd& step) {
   }
 }
 
+/// `difference`: difference_noise, as far as it is known.
 NormalEquations assemble(Communicator world, ForwardModel& model, const ImageData& images, const Linearisation& at,
-                         const Stage& stage, const GaussNewtonOptions& options) {
+                         const Stage& stage, const GaussNewtonOptions& options, const Eigen::VectorXd& difference) {
   const auto unknowns = static_cast<Eigen::Index>(stage.free.size());
   NormalEquations sums;
   sums.matrix.setZero(unknowns, unknowns);
@@ -183,7 +184,7 @@ NormalEquations assemble(Communicator world, ForwardModel& model, const ImageDat
     Eigen::VectorXd s(unknowns);
     for (Eigen::Index j = 0; j < unknowns; ++j) s[j] = at.force_sensitivity[static_cast<std::size_t>(j)][t];
     const double missing = model.record().force[t] - at.reaction[t];
-    const double force_weight = 1.0 / (options.force_noise * options.force_noise);
+    const double force_weight = std::pow(difference_noise(difference, options, t), -2);
     matrix += force_weight * s * s.transpose();
     right += force_weight * s * missing;
     scalars[0] += force_weight * missing * missing;
@@ -324,7 +325,7 @@ FinerIncrements find_finer_increments(Communicator world, ForwardModel& model, c
     Linearisation endless = coarse;
     endless.frames = static_cast<int>(finer.endless.surface.cols());
     add(endless, 1.0, finer.endless);
-    const Eigen::VectorXd step = inverse * assemble(world, model, images, endless, stage, options).right;
+    const Eigen::VectorXd step = inverse * assemble(world, model, images, endless, stage, options, at.noise.difference).right;
     finer.unsure = (step - before).cwiseAbs();
     bool sure = true;
     for (Eigen::Index j = 0; j < unknowns; ++j) {
@@ -340,17 +341,19 @@ FinerIncrements find_finer_increments(Communicator world, ForwardModel& model, c
   return finer;
 }
 
-ParameterNoise find_noise(ForwardModel& model, const ImageData& images, const Linearisation& at, const NormalEquations& normal, const Stage& stage,
-                          const GaussNewtonOptions& options, const std::vector<double>& parameters) {
-  ParameterNoise noise{.parameters = parameters, .covariance = {}, .unknown = {}};
+/// `normal` becomes that with the weights that the noise asks for.
+ParameterNoise find_noise(Communicator world, ForwardModel& model, const ImageData& images, const Linearisation& at, const Stage& stage, const GaussNewtonOptions& options,
+                          const std::vector<double>& parameters, NormalEquations& normal) {
+  ParameterNoise noise{.parameters = parameters, .covariance = {}, .difference = {}, .unknown = {}};
+  NoiseDraws draws;
   try {
-    noise.covariance = parameter_covariance(model, images, at, normal, stage, options, parameters);
+    draws = draw_noise(model, images, at.frames, options, parameters);
   } catch (const ConvergenceError& error) {
     noise.unknown = error.what();
-    GaussNewtonOptions without_draws = options;
-    without_draws.noise_model.draws = 0;
-    noise.covariance = parameter_covariance(model, images, at, normal, stage, without_draws, parameters);
   }
+  noise.difference = difference_noise(draws, options);
+  if (has_force(options.functional) && noise.difference.size() > 0) normal = assemble(world, model, images, at, stage, options, noise.difference);
+  noise.covariance = parameter_covariance(images, at, normal, stage, options, noise.difference, draws);
   return noise;
 }
 
@@ -426,7 +429,7 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
     for (;; coarse = false) {
       at.linear = linearise(model, images, parameters, stage, options, coarse ? accuracy_of_a_long_step : accuracy_of_steps(options, 0.0));
       if (at.linear.frames == 0) throw ConvergenceError("the first frame cannot be simulated: " + at.linear.message);
-      at.normal = assemble(world, model, images, at.linear, stage, options);
+      at.normal = assemble(world, model, images, at.linear, stage, options, at.noise.difference);
       const Eigen::VectorXd step = step_within_bounds(at.normal.matrix, at.normal.right, parameters, information, stage, options);
       if (!coarse || relative_size(step, moved(parameters, step, stage), stage, options) > far_step) break;
     }
@@ -446,13 +449,13 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
       if (halving == 0 && (eta < options.eta || is_straight(eta, at.iterates.back().eta, at.linear, stage, options))) {
         parameters = trial;
         extrapolate(at.linear, step);
-        at.normal = assemble(world, model, images, at.linear, stage, options);
+        at.normal = assemble(world, model, images, at.linear, stage, options, at.noise.difference);
         break;
       }
       const bool near = options.sensitivities == Sensitivities::direct && eta < near_steps * options.eta && at.linear.frames > stage.frames.back();
       at.linear = linearise(model, images, trial, stage, options, accuracy_of_steps(options, eta), near ? &at.linear : nullptr);
       add(at.linear, 1.0, at.finer.endless);
-      at.normal = assemble(world, model, images, at.linear, stage, options);
+      at.normal = assemble(world, model, images, at.linear, stage, options, at.noise.difference);
       const double after = at.normal.frames > 0 ? at.normal.cost / at.normal.frames : INFINITY;
       // Small steps are taken as they are: the cost no longer tells them apart from the noise.
       const bool acceptable = after <= 1.02 * before || at.normal.frames > frames_before || eta < 10.0 * options.eta;
@@ -468,18 +471,24 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
   const bool looks_finer = options.most_increments > model.increments();
   for (;;) {
     while (!at.converged && may_go_on()) iterate();
-    if (at.noise.parameters.empty() || largest_move(at.noise.parameters, parameters, stage.free, options) > 0.2) at.noise = find_noise(model, images, at.linear, at.normal, stage, options, parameters);
+    if (at.noise.parameters.empty() || largest_move(at.noise.parameters, parameters, stage.free, options) > 0.2) {
+      at.noise = find_noise(world, model, images, at.linear, stage, options, parameters, at.normal);
+      if (has_force(options.functional) && at.noise.difference.size() > 0) {
+        note(0.0, false);
+        continue;
+      }
+    }
     if (!looks_finer || !may_go_on()) break;
     if (at.finer.number > 0 && std::pow(largest_move(at.finer.parameters, parameters, stage.free, options), 2) < options.eta) break;
     FinerIncrements finer = find_finer_increments(world, model, images, at, stage, options);
     if (finer.number == 0) break;
     add(at.linear, -1.0, at.finer.endless), add(at.linear, 1.0, finer.endless);
     at.finer = std::move(finer);
-    at.normal = assemble(world, model, images, at.linear, stage, options);
+    at.normal = assemble(world, model, images, at.linear, stage, options, at.noise.difference);
     note(0.0, false);
   }
 
-  StageResult result{.iterates = std::move(at.iterates), .covariance = std::move(at.noise.covariance), .converged = at.converged, .finer = std::move(at.finer), .unknown_noise = at.noise.unknown, .message = at.linear.message};
+  StageResult result{.iterates = std::move(at.iterates), .covariance = std::move(at.noise.covariance), .converged = at.converged, .finer = std::move(at.finer), .difference = std::move(at.noise.difference), .unknown_noise = at.noise.unknown, .message = at.linear.message};
   if (at.normal.frames < static_cast<int>(stage.frames.size()))
     result.message = fmt::format("{} of {} frames took part: {}", at.normal.frames, stage.frames.size(), at.linear.message);
   return result;
@@ -490,8 +499,9 @@ FreedAtOnce free_at_once(Communicator world, ForwardModel& model, const ImageDat
   Linearisation at = linearise(model, images, parameters, all, options, accuracy_of_steps(options, 0.0));
   if (at.frames == 0) return {};
   add(at, 1.0, finer.endless);
-  const NormalEquations normal = assemble(world, model, images, at, all, options);
-  return {solve_symmetric(normal.matrix, normal.right), find_noise(model, images, at, normal, all, options, parameters)};
+  NormalEquations normal = assemble(world, model, images, at, all, options, {});
+  ParameterNoise noise = find_noise(world, model, images, at, all, options, parameters, normal);
+  return {solve_symmetric(normal.matrix, normal.right), std::move(noise)};
 }
 
 }  // namespace imic3d::identification

@@ -18,6 +18,9 @@ namespace {
 /// Of the response to noise, of which few draws tell the size.
 constexpr mechanics::Accuracy accuracy_of_responses{.forces = 1e-7, .derivatives = 1e-4};
 
+/// That tell a standard deviation well enough to weigh by it (to 30 %).
+constexpr std::size_t telling_draws = 6;
+
 /// Noise of b_DIC: columns of standard deviation one, b b^T = M on average [unknowns x columns].
 class OpticalNoise {
  public:
@@ -36,13 +39,6 @@ class OpticalNoise {
   Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor_;
   std::mt19937_64 random_;
   std::normal_distribution<double> normal_;
-};
-
-/// What small errors of that which drives a simulation do to what is observed, in the first order: by each error, those of the ends first. Up to rigid motions that
-/// the images fix: to these the derivatives by the parameters are orthogonal, in the norm of M.
-struct Response {
-  std::vector<Eigen::MatrixXd> surface;   ///< [unknowns x frames, length]
-  std::vector<Eigen::VectorXd> reaction;  ///< of the DIC-driven simulation [frames, force]
 };
 
 /// `ends`: errors of the measured displacement that drives the ends [unknowns x frames, length]; `loads`: of the measured force [frames, force].
@@ -156,12 +152,45 @@ Control control_of_images(const GaussNewtonOptions& options) {
   return options.alpha > 0.0 ? Control::images : Control::force;
 }
 
-Covariance parameter_covariance(ForwardModel& model, const ImageData& images, const Linearisation& at, const NormalEquations& normal,
-                                const Stage& stage, const GaussNewtonOptions& options, const std::vector<double>& parameters) {
+NoiseDraws draw_noise(ForwardModel& model, const ImageData& images, int frames, const GaussNewtonOptions& options, const std::vector<double>& parameters) {
+  const NoiseModel& noise = options.noise_model;
+  NoiseDraws result;
+  if (noise.draws == 0) return result;
+  OpticalNoise draw(images, noise.seed);
+  std::vector<Eigen::MatrixXd> moved;
+  for (int d = 0; d < noise.draws; ++d) {
+    const Eigen::MatrixXd of_reference = draw.b(1) / std::sqrt(noise.references);
+    result.b.emplace_back(noise.image * (draw.b(frames).colwise() + of_reference.col(0)));
+    moved.push_back(draw.displacement(result.b.back()));
+    result.force.emplace_back(frames);
+    for (double& value : result.force.back()) value = noise.force * draw.scalar();
+  }
+  result.response = respond(model, parameters, frames, options, moved, result.force);
+  // An error of the cameras' numbers is the same in all frames: it moves the measured displacement that judges and that drives.
+  std::vector<Eigen::MatrixXd> errors;
+  for (const auto& error : noise.calibration) errors.push_back(error.leftCols(frames));
+  if (!errors.empty()) result.of_cameras = respond(model, parameters, frames, options, errors, {});
+  return result;
+}
+
+Eigen::VectorXd difference_noise(const NoiseDraws& draws, const GaussNewtonOptions& options) {
+  const std::size_t number = draws.b.size();
+  if (number < telling_draws) return {};
+  Eigen::VectorXd squares = Eigen::VectorXd::Zero(draws.force.front().size());
+  for (std::size_t d = 0; d < number; ++d) squares += draws.response.reaction[d].cwiseAbs2();
+  return (squares.array() / static_cast<double>(number) + options.noise_model.force * options.noise_model.force).sqrt();
+}
+
+double difference_noise(const Eigen::VectorXd& known, const GaussNewtonOptions& options, Eigen::Index t) { return t < known.size() ? known[t] : options.force_noise; }
+
+Covariance parameter_covariance(const ImageData& images, const Linearisation& at, const NormalEquations& normal, const Stage& stage, const GaussNewtonOptions& options,
+                                const Eigen::VectorXd& difference, const NoiseDraws& draws) {
   const auto unknowns = normal.right.size();
   const NoiseModel& noise = options.noise_model;
   const auto [inverse, undetermined] = inverse_of_seen(normal.matrix);
-  const double w = 1.0 / (2.0 * images.noise * images.noise), v = has_force(options.functional) ? 1.0 / (options.force_noise * options.force_noise) : 0.0;
+  const bool with_force = has_force(options.functional);
+  const double w = 1.0 / (2.0 * images.noise * images.noise);
+  const auto v = [&](int t) { return with_force ? std::pow(difference_noise(difference, options, t), -2) : 0.0; };
   std::vector<int> frames;
   for (int t : stage.frames)
     if (t < at.frames) frames.push_back(t);
@@ -172,7 +201,7 @@ Covariance parameter_covariance(ForwardModel& model, const ImageData& images, co
   };
   const auto s = [&](int t) {
     Eigen::VectorXd column = Eigen::VectorXd::Zero(unknowns);
-    if (v > 0.0)
+    if (with_force)
       for (Eigen::Index j = 0; j < unknowns; ++j) column[j] = at.force_sensitivity[static_cast<std::size_t>(j)][t];
     return column;
   };
@@ -190,58 +219,43 @@ Covariance parameter_covariance(ForwardModel& model, const ImageData& images, co
                  (of_frames + common.transpose() * (images.M * common) / noise.references) * inverse;
   result.total = result.image;
   Eigen::MatrixXd of_force = none;  // where F itself is in the functional
-  for (int t : frames) of_force += v * v * noise.force * noise.force * s(t) * s(t).transpose();
+  for (int t : frames) of_force += v(t) * v(t) * noise.force * noise.force * s(t) * s(t).transpose();
   result.force = inverse * of_force * inverse;
-  if (noise.draws == 0) {
+  if (draws.b.empty()) {
     result.total += result.force;
     return with_infinite(std::move(result), undetermined);
   }
 
-  // Draws: noise of b, of the DIC displacement on the ends that follows from it, and of the force.
-  OpticalNoise draw(images, noise.seed);
-  const auto draws = static_cast<std::size_t>(noise.draws);
-  const int last = at.frames;
-  std::vector<Eigen::MatrixXd> b(draws), moved(draws);
-  std::vector<Eigen::VectorXd> force(draws, Eigen::VectorXd(last));
-  for (std::size_t d = 0; d < draws; ++d) {
-    const Eigen::MatrixXd of_reference = draw.b(1) / std::sqrt(noise.references);
-    b[d] = noise.image * (draw.b(last).colwise() + of_reference.col(0));
-    moved[d] = draw.displacement(b[d]);
-    for (double& value : force[d]) value = noise.force * draw.scalar();
-  }
   /// -(w S^T M dU + v s dR) of one response.
   const auto through = [&](const Eigen::MatrixXd& surface, const Eigen::VectorXd& reaction) {
     Eigen::VectorXd sum = Eigen::VectorXd::Zero(unknowns);
-    for (int t : frames) sum -= w * MS[static_cast<std::size_t>(t)].transpose() * surface.col(t) + v * s(t) * reaction[t];
+    for (int t : frames) sum -= w * MS[static_cast<std::size_t>(t)].transpose() * surface.col(t) + v(t) * s(t) * reaction[t];
     return sum;
   };
 
-  const Response response = respond(model, parameters, last, options, moved, force);
-  Eigen::MatrixXd by_image(unknowns, noise.draws), by_force = by_image, by_ends = by_image;
-  for (Eigen::Index d = 0; d < noise.draws; ++d) {
-    const auto k = static_cast<std::size_t>(d);
+  const std::size_t number = draws.b.size();
+  const Response& response = draws.response;
+  Eigen::MatrixXd by_image(unknowns, static_cast<Eigen::Index>(number)), by_force = by_image, by_ends = by_image;
+  for (std::size_t d = 0; d < number; ++d) {
     Eigen::VectorXd image = Eigen::VectorXd::Zero(unknowns), load = image;
     for (int t : frames) {
-      image += w * S(t).transpose() * b[k].col(t);
-      load += v * s(t) * force[k][t];
+      image += w * S(t).transpose() * draws.b[d].col(t);
+      load += v(t) * s(t) * draws.force[d][t];
     }
-    if (draws + k < response.surface.size()) load += through(response.surface[draws + k], response.reaction[draws + k]);
-    by_image.col(d) = inverse * image, by_force.col(d) = inverse * load, by_ends.col(d) = inverse * through(response.surface[k], response.reaction[k]);
+    if (number + d < response.surface.size()) load += through(response.surface[number + d], response.reaction[number + d]);
+    const auto column = static_cast<Eigen::Index>(d);
+    by_image.col(column) = inverse * image, by_force.col(column) = inverse * load, by_ends.col(column) = inverse * through(response.surface[d], response.reaction[d]);
   }
   const auto mean_square = [&](const Eigen::MatrixXd& x, const Eigen::MatrixXd& y) -> Eigen::MatrixXd { return x * y.transpose() / static_cast<double>(x.cols()); };
   result.force = mean_square(by_force, by_force);
   result.boundary = mean_square(by_ends, by_ends);
   result.total = result.image + result.force + result.boundary + mean_square(by_image, by_ends) + mean_square(by_ends, by_image);
 
-  // An error of the cameras' numbers is the same in all frames: it moves the measured displacement that judges and that drives.
   if (noise.calibration.empty()) return with_infinite(std::move(result), undetermined);
-  std::vector<Eigen::MatrixXd> errors;
-  for (const auto& error : noise.calibration) errors.push_back(error.leftCols(last));
-  const Response of_cameras = respond(model, parameters, last, options, errors, {});
-  Eigen::MatrixXd by_cameras(unknowns, static_cast<Eigen::Index>(errors.size()));
-  for (std::size_t d = 0; d < errors.size(); ++d) {
-    Eigen::VectorXd sum = through(of_cameras.surface[d], of_cameras.reaction[d]);
-    for (int t : frames) sum += w * MS[static_cast<std::size_t>(t)].transpose() * errors[d].col(t);
+  Eigen::MatrixXd by_cameras(unknowns, static_cast<Eigen::Index>(noise.calibration.size()));
+  for (std::size_t d = 0; d < noise.calibration.size(); ++d) {
+    Eigen::VectorXd sum = through(draws.of_cameras.surface[d], draws.of_cameras.reaction[d]);
+    for (int t : frames) sum += w * MS[static_cast<std::size_t>(t)].transpose() * noise.calibration[d].col(t);
     by_cameras.col(static_cast<Eigen::Index>(d)) = inverse * sum;
   }
   result.calibration = mean_square(by_cameras, by_cameras);

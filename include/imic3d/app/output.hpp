@@ -53,10 +53,10 @@ class RunOutput {
   /// residual at a few frames.
   void model(const Communicator& world, const identification::ImageData& images, const identification::Record& record,
              const identification::Path& shown, const identification::Path& driven);
-  /// result.json, pictures and report.html; prints the table of the parameters. `force_noise`: of the measured force less the reaction of the DIC-driven simulation, NaN if these are not compared [force]; `seconds`: time of the run; `groups`: what groups of ranks
+  /// result.json, pictures and report.html; prints the table of the parameters. `force_left`: measured force less the reaction of the DIC-driven simulation, rms in units of its noise; `seconds`: time of the run; `groups`: what groups of ranks
   /// did with theirs, by what they did.
   void finish(const Material& material, const Eigen::MatrixXd& covariance, const std::vector<StageSummary>& stages,
-              double force_noise, double seconds, const GroupTimes& groups);
+              double force_left, double seconds, const GroupTimes& groups);
 
  private:
   void draw_residual(int t, const identification::Record& record, const identification::Path& shown) const;

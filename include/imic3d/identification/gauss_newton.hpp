@@ -33,7 +33,7 @@ struct GaussNewtonOptions {
   double alpha = 0.0;              ///< penalty parameter of Eq. 16; 0: the limit, images only judge
   double eta = 1e-3;               ///< eta_c of Eq. 13
   int max_iterations = 20;
-  double force_noise = 1.0;        ///< sigma of F - R [force]: the load cell's and that of `reaction_noise`
+  double force_noise = 1.0;        ///< sigma of F - R [force]: the load cell's and that of `reaction_noise`; where ParameterNoise::difference is not known
   Sensitivities sensitivities = Sensitivities::direct;
   double perturbation = 1e-3;      ///< relative step of the perturbed simulations
   double largest_step = 0.5;       ///< largest relative change of a parameter in one iteration
@@ -92,6 +92,7 @@ struct FinerIncrements {
 struct ParameterNoise {
   std::vector<double> parameters;  ///< at which it was found; empty: it was not yet
   Covariance covariance;           ///< of the free parameters
+  Eigen::VectorXd difference;      ///< standard deviation of F - R [frames, force] by the draws, which weighs it from then on; empty: GaussNewtonOptions::force_noise
   std::string unknown;             ///< why the draws of NoiseModel could not be taken through the simulation, so that the covariance is that without draws; else empty
 };
 
@@ -100,6 +101,7 @@ struct StageResult {
   Covariance covariance;          ///< of the free parameters
   bool converged = false;
   FinerIncrements finer;
+  Eigen::VectorXd difference;     ///< ParameterNoise::difference
   std::string unknown_noise;      ///< ParameterNoise::unknown
   std::string message;            ///< what the user should know: frames that could not be simulated
 };
