@@ -242,7 +242,7 @@ class Identification {
         covariance_(stage.free[i], stage.free[j]) = result.covariance.total(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j));
     const int taken = result.iterates.back().increments;
     increments_ = std::max(increments_, taken);
-    stages_.push_back({declared.free, static_cast<int>(result.iterates.size()) - 1, taken, result.converged, result.iterates.back().eta, result.message, result.covariance, result.finer.unsure, result.unknown_noise});
+    stages_.push_back({declared.free, id::steps_taken(result.iterates), taken, result.converged, result.iterates.back().eta, result.message, result.covariance, result.finer.unsure, result.unknown_noise});
     if (!result.converged) spdlog::warn("  {}", not_converged(k, stages_.back()));
     for (const int j : stage.free) {
       on_bound_.erase(j);

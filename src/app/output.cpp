@@ -134,7 +134,7 @@ nlohmann::json to_json(const GroupTimes& times) {
 
 std::string not_converged(std::size_t stage, const StageSummary& summary) {
   return fmt::format("stage {} did not converge in {} iterations: {}", stage + 1, summary.iterations,
-                     summary.eta > 0.0 ? fmt::format("eta is still {:.2e}", summary.eta) : "none was left after load increments were taken off");
+                     summary.eta > 0.0 ? fmt::format("eta is still {:.2e}", summary.eta) : "none was left after the force was weighed anew or load increments were taken off");
 }
 
 void say(const GroupTimes& times) {

@@ -379,6 +379,10 @@ Functional functional_from(const std::string& name) {
   throw InputError("identify.functional", name, "force_driven, displacement_driven, combined, equilibrium_gap");
 }
 
+int steps_taken(const std::vector<Iterate>& iterates) {
+  return static_cast<int>(std::count_if(iterates.begin(), iterates.end(), [](const Iterate& at) { return at.eta > 0.0; }));
+}
+
 double reaction_noise(Communicator world, ForwardModel& model, const Eigen::MatrixXd& driving, const std::vector<double>& parameters) {
   // Betti: the resultant that a displacement of the ends takes is the work on it of the forces that hold the ends where the loaded one moves by one.
   const Specimen& specimen = model.specimen();
@@ -436,7 +440,7 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
     note(0.0, false);
   }
 
-  const auto may_go_on = [&] { return static_cast<int>(at.iterates.size()) <= options.max_iterations; };
+  const auto may_go_on = [&] { return steps_taken(at.iterates) < options.max_iterations; };
   const auto iterate = [&] {
     Eigen::VectorXd step = step_within_bounds(at.normal.matrix, at.normal.right, parameters, information, stage, options);  // Eq. (10)
     const double before = at.iterates.back().cost;
@@ -473,7 +477,7 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
     while (!at.converged && may_go_on()) iterate();
     if (at.noise.parameters.empty() || largest_move(at.noise.parameters, parameters, stage.free, options) > 0.2) {
       at.noise = find_noise(world, model, images, at.linear, stage, options, parameters, at.normal);
-      if (has_force(options.functional) && at.noise.difference.size() > 0) {
+      if (at.converged && has_force(options.functional) && at.noise.difference.size() > 0) {
         note(0.0, false);
         continue;
       }

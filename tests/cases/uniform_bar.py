@@ -96,8 +96,9 @@ def main(program):
             case = case_of(folder, name, functional, last, noise)
             run(program, "identify", case)
             found[name] = json.loads((folder / name / "result.json").read_text())["parameters"]
-        for name, percent in (("displacement_driven", 2.0), ("force_driven", 1.0)):
+        for name, percents in (("displacement_driven", {"E": 2.0, "S_y": 0.2, "H": 0.5}), ("force_driven", {"E": 1.0, "S_y": 0.2, "H": 0.5})):
             for parameter, truth in TRUTH.items():
+                percent = percents[parameter]
                 off, deviation = found[name][parameter]["value"] / truth - 1, found[name][parameter]["standard_deviation"] / truth
                 require(abs(off) < percent / 100, f"{name}: {parameter} {100 * off:+.2f} % off (standard deviation {100 * deviation:.2f})")
         # Half of the noise declared: the correlation leaves twice as much as that explains, which counts like noise.
@@ -119,14 +120,20 @@ def main(program):
             require(abs(off) < 0.02, f"turned by 25 degrees, force_driven: {parameter} {100 * off:+.2f} % off (standard deviation {100 * result[parameter]['standard_deviation'] / truth:.2f})")
         for seed in (2, 4):
             folder = pathlib.Path(made) / f"small_{seed}"
-            case = case_of(folder, "loop", "displacement_driven", make_test(folder, SMALL, seed, (7, 6)), parameters=TRUTH)
-            run(program, "loop", case)
+            last = make_test(folder, SMALL, seed, (7, 6))
+            run(program, "loop", case_of(folder, "loop", "displacement_driven", last, parameters=TRUTH))
             result = json.loads((folder / "loop/result.json").read_text())
             require(result["verdict"] == "nothing found", f"nothing is missing, test {seed}: {result['sentence']}")
-        run(program, "identify", case_of(folder, "askew", "displacement_driven", last, askew=0.15))
+            # Noise of the ends moves the reaction far less where the bar flows than where it is elastic; weighed alike in all frames, H was 3.6 and 2.9 % off here.
+            run(program, "identify", case_of(folder, "driven", "displacement_driven", last))
+            result = json.loads((folder / "driven/result.json").read_text())["parameters"]
+            for parameter, percent in (("E", 2.0), ("S_y", 0.2), ("H", 1.5)):
+                off, deviation = result[parameter]["value"] / TRUTH[parameter] - 1, result[parameter]["standard_deviation"] / TRUTH[parameter]
+                require(abs(off) < percent / 100, f"test {seed}, displacement_driven: {parameter} {100 * off:+.2f} % off (standard deviation {100 * deviation:.2f})")
+        run(program, "identify", case_of(folder, "askew", "displacement_driven", last, askew=0.3))
         result = json.loads((folder / "askew/result.json").read_text())
         off = result["parameters"]["H"]["value"] / TRUTH["H"] - 1
-        require(off > 0.1 and any("turned against the specimen" in doubt for doubt in result["doubts"]), f"a mesh that is askew by 0.15 degrees, displacement_driven: H {100 * off:+.1f} % off, which is doubted")
+        require(off > 0.1 and any("turned against the specimen" in doubt for doubt in result["doubts"]), f"a mesh that is askew by 0.3 degrees, displacement_driven: H {100 * off:+.1f} % off, which is doubted")
     end()
 
 

@@ -22,8 +22,14 @@ struct Sources {
   bool image = false, boundary = false, force = false;
 };
 
-/// Standard deviations of E and S_y over identifications with that noise.
-Eigen::Vector2d scatter(Functional functional, const Sources& sources, int draws) {
+GaussNewtonOptions options_with(Functional functional, int draws) {
+  GaussNewtonOptions options{.functional = functional, .eta = 1e-3, .force_noise = 20.0};
+  options.noise_model = {.image = sigma, .references = references, .force = force_sigma, .driving = {}, .draws = draws, .seed = 5};
+  return options;
+}
+
+/// Errors of E and S_y (rms) over identifications with that noise, each with its own draws of it.
+Eigen::Vector2d scatter(Functional functional, const Sources& sources, int draws, int own_draws) {
   const Communicator world;
   const Plate clean(stretch);
   std::mt19937_64 random(3);
@@ -45,8 +51,7 @@ Eigen::Vector2d scatter(Functional functional, const Sources& sources, int draws
     }
     ForwardModel model(world, noisy.specimen, noisy.law, noisy.record, {.with_fields = false}, 3, 0);
     auto parameters = noisy.truth;
-    const auto result = gauss_newton(world, model, noisy.images, testing::information(noisy), stage,
-                                     {.functional = functional, .eta = 1e-3, .force_noise = 20.0}, parameters);
+    const auto result = gauss_newton(world, model, noisy.images, testing::information(noisy), stage, options_with(functional, own_draws), parameters);
     EXPECT_TRUE(result.converged);
     found.col(d) << parameters[0], parameters[2];
   }
@@ -59,11 +64,9 @@ void compare(Functional functional, int draws, bool each_alone) {
   Plate plate(stretch);
   ForwardModel model(world, plate.specimen, plate.law, plate.record, {.with_fields = false}, 3, 0);
   auto parameters = plate.truth;
-  GaussNewtonOptions options{.functional = functional, .force_noise = 20.0};
-  options.noise_model = {.image = sigma, .references = references, .force = force_sigma, .driving = {}, .draws = 400, .seed = 5};
-  const auto predicted = gauss_newton(world, model, plate.images, testing::information(plate), stage, options, parameters).covariance;
+  const auto predicted = gauss_newton(world, model, plate.images, testing::information(plate), stage, options_with(functional, 400), parameters).covariance;
   const auto check = [&](const char* name, const Eigen::MatrixXd& covariance, const Sources& sources) {
-    const Eigen::Vector2d measured = scatter(functional, sources, draws), expected = covariance.diagonal().cwiseSqrt();
+    const Eigen::Vector2d measured = scatter(functional, sources, draws, functional == Functional::force_driven ? 0 : 24), expected = covariance.diagonal().cwiseSqrt();
     for (int j = 0; j < 2; ++j) {
       EXPECT_GT(expected[j], 0.0) << name;
       EXPECT_NEAR(measured[j] / expected[j], 1.0, 0.15) << name << ", parameter " << j;
@@ -115,6 +118,32 @@ TEST(Covariance, WithoutNoiseThatCannotBeSimulated) {
   EXPECT_FALSE(result.unknown_noise.empty());
   EXPECT_GT(result.covariance.image(0, 0), 0.0);
   EXPECT_EQ(result.covariance.boundary.norm(), 0.0);
+}
+
+/// The force is weighed by what noisy ends do to it in each frame: little where the specimen flows.
+TEST(Covariance, OfTheForceOfEachFrame) {
+  Plate plate(stretch);
+  ForwardModel model({}, plate.specimen, plate.law, plate.record, {.with_fields = false}, 3, 0);
+  auto parameters = plate.truth;
+  const auto difference = gauss_newton({}, model, plate.images, testing::information(plate), stage, options_with(Functional::displacement_driven, 100), parameters).difference;
+  ASSERT_EQ(difference.size(), 6);
+  std::mt19937_64 random(3);
+  std::normal_distribution<double> normal;
+  const Eigen::VectorXd root = plate.images.M.diagonal().cwiseSqrt();
+  Eigen::VectorXd squares = Eigen::VectorXd::Zero(6);
+  constexpr int draws = 60;
+  for (int d = 0; d < draws; ++d) {
+    Eigen::MatrixXd driving = plate.record.driving;
+    Eigen::VectorXd of_reference(root.size());
+    for (double& value : of_reference) value = sigma / std::sqrt(references) * normal(random);
+    for (auto frame : driving.colwise())
+      for (Eigen::Index i = 0; i < root.size(); ++i) frame[i] += (of_reference[i] + sigma * normal(random)) / root[i];
+    const auto path = model.simulate(Control::displacement, {{.parameters = parameters, .driving = &driving}}, 6).front();
+    for (int t = 0; t < 6; ++t) squares[t] += std::pow(path.reaction[t] - plate.record.force[t], 2) + force_sigma * force_sigma;
+  }
+  for (int t = 0; t < 6; ++t) EXPECT_NEAR(difference[t] / std::sqrt(squares[t] / draws), 1.0, 0.25) << "frame " << t;
+  EXPECT_LT(difference[5], 0.5 * difference[0]);
+  for (int t = 0; t < 6; ++t) std::printf("frame %d: %.3g N, simulated %.3g\n", t, difference[t], std::sqrt(squares[t] / draws));
 }
 
 TEST(Covariance, OfTheForceDrivenFunctional) { compare(Functional::force_driven, 100, false); }

@@ -51,7 +51,7 @@ struct Stage {
 /// One iteration as it is reported.
 struct Iterate {
   std::vector<double> parameters;
-  double eta = 0.0;               ///< Eq. 13, of the step that led here (0 at the start)
+  double eta = 0.0;               ///< Eq. 13, of the step that led here (0 at the start, and where the force was weighed anew or load increments were taken off)
   double displacement_rms = 0.0;  ///< distance of the simulated surface from the DIC [px], over the stage's frames
   double image_rms = 0.0;         ///< grey-level residual [grey level]
   double force_rms = 0.0;         ///< F - R, where the functional contains it [force]
@@ -60,6 +60,9 @@ struct Iterate {
   int increments = 1;             ///< load increments between two frames: those that the simulation takes, or FinerIncrements::number
   std::string message;            ///< why not all of them, if so
 };
+
+/// Steps of Eq. 10 that led through `iterates`: the start is none, nor is what changed in place (weights, load increments).
+[[nodiscard]] int steps_taken(const std::vector<Iterate>& iterates);
 
 /// Simulations at some parameters: the nominal one and, per free parameter, the derivative of what is observed.
 struct Linearisation {
@@ -133,7 +136,7 @@ struct Continuation {
 /// Runs one stage from `parameters` and leaves the result there. With direct sensitivities and a simulation under forces it begins where the
 /// reaction of the DIC-driven simulation is nearest to the measured force (Sec. 2.2: their ratio calibrates): a coarse start, which Eqs 10-13 do
 /// not depend on. The last step, below eta_c, is not simulated: what it changes follows from the sensitivities; nor, displacement-driven, is
-/// one of a few eta_c of which second-order terms, as large as the step before shows them, are below a thousandth of eta_c. Once converged it goes on with FinerIncrements taken off, found anew as
+/// one of a few eta_c of which second-order terms, as large as the step before shows them, are below a thousandth of eta_c. Once converged it goes on with the force weighed by ParameterNoise::difference, then with FinerIncrements taken off, found anew as
 /// long as the parameters have moved since by more than the root of eta_c: it goes with them, so that this moves them by another eta_c. `information` describes each parameter (bounds).
 /// `report` is called after each iteration. Collective over `world`. Throws std::invalid_argument for direct sensitivities of a model that
 /// is not differentiable().
