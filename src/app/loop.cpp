@@ -77,7 +77,7 @@ loop::FieldData field_data(const Communicator& world, Observation& seen, const i
   for (std::size_t k = 0; k < seen.faces.size(); ++k) data.faces.push_back(field_face(test, seen.faces[k], specimen.faces[k], images.M));
   data.noise = images.noise;
   data.references = seen.references;
-  data.displacement = record.surface_displacement.leftCols(frames);
+  data.displacement = identification::without_leaning(specimen, record.surface_displacement.leftCols(frames));  // predictions stay upright
   data.smooth = [&seen](Eigen::MatrixXd field) { return driving_displacement(seen, std::move(field)); };
   data.driving = data.smooth(data.displacement);
   data.correlate = [&seen, &test, &world, &shown, frames](const identification::Specimen& made, const Eigen::MatrixXd& U) {

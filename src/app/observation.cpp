@@ -336,6 +336,7 @@ identification::Record make_record(Observation& observation, const io::Case& tes
     spdlog::info("the ends' displacement is smoothed over {:.3g} to {:.3g} {}, with the least error that noise and measured displacement let expect", cut_offs.front(),
                  cut_offs.back(), test.units.length);
   }
+  record.driving = identification::without_leaning(specimen, std::move(record.driving));
   return record;
 }
 

@@ -59,4 +59,38 @@ void fit_rigid_motion(const Specimen& specimen, Control control, const Eigen::Sp
   }
 }
 
+Eigen::MatrixXd without_leaning(const Specimen& specimen, Eigen::MatrixXd displacement) {
+  if (!specimen.out_of_plane()) return displacement;
+  for (auto u : displacement.colwise()) {
+    // The plane z = a x + b y + c of each face, a and b common to those that are seen in space.
+    Eigen::Matrix2d squares = Eigen::Matrix2d::Zero();
+    Eigen::Vector2d slope = Eigen::Vector2d::Zero();
+    Eigen::Vector3d pivot = Eigen::Vector3d::Zero();
+    Eigen::Index faces = 0;
+    for (const Face& face : specimen.faces) {
+      if (face.components != 3) continue;
+      const auto moved = Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>>(u.data() + face.first_unknown, face.nodes(), 3);
+      const Eigen::MatrixXd x = face.surface.mesh.nodes + moved;
+      const Eigen::RowVector3d middle = x.colwise().mean();
+      const Eigen::MatrixXd from_middle = x.leftCols(2).rowwise() - middle.head<2>();
+      squares += from_middle.transpose() * from_middle;
+      slope += from_middle.transpose() * moved.col(2);
+      pivot += middle.transpose(), ++faces;
+    }
+    slope = squares.ldlt().solve(slope).eval();
+    pivot /= static_cast<double>(faces);
+    const Eigen::Matrix3d back = Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d(-slope[0], -slope[1], 1.0), Eigen::Vector3d::UnitZ()).toRotationMatrix();
+    for (const Face& face : specimen.faces)
+      for (Eigen::Index i = 0; i < face.nodes(); ++i) {
+        auto own = u.segment(face.first_unknown + face.components * i, face.components);
+        Eigen::Vector3d x = face.surface.mesh.nodes.row(i).transpose();
+        for (int a = 0; a < face.components; ++a) x[a] += own[a];
+        if (face.components == 2) x[2] += slope.dot(x.head<2>() - pivot.head<2>());
+        const Eigen::Vector3d change = (back - Eigen::Matrix3d::Identity()) * (x - pivot);
+        for (int a = 0; a < face.components; ++a) own[a] += change[a];
+      }
+  }
+  return displacement;
+}
+
 }  // namespace imic3d::identification

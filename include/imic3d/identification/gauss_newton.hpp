@@ -166,6 +166,10 @@ FreedAtOnce free_at_once(Communicator world, ForwardModel& model, const ImageDat
 /// rotations about x and y, at the middle of the seen faces; driven by the ends only the latter three. For small angles.
 [[nodiscard]] Eigen::MatrixXd rigid_modes(const Specimen& specimen, Control control, const Eigen::VectorXd& displacement);
 
+/// The displacement of the seen faces [unknowns x frames, length] turned back about axes in their plane, where cameras see how they lean: that which drives ends along x and y,
+/// the same through the thickness. Simulations stay upright (Specimen::displacement_dofs), and fit_rigid_motion leans them.
+[[nodiscard]] Eigen::MatrixXd without_leaning(const Specimen& specimen, Eigen::MatrixXd displacement);
+
 /// Moves a path by the rigid motion that brings it nearest to the DIC displacement in the norm of M.
 void fit_rigid_motion(const Specimen& specimen, Control control, const Eigen::SparseMatrix<double>& M, const Eigen::MatrixXd& dic,
                       Path& path);
