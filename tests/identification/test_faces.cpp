@@ -96,13 +96,13 @@ TEST(Faces, ForceLeavesSixRigidMotionsToTheImagesAndDisplacementThree) {
 const std::vector<double> stretch = {0.003, 0.005, 0.008, 0.02, 0.06, 0.12};
 const Stage stage{.free = {0, 2}, .frames = {0, 1, 2, 3, 4, 5}};
 
-/// The specimen leans towards the cameras while it is pulled: what the images show is not where the simulation holds it.
-void lean(Plate& plate) {
+/// The specimen leans towards the cameras while it is pulled, by up to six times `angle` about x and 4 times about y: what the images show is not where the simulation holds it.
+void lean(Plate& plate, double angle) {
   const auto& faces = plate.specimen.faces;
   const Eigen::Index nodes = faces[0].nodes();  // both faces have the same order
   for (Eigen::Index t = 0; t < plate.record.force.size(); ++t) {
     const auto part = static_cast<double>(t + 1);
-    const Eigen::Matrix3d turn = (Eigen::AngleAxisd(3e-4 * part, Eigen::Vector3d::UnitX()) * Eigen::AngleAxisd(-2e-4 * part, Eigen::Vector3d::UnitY())).toRotationMatrix();
+    const Eigen::Matrix3d turn = (Eigen::AngleAxisd(angle * part, Eigen::Vector3d::UnitX()) * Eigen::AngleAxisd(-2.0 / 3.0 * angle * part, Eigen::Vector3d::UnitY())).toRotationMatrix();
     Eigen::VectorXd all = plate.specimen.three_components(plate.record.surface_displacement.col(t));
     for (Eigen::Index i = 0; i < nodes; ++i) all[3 * i + 2] = -all[3 * (nodes + i) + 2];  // unseen, by symmetry
     for (const Face& face : faces)
@@ -112,23 +112,25 @@ void lean(Plate& plate) {
         for (int a = 0; a < face.components; ++a) plate.record.surface_displacement(face.first_unknown + face.components * i + a, t) = u[a];
       }
   }
-  plate.record.driving = plate.record.surface_displacement;
+  plate.record.driving = without_leaning(plate.specimen, plate.record.surface_displacement);
 }
 
 TEST(Faces, ParametersAreFoundWhateverTheSpecimenDoesThroughItsPlane) {
   const Communicator world;
-  for (const auto functional : {Functional::force_driven, Functional::displacement_driven}) {
-    Plate plate(stretch, two_faces(true));
-    lean(plate);
-    ForwardModel model(world, plate.specimen, plate.law, plate.record, {.with_fields = false}, 3, 0);
-    auto parameters = plate.truth;
-    parameters[0] *= 0.9, parameters[2] *= 1.1;
-    const auto result = gauss_newton(world, model, plate.images, testing::information(plate), stage, {.functional = functional, .eta = 1e-4}, parameters);
-    EXPECT_TRUE(result.converged);
-    std::printf("leaning: E %+.1e, S_y %+.1e\n", parameters[0] / plate.truth[0] - 1.0, parameters[2] / plate.truth[2] - 1.0);
-    EXPECT_NEAR(parameters[0] / plate.truth[0], 1.0, functional == Functional::force_driven ? 1e-4 : 1e-3);
-    EXPECT_NEAR(parameters[2] / plate.truth[2], 1.0, functional == Functional::force_driven ? 1e-4 : 1e-3);
-  }
+  for (const double angle : {3e-4, 6e-3})
+    for (const auto functional : {Functional::force_driven, Functional::displacement_driven}) {
+      Plate plate(stretch, two_faces(true));
+      lean(plate, angle);
+      ForwardModel model(world, plate.specimen, plate.law, plate.record, {.with_fields = false}, 3, 0);
+      auto parameters = plate.truth;
+      parameters[0] *= 0.9, parameters[2] *= 1.1;
+      const auto result = gauss_newton(world, model, plate.images, testing::information(plate), stage, {.functional = functional, .eta = 1e-4}, parameters);
+      EXPECT_TRUE(result.converged);
+      std::printf("leaning: E %+.1e, S_y %+.1e\n", parameters[0] / plate.truth[0] - 1.0, parameters[2] / plate.truth[2] - 1.0);
+      const double tolerance = functional == Functional::force_driven ? 2e-4 : angle < 1e-3 ? 1e-3 : 4e-3;  // u_z of the front is not seen
+      EXPECT_NEAR(parameters[0] / plate.truth[0], 1.0, tolerance);
+      EXPECT_NEAR(parameters[2] / plate.truth[2], 1.0, tolerance);
+    }
 }
 
 /// An error of the cameras' numbers, here a scale and a shear of what the front's camera measures, moves the parameters as far
