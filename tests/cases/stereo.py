@@ -9,53 +9,11 @@ import sys
 import tempfile
 
 import numpy
-from PIL import Image
+
+from plane_scene import placement, turned, write_images
 
 program = sys.argv[1]
 folder = pathlib.Path(tempfile.mkdtemp())
-generator = numpy.random.default_rng(3)
-width, height, focus, distance = 200, 170, 1500.0, 100.0
-waves = generator.normal(size=(300, 2)) * 9.0  # [1/mm]: some 10 px long
-phases = generator.uniform(0.0, 2.0 * numpy.pi, 300)
-
-
-def texture(x, y):
-    total = sum(numpy.cos(k[0] * x + k[1] * y + phase) for k, phase in zip(waves, phases))
-    return 128.0 + 100.0 * numpy.tanh(total / 14.0)
-
-
-def camera(beta):
-    """R and t of x_camera = R X + t: looks at (0, 0, -100) of the rig from `beta` degrees."""
-    b = numpy.radians(beta)
-    turn = numpy.array([[numpy.cos(b), 0, numpy.sin(b)], [0, 1, 0], [-numpy.sin(b), 0, numpy.cos(b)]])
-    R = turn @ numpy.diag([1.0, -1.0, -1.0])
-    return R, numpy.array([0, 0, distance]) - R @ numpy.array([0, 0, -distance])
-
-
-def photograph(beta, A, c):
-    """The plane's point (x, y) is at A (x, y) + c in the specimen's frame, which is the rig's, 100 mm further."""
-    R, t = camera(beta)
-    image = numpy.zeros((height, width))
-    offsets = (-0.25, 0.25)
-    for dx in offsets:
-        for dy in offsets:
-            column, row = numpy.meshgrid(numpy.arange(width) + dx, numpy.arange(height) + dy)
-            rays = numpy.stack([(column - 100.0) / focus, (row - 85.0) / focus, numpy.ones_like(column)], -1) @ R
-            origin = -R.T @ t - numpy.array([0, 0, -distance]) - c
-            normal = numpy.cross(A[:, 0], A[:, 1])
-            hit = origin - rays * ((origin @ normal) / (rays @ normal))[..., None]
-            xy = hit @ numpy.linalg.pinv(A).T
-            image += 0.25 * texture(xy[..., 0], xy[..., 1])
-    return image
-
-
-def turned(degrees, axis):
-    axis = numpy.asarray(axis) / numpy.linalg.norm(axis)
-    K = numpy.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    a = numpy.radians(degrees)
-    return numpy.eye(3) + numpy.sin(a) * K + (1 - numpy.cos(a)) * K @ K
-
-
 flat = numpy.eye(3)[:, :2]
 frames = [(flat, numpy.zeros(3))]
 truth = []
@@ -65,15 +23,7 @@ for k in (1, 2):
     frames.append((rotation @ stretch, numpy.array([0.03, -0.02, 0.15]) * k))
     E = 0.5 * (stretch.T @ stretch - numpy.eye(2))
     truth.append((frames[-1][1], 0.4 * k * numpy.array((0.6, 0.8, 0.3)) / numpy.linalg.norm((0.6, 0.8, 0.3)), (E[0, 0], E[1, 1], E[0, 1])))
-betas = (-12.0, 10.0)
-xml = "<project><calibration>\n"
-for number, beta in enumerate(betas):
-    for frame, (A, c) in enumerate(frames):
-        noisy = photograph(beta, A, c) + generator.normal(size=(height, width))
-        Image.fromarray(numpy.clip(numpy.rint(noisy), 0, 255).astype(numpy.uint8)).save(folder / f"camera_{number}_{frame}.png")
-    t = camera(beta)[1]
-    xml += f'<camera id="{number}">100 85 {focus} {focus} 0 0 0 0<orientation>180 {beta} 0 {t[0]} {t[1]} {t[2]}</orientation></camera>\n'
-(folder / "cal.xml").write_text(xml + "</calibration></project>\n")
+write_images(folder, frames)
 
 nx, ny = 8, 6
 nodes = [(-5.0 + 10.0 * i / nx, -4.0 + 8.0 * j / ny) for j in range(ny + 1) for i in range(nx + 1)]
@@ -82,11 +32,7 @@ mesh = f"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n{len(nodes)}\n"
 mesh += "".join(f"{i + 1} {x} {y} 0\n" for i, (x, y) in enumerate(nodes)) + f"$EndNodes\n$Elements\n{len(cells)}\n"
 mesh += "".join(f"{i + 1} 3 2 1 1 {' '.join(map(str, cell))}\n" for i, cell in enumerate(cells)) + "$EndElements\n"
 (folder / "mesh.msh").write_text(mesh)
-R, t = camera(betas[0])
-points = []
-for x, y in ((-4.0, -3.0), (4.0, -3.0), (4.0, 3.0), (-4.0, 3.0)):
-    p = R @ numpy.array([x, y, -distance]) + t
-    points.append([x, y, round(100.0 + focus * p[0] / p[2], 1), round(85.0 + focus * p[1] / p[2], 1)])
+points = placement(((-4.0, -3.0), (4.0, -3.0), (4.0, 3.0), (-4.0, 3.0)), 1)
 (folder / "case.yaml").write_text(f"""title: stereo
 specimen: {{mesh: mesh.msh, place: {{points: {points}}}}}
 cameras:

@@ -1,0 +1,63 @@
+#!/usr/bin/python3
+"""A uniform bar (J2, linear hardening) seen by two pinhole cameras that comes to lean by two degrees while it is pulled: stress, strain and images are
+closed forms, nothing is simulated or interpolated. Identified by two functionals.
+
+Usage: leaning_bar.py EXECUTABLE
+"""
+import json
+import pathlib
+import sys
+import tempfile
+
+import numpy
+
+from plane_scene import placement, turned, write_images
+from runs import bar, end, require, run
+
+TRUTH = {"E": 110e3, "S_y": 400.0, "H": 1200.0}
+NU, HALF_WIDTH, THICKNESS, STATIC = 0.32, 4.0, 1.5, 2
+STRAIN = numpy.array([0, 0.0012, 0.0024, 0.0034, 0.008, 0.015, 0.025, 0.035, 0.045])  # logarithmic
+CASE = """
+title: Leaning bar
+specimen: {{mesh: bar.msh, element: hex20, layers: 2, thickness: {thickness}, held: bottom, loaded: top, axis: y, place: {{points: {points}}}}}
+cameras:
+  - {{name: left, model: pinhole, calibration: cal.xml, images: "camera_0_*.png", reference: 0-1}}
+  - {{name: right, model: pinhole, calibration: cal.xml, images: "camera_1_*.png", reference: 0-1}}
+loads: {{file: loads.csv, noise: 4}}
+material: {{law: j2, hardening: linear, parameters: {{E: 100e3, nu: {nu}, S_y: 430, H: 1000}}}}
+identify:
+  functional: {functional}
+  stages: [{{free: [E, S_y, H], frames: "2-{last}"}}]
+output: {functional}
+"""
+
+
+def main(program):
+    folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_leaning_bar_"))
+    stress = numpy.minimum(TRUTH["E"] * STRAIN, (TRUTH["S_y"] + TRUTH["H"] * STRAIN) / (1 + TRUTH["H"] / TRUTH["E"]))  # Kirchhoff
+    across = -NU * stress / TRUTH["E"] - 0.5 * (STRAIN - stress / TRUTH["E"])
+    frames, rows = [], "frame,time_s,force_N\n"
+    random = numpy.random.default_rng(1)
+    for number, state in enumerate([0] * (STATIC - 1) + list(range(len(STRAIN)))):
+        stretch = numpy.array([[numpy.exp(across[state]), 0], [0, numpy.exp(STRAIN[state])], [0, 0]])
+        frames.append((turned(0.25 * state, (0.6, 0.8, 0.0)) @ stretch, numpy.array([0.01, 0.02, -0.05]) * state))
+        force = stress[state] * numpy.exp(-STRAIN[state]) * 2 * HALF_WIDTH * THICKNESS
+        rows += f"{number},{number},{force + 4 * random.normal():.3f}\n"
+    (folder / "loads.csv").write_text(rows)
+    write_images(folder, frames)
+    bar(folder / "bar.msh", -3.0, 3.0, 6, columns=8, half_width=HALF_WIDTH)
+    points = placement(((-3.5, -2.5), (3.5, -2.5), (3.5, 2.5), (-3.5, 2.5)), 3)
+    for functional, percents in (("force_driven", {"E": 1.5, "S_y": 0.3, "H": 3.0}), ("displacement_driven", {"E": 1.5, "S_y": 0.3, "H": 3.0})):
+        case = folder / f"{functional}.yaml"
+        case.write_text(CASE.format(thickness=THICKNESS, points=points, nu=NU, functional=functional, last=len(frames) - 1))
+        run(program, "identify", case)
+        found = json.loads((folder / functional / "result.json").read_text())
+        for parameter, truth in TRUTH.items():
+            off, deviation = found["parameters"][parameter]["value"] / truth - 1, found["parameters"][parameter]["standard_deviation"] / truth
+            require(abs(off) < percents[parameter] / 100, f"{functional}: {parameter} {100 * off:+.2f} % off (standard deviation {100 * deviation:.2f})")
+        require("doubts" not in found, f"{functional}: nothing is doubted {found.get('doubts', '')}")
+    end()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])
