@@ -112,13 +112,15 @@ double interpolated(const Eigen::VectorXd& x, const Eigen::VectorXd& y, double a
 void CurveExperiment::make_bins(const CurveLoopOptions& options) {
   struct Group {
     int bars = 0;
+    double noise = 0.0;            // of the points, squares of all bars [stress^2]
     Eigen::VectorXd strain, both;  // way of its longest bar [rows]; both: from 0 to 1
+    double largest = 0.0;          // stress, of all bars
   };
   std::map<std::string, Group> groups;
   const auto judged = [](const id::Curve& curve, Eigen::Index row) { return curve.use[static_cast<std::size_t>(row)] != id::Curve::not_judged; };
   for (const auto& curve : curves_) {
     Group& group = groups[curve.group];
-    ++group.bars;
+    ++group.bars, group.noise += std::pow(id::point_noise(curve), 2), group.largest = std::max(group.largest, curve.stress.cwiseAbs().maxCoeff());
     const Eigen::VectorXd strain = way_of(curve.history.strain);
     if (group.strain.size() > 0 && strain.tail(1)[0] <= group.strain.tail(1)[0]) continue;
     const Eigen::VectorXd stress = way_of(curve.stress, 4.0 * id::point_noise(curve));
@@ -131,7 +133,7 @@ void CurveExperiment::make_bins(const CurveLoopOptions& options) {
     const id::Curve& curve = curves_[k];
     const Group& group = groups[curve.group];
     const int count = group.bars;
-    const double noise = count > 1 ? id::point_noise(curve) : curve.deviation;
+    const double noise = count > 1 ? std::sqrt(group.noise / count) : curve.deviation;
     const Eigen::VectorXd along = way_of(curve.history.strain);
     const auto first = static_cast<Eigen::Index>(bins_.size());
     for (Eigen::Index row = 0; row < curve.stress.size(); ++row) {
@@ -140,9 +142,10 @@ void CurveExperiment::make_bins(const CurveLoopOptions& options) {
       const bool held = curve.use[static_cast<std::size_t>(row)] == id::Curve::held_out;
       const int number = count > 1 ? std::min(options.bins - 1, static_cast<int>(x * options.bins)) : static_cast<int>(row);
       const bool same = static_cast<Eigen::Index>(bins_.size()) > first && bins_.back().number == number && bins_.back().held_out == held;
-      if (!same) bins_.push_back({static_cast<int>(k), number, 0.0, {}, held});
+      if (!same) bins_.push_back({static_cast<int>(k), number, 0.0, 0.0, {}, held});
       bins_.back().rows.push_back(row);
       bins_.back().x += x;
+      bins_.back().stress += std::abs(curve.stress[row]) / std::max(1e-300, group.largest);
     }
     const auto size = static_cast<Eigen::Index>(bins_.size()) - first;
     bars_.emplace_back(first, size);
@@ -150,7 +153,7 @@ void CurveExperiment::make_bins(const CurveLoopOptions& options) {
     int in_frame = 0;
     for (Eigen::Index i = first; i < first + size; ++i) {
       Bin& bin = bins_[static_cast<std::size_t>(i)];
-      bin.x /= static_cast<double>(bin.rows.size());
+      bin.x /= static_cast<double>(bin.rows.size()), bin.stress /= static_cast<double>(bin.rows.size());
       of_points.push_back(noise / std::sqrt(static_cast<double>(bin.rows.size())));
       const bool next = i == first || (count == 1 && in_frame >= options.numbers_per_frame) || bin.held_out != bins_[static_cast<std::size_t>(i) - 1].held_out;
       if (next) ++frame, in_frame = 0;

@@ -75,7 +75,8 @@ class CurveExperiment final : public Experiment {
  private:
   struct Bin {
     int curve = 0, number = 0;
-    double x = 0.0;  // way of strain and stress, 1 at the end of the longest bar of the group
+    double x = 0.0;      // way of strain and stress, 1 at the end of the longest bar of the group
+    double stress = 0.0; // its size, of the largest of the group
     std::vector<Eigen::Index> rows;
     bool held_out = false;
   };
