@@ -142,6 +142,44 @@ TEST(CurveExperiment, TheNullKnowsThatTheScatterIsEstimated) {
   EXPECT_LT(energy / of_null, 1.05);
 }
 
+/// Bars that differ in proportion to their stress, as far as it is small, do not differ where a cycle passes zero: no cubic of the way, and the energy of a group whose mean is off holds it.
+TEST(CurveExperiment, BarsDifferOtherwiseWhereTheStressIsSmall) {
+  material::BarHistory history;
+  std::vector<double> strain;
+  double at = 0.0;
+  for (const double turn : {0.015, -0.015, 0.015, -0.015, 0.02})
+    for (const double from = at, step = 7e-4 * (turn > at ? 1.0 : -1.0); std::abs(at - from) < std::abs(turn - from); at += step) strain.push_back(at);
+  history.strain = Eigen::Map<const Eigen::VectorXd>(strain.data(), static_cast<Eigen::Index>(strain.size()));
+  history.time = Eigen::VectorXd::LinSpaced(history.strain.size(), 0.0, 200.0);
+  const CurveModel m = model(truth);
+  const Eigen::VectorXd stress = material::pull_bar(*m.extended(material::known_effects()), m.values, history).engineering;
+  constexpr int tests = 200;
+  int beyond = 0;
+  for (int test = 0; test < tests; ++test) {
+    std::mt19937_64 random(100 + static_cast<unsigned>(test));
+    std::normal_distribution<double> normal;
+    std::vector<identification::Curve> curves;
+    for (int k = 0; k < 6; ++k) {
+      identification::Curve curve;
+      curve.name = std::to_string(k), curve.group = "cycles", curve.history = history, curve.stress = stress, curve.deviation = 6.0;
+      const double off = 5.0 * normal(random);
+      for (double& value : curve.stress) value += off * std::min(1.0, std::abs(value) / 200.0) + 2.0 * normal(random);
+      curve.use.assign(static_cast<std::size_t>(stress.size()), identification::Curve::fitted);
+      curve.use[0] = identification::Curve::not_judged;
+      curves.push_back(std::move(curve));
+    }
+    CurveExperiment experiment(Communicator(), curves, m);
+    std::vector<double> values;
+    for (const auto& p : experiment.parameters()) values.push_back(p.value);
+    experiment.learn_bias(values);
+    const Eigen::ArrayXd null = experiment.noise_of_squares(values, experiment.noise(values, 60)).colwise().squaredNorm();
+    beyond += experiment.residuals({values}).front().squaredNorm() > null.mean() + 1.65 * std::sqrt((null - null.mean()).square().mean());
+  }
+  RecordProperty("beyond", beyond);
+  std::printf("%d of %d beyond the null's 95 %%\n", beyond, tests);
+  EXPECT_LE(beyond, 18);  // 10 expected; 97 % of 1.2
+}
+
 TEST(CurveExperiment, DeclaredEffectsAreNoCandidates) {
   CurveModel m = model(truth);
   m.effects = {{.effect = "force_zero", .quantity = "force_offset", .value = 7.0, .lower = {}, .upper = {}}, {.effect = "compliance", .quantity = "compliance", .value = {}, .lower = {}, .upper = {}, .free = true}};
