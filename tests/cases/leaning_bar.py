@@ -32,8 +32,7 @@ output: {functional}
 """
 
 
-def main(program):
-    folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_leaning_bar_"))
+def judge(program, folder):
     stress = numpy.minimum(TRUTH["E"] * STRAIN, (TRUTH["S_y"] + TRUTH["H"] * STRAIN) / (1 + TRUTH["H"] / TRUTH["E"]))  # Kirchhoff
     across = -NU * stress / TRUTH["E"] - 0.5 * (STRAIN - stress / TRUTH["E"])
     frames, rows = [], "frame,time_s,force_N\n"
@@ -47,7 +46,8 @@ def main(program):
     write_images(folder, frames)
     bar(folder / "bar.msh", -3.0, 3.0, 6, columns=8, half_width=HALF_WIDTH)
     points = placement(((-3.5, -2.5), (3.5, -2.5), (3.5, 2.5), (-3.5, 2.5)), 3)
-    for functional, percents in (("force_driven", {"E": 1.5, "S_y": 0.3, "H": 3.0}), ("displacement_driven", {"E": 1.5, "S_y": 0.3, "H": 3.0})):
+    percents = {"E": 1.5, "S_y": 0.3, "H": 3.0}
+    for functional in ("force_driven", "displacement_driven"):
         case = folder / f"{functional}.yaml"
         case.write_text(CASE.format(thickness=THICKNESS, points=points, nu=NU, functional=functional, last=len(frames) - 1))
         run(program, "identify", case)
@@ -56,6 +56,11 @@ def main(program):
             off, deviation = found["parameters"][parameter]["value"] / truth - 1, found["parameters"][parameter]["standard_deviation"] / truth
             require(abs(off) < percents[parameter] / 100, f"{functional}: {parameter} {100 * off:+.2f} % off (standard deviation {100 * deviation:.2f})")
         require("doubts" not in found, f"{functional}: nothing is doubted {found.get('doubts', '')}")
+
+
+def main(program):
+    with tempfile.TemporaryDirectory(prefix="imic3d_leaning_bar_") as made:
+        judge(program, pathlib.Path(made))
     end()
 
 
