@@ -112,7 +112,6 @@ double interpolated(const Eigen::VectorXd& x, const Eigen::VectorXd& y, double a
 void CurveExperiment::make_bins(const CurveLoopOptions& options) {
   struct Group {
     int bars = 0;
-    double noise = 0.0;            // of the points, squares of all bars [stress^2]
     Eigen::VectorXd strain, both;  // way of its longest bar [rows]; both: from 0 to 1
     double largest = 0.0;          // stress, of all bars
   };
@@ -120,7 +119,7 @@ void CurveExperiment::make_bins(const CurveLoopOptions& options) {
   const auto judged = [](const id::Curve& curve, Eigen::Index row) { return curve.use[static_cast<std::size_t>(row)] != id::Curve::not_judged; };
   for (const auto& curve : curves_) {
     Group& group = groups[curve.group];
-    ++group.bars, group.noise += std::pow(id::point_noise(curve), 2), group.largest = std::max(group.largest, curve.stress.cwiseAbs().maxCoeff());
+    ++group.bars, group.largest = std::max(group.largest, curve.stress.cwiseAbs().maxCoeff());
     const Eigen::VectorXd strain = way_of(curve.history.strain);
     if (group.strain.size() > 0 && strain.tail(1)[0] <= group.strain.tail(1)[0]) continue;
     const Eigen::VectorXd stress = way_of(curve.stress, 4.0 * id::point_noise(curve));
@@ -133,7 +132,7 @@ void CurveExperiment::make_bins(const CurveLoopOptions& options) {
     const id::Curve& curve = curves_[k];
     const Group& group = groups[curve.group];
     const int count = group.bars;
-    const double noise = count > 1 ? std::sqrt(group.noise / count) : curve.deviation;
+    const double noise = count > 1 ? id::point_noise(curve) : curve.deviation;
     const Eigen::VectorXd along = way_of(curve.history.strain);
     const auto first = static_cast<Eigen::Index>(bins_.size());
     for (Eigen::Index row = 0; row < curve.stress.size(); ++row) {

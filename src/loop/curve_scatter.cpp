@@ -13,8 +13,12 @@ namespace imic3d::loop {
 
 namespace id = identification;
 
-/// How little is known of a bar's cubic where the stress is so small a part of the largest: nothing at zero, all from one half on.
+namespace {
+
+/// How little a bar's cubic says where the stress is so small a part of the largest: nothing at zero, all from one half on.
 double unknown(double stress) { return std::pow(std::max(0.0, 1.0 - 2.0 * stress), 2); }
+
+}  // namespace
 
 /// Legendre polynomials of x in [0, 1] at bins [count x degree + 1].
 Eigen::MatrixXd CurveExperiment::basis(Eigen::Index first, Eigen::Index count) const {
@@ -81,7 +85,7 @@ void CurveExperiment::find_repetitions() {
   for (const auto& [group, count] : members) freedom_ += count - 1.0;
 }
 
-/// Random-effects model of the deviations from the groups' means by maximum likelihood: bars that end early are in it with
+/// Random-effects model of the deviations from the groups' means, by expectation-maximisation: bars that end early are in it with
 /// what they have. What is left of the cubics in a bin has one variance in a group; the noise of the points comes on top. `raw`: measured - predicted [N].
 CurveExperiment::Scatter CurveExperiment::scatter_of(const Eigen::VectorXd& raw) const {
   Scatter result{.covariance = {}, .noise = of_points_, .deviations = {}, .coefficients = {}};
@@ -119,27 +123,25 @@ CurveExperiment::Scatter CurveExperiment::scatter_of(const Eigen::VectorXd& raw)
     bool done = true;
     const Eigen::Matrix<double, size, size> D_inverse = (D + 1e-9 * D.trace() * one).inverse();
     for (const auto& [group, bars] : repeated_) {
-      double found = 0.0, expected = 0.0, all = 0.0, numbers = 0.0;  // of the score by the variance
+      double left = 0.0, all = 0.0, numbers = 0.0;
       auto& coefficients = result.coefficients[group];
       coefficients.resize(bars.size());
       for (std::size_t k = 0; k < bars.size(); ++k) {
         const auto& deviation = result.deviations[group][k];
-        const Eigen::ArrayXd total = of_points_(bars[k].rows).array().square() + variance[group];
+        const Eigen::ArrayXd points = of_points_(bars[k].rows).array().square(), total = points + variance[group];
         const Eigen::Matrix<double, Eigen::Dynamic, size> weighted = total.inverse().matrix().asDiagonal() * bars[k].B;
         const Eigen::Matrix<double, size, size> V = (D_inverse + weighted.transpose() * bars[k].B).inverse();
         const Eigen::VectorXd c = V * (weighted.transpose() * deviation);
         next += c * c.transpose() + V;
         bars_seen += 1.0;
-        const Eigen::ArrayXd uncertain = (bars[k].B * V).cwiseProduct(bars[k].B).rowwise().sum();
-        found += ((deviation - bars[k].B * c).array() / total).square().sum();
-        expected += ((1.0 - uncertain / total) / total).sum();
+        const Eigen::ArrayXd uncertain = (bars[k].B * V).cwiseProduct(bars[k].B).rowwise().sum(), share = variance[group] / total;
+        left += (share.square() * ((deviation - bars[k].B * c).array().square() + uncertain) + share * points).sum();
         all += total.sum();
         numbers += static_cast<double>(deviation.size());
         coefficients[k] = c;
       }
-      const double next_variance = std::max(1e-12 * square / count, variance[group] * std::sqrt(found / std::max(1e-300, expected)));  // Zhou et al. 2019, faster than expectation-maximisation near zero
-      done = done && std::abs(next_variance - variance[group]) < 1e-4 * all / numbers;
-      variance[group] = next_variance;
+      done = done && std::abs(left / numbers - variance[group]) < 1e-4 * all / numbers;
+      variance[group] = std::max(1e-12 * square / count, left / numbers);
     }
     next /= bars_seen;
     done = done && (next - D).norm() < 1e-4 * next.norm();
@@ -147,14 +149,14 @@ CurveExperiment::Scatter CurveExperiment::scatter_of(const Eigen::VectorXd& raw)
     if (done) break;
   }
   result.covariance = D;
-  for (const auto& [group, its] : variance)
-    for (std::size_t k = 0; k < bars_.size(); ++k) {
-      if (curves_[k].group != group) continue;
-      const auto [first, bins] = bars_[k];
-      const Eigen::MatrixXd B = basis(first, bins);
-      for (Eigen::Index i = 0; i < bins; ++i) {
-        double& noise = result.noise[first + i];
-        noise = std::sqrt(noise * noise + its + unknown(bins_[static_cast<std::size_t>(first + i)].stress) * B.row(i).dot(D * B.row(i).transpose()));
+  for (std::size_t i = 0; i < bins_.size(); ++i)
+    if (const auto its = variance.find(curves_[static_cast<std::size_t>(bins_[i].curve)].group); its != variance.end()) {
+      const auto row = static_cast<Eigen::Index>(i);
+      double& noise = result.noise[row];
+      noise = std::sqrt(noise * noise + its->second);
+      if (const double part = unknown(bins_[i].stress); part > 0.0) {
+        const Eigen::RowVectorXd B = basis(row, 1);
+        noise = std::sqrt(noise * noise + part * B.dot(B * D));
       }
     }
   return result;

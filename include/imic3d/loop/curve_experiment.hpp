@@ -35,7 +35,8 @@ struct CurveLoopOptions {
 /// that strain, over its whole way, and stress, over its own, go along the longest bar of the group, so that what is steep has its share; each is an interval of the way of the strain, the same for all bars.
 /// Bars of one material differ: each is off by a random cubic of that way, whose covariance all
 /// groups of repetitions share, by what is left of it in each bin, both estimated from the bars' deviations from the mean
-/// of their group (expectation-maximisation), and by the mean noise of the points in the bin. The null are bars that differ so, one half of their covariance being that of the deviations themselves, whatever
+/// of their group (expectation-maximisation), and by the mean noise of the points in the bin. Where the stress is small (a bar starts, a cycle passes zero) bars do not differ as they do elsewhere: bin by bin they may be
+/// off by as much as their cubics are. The null are bars that differ so, one half of their covariance being that of the deviations themselves, whatever
 /// their course, grown by what few bars tell of it; see `freedom`. A curve without repetitions
 /// has the noise of its points: what is declared, or their scatter about the prediction from point to point, which is an estimate, too. Whitened with that.
 class CurveExperiment final : public Experiment {
