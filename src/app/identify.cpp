@@ -105,14 +105,12 @@ class Identification {
     covariance_.setConstant(static_cast<Eigen::Index>(material.values.size()), static_cast<Eigen::Index>(material.values.size()), std::nan(""));
     spdlog::info("noise: {:.3f} grey levels ({}), {:.4g} {} of the force", fmt::join(seen.camera_noise, ", "), seen.noise_is_measured ? "static frames or given" : "from the DIC's residual", solver_.force_noise,
                  test.units.force);
-    compared_noise_ = solver_.force_noise;
     if (gap()) return;
     const auto& known = checkpoint.found().reaction_noise;
     const double reaction = known ? *known : id::reaction_noise(world, model_, driving_noise(seen), material.values);
     checkpoint.reaction_noise(reaction);
     spdlog::info("noise of the reaction through the displacement of the ends: {:.4g} {}", reaction, test.units.force);
-    compared_noise_ = std::hypot(solver_.force_noise, reaction);
-    if (solver_.functional != id::Functional::force_driven) solver_.force_noise = compared_noise_;
+    solver_.force_noise = std::hypot(solver_.force_noise, reaction);
   }
 
   void run_stages() {
@@ -200,7 +198,7 @@ class Identification {
     int frames = 0;
     for (const int t : fitted) {
       if (t >= driven.frames) continue;
-      squares += std::pow((record_.force[t] - driven.reaction[t]) / (t < difference_.size() ? difference_[t] : compared_noise_), 2), ++frames;
+      squares += std::pow((record_.force[t] - driven.reaction[t]) / (t < difference_.size() ? difference_[t] : solver_.force_noise), 2), ++frames;
     }
     if (frames > 0) force_left_ = std::sqrt(squares / frames);
   }
@@ -266,9 +264,8 @@ class Identification {
   RunCheckpoint& checkpoint_;
   id::ImageData images_;
   id::GaussNewtonOptions solver_;
-  double compared_noise_ = 0.0;  // of the measured force less the reaction of the DIC-driven simulation, an upper bound [force]
-  Eigen::VectorXd difference_;   // the same of each frame, as far as the last stage found it [frames, force]
-  double force_left_ = 0.0;      // of the measured force by the identified model, in units of this noise
+  Eigen::VectorXd difference_;  // noise of the measured force less the reaction of the DIC-driven simulation, as far as the last stage found it, else solver_.force_noise [frames, force]
+  double force_left_ = 0.0;     // of the measured force by the identified model, in units of this noise
   SimulationTasks tasks_;
   id::ForwardModel model_;
   int increments_;  // that the identified model takes between two frames

@@ -148,17 +148,30 @@ void extrapolate(Linearisation& at, const Eigen::VectorXd& step) {
   }
 }
 
-/// `difference`: difference_noise, as far as it is known.
+/// Adds `times` what the measured force says. `difference`: difference_noise, as far as it is known.
+void add_force(NormalEquations& sums, const Record& record, const Linearisation& at, const Stage& stage, const GaussNewtonOptions& options, const Eigen::VectorXd& difference, double times) {
+  for (const int t : stage.frames) {
+    if (t >= at.frames) continue;
+    Eigen::VectorXd s(sums.right.size());
+    for (Eigen::Index j = 0; j < s.size(); ++j) s[j] = at.force_sensitivity[static_cast<std::size_t>(j)][t];
+    const double missing = record.force[t] - at.reaction[t], weight = times * std::pow(difference_noise(difference, options, t), -2);
+    sums.matrix += weight * s * s.transpose();
+    sums.right += weight * s * missing;
+    sums.cost += weight * missing * missing;
+    sums.force += times * missing * missing;
+  }
+}
+
 NormalEquations assemble(Communicator world, ForwardModel& model, const ImageData& images, const Linearisation& at,
                          const Stage& stage, const GaussNewtonOptions& options, const Eigen::VectorXd& difference) {
   const auto unknowns = static_cast<Eigen::Index>(stage.free.size());
   NormalEquations sums;
   sums.matrix.setZero(unknowns, unknowns);
   sums.right.setZero(unknowns);
-  Eigen::VectorXd local = Eigen::VectorXd::Zero(unknowns * unknowns + unknowns + 6);
+  Eigen::VectorXd local = Eigen::VectorXd::Zero(unknowns * unknowns + unknowns + 5);
   Eigen::Map<Eigen::MatrixXd> matrix(local.data(), unknowns, unknowns);
   Eigen::Map<Eigen::VectorXd> right(local.data() + unknowns * unknowns, unknowns);
-  auto scalars = local.tail<6>();
+  auto scalars = local.tail<5>();
   const double weight = 1.0 / (2.0 * images.noise * images.noise);
 
   const auto add = [&](std::size_t i) {
@@ -179,16 +192,7 @@ NormalEquations assemble(Communicator world, ForwardModel& model, const ImageDat
     scalars[1] += seen.squares;
     scalars[2] += seen.pixels;
     scalars[3] += distance;
-    scalars[5] += 1.0;
-    if (!has_force(options.functional)) return;
-    Eigen::VectorXd s(unknowns);
-    for (Eigen::Index j = 0; j < unknowns; ++j) s[j] = at.force_sensitivity[static_cast<std::size_t>(j)][t];
-    const double missing = model.record().force[t] - at.reaction[t];
-    const double force_weight = std::pow(difference_noise(difference, options, t), -2);
-    matrix += force_weight * s * s.transpose();
-    right += force_weight * s * missing;
-    scalars[0] += force_weight * missing * missing;
-    scalars[4] += missing * missing;
+    scalars[4] += 1.0;
   };
   collectively(world, [&] {  // an image may have become unreadable
     for (std::size_t i = 0; i < stage.frames.size(); ++i) add(i);
@@ -200,8 +204,8 @@ NormalEquations assemble(Communicator world, ForwardModel& model, const ImageDat
   sums.squares = scalars[1];
   sums.pixels = scalars[2];
   sums.distance = scalars[3];
-  sums.force = scalars[4];
-  sums.frames = static_cast<int>(std::lround(scalars[5]));
+  sums.frames = static_cast<int>(std::lround(scalars[4]));
+  if (has_force(options.functional)) add_force(sums, model.record(), at, stage, options, difference, 1.0);
   return sums;
 }
 
@@ -341,9 +345,9 @@ FinerIncrements find_finer_increments(Communicator world, ForwardModel& model, c
   return finer;
 }
 
-/// `normal` becomes that with the weights that the noise asks for.
-ParameterNoise find_noise(Communicator world, ForwardModel& model, const ImageData& images, const Linearisation& at, const Stage& stage, const GaussNewtonOptions& options,
-                          const std::vector<double>& parameters, NormalEquations& normal) {
+/// `normal`, with the weights of `known`, becomes that with the weights that the noise asks for.
+ParameterNoise find_noise(ForwardModel& model, const ImageData& images, const Linearisation& at, const Stage& stage, const GaussNewtonOptions& options,
+                          const std::vector<double>& parameters, const Eigen::VectorXd& known, NormalEquations& normal) {
   ParameterNoise noise{.parameters = parameters, .covariance = {}, .difference = {}, .unknown = {}};
   NoiseDraws draws;
   try {
@@ -352,7 +356,10 @@ ParameterNoise find_noise(Communicator world, ForwardModel& model, const ImageDa
     noise.unknown = error.what();
   }
   noise.difference = difference_noise(draws, options);
-  if (has_force(options.functional) && noise.difference.size() > 0) normal = assemble(world, model, images, at, stage, options, noise.difference);
+  if (has_force(options.functional)) {
+    add_force(normal, model.record(), at, stage, options, known, -1.0);
+    add_force(normal, model.record(), at, stage, options, noise.difference, 1.0);
+  }
   noise.covariance = parameter_covariance(images, at, normal, stage, options, noise.difference, draws);
   return noise;
 }
@@ -476,7 +483,7 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
   for (;;) {
     while (!at.converged && may_go_on()) iterate();
     if (at.noise.parameters.empty() || largest_move(at.noise.parameters, parameters, stage.free, options) > 0.2) {
-      at.noise = find_noise(world, model, images, at.linear, stage, options, parameters, at.normal);
+      at.noise = find_noise(model, images, at.linear, stage, options, parameters, at.noise.difference, at.normal);
       if (at.converged && has_force(options.functional) && at.noise.difference.size() > 0) {
         note(0.0, false);
         continue;
@@ -504,7 +511,7 @@ FreedAtOnce free_at_once(Communicator world, ForwardModel& model, const ImageDat
   if (at.frames == 0) return {};
   add(at, 1.0, finer.endless);
   NormalEquations normal = assemble(world, model, images, at, all, options, {});
-  ParameterNoise noise = find_noise(world, model, images, at, all, options, parameters, normal);
+  ParameterNoise noise = find_noise(model, images, at, all, options, parameters, {}, normal);
   return {solve_symmetric(normal.matrix, normal.right), std::move(noise)};
 }
 
