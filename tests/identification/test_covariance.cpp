@@ -125,7 +125,18 @@ TEST(Covariance, OfTheForceOfEachFrame) {
   Plate plate(stretch);
   ForwardModel model({}, plate.specimen, plate.law, plate.record, {.with_fields = false}, 3, 0);
   auto parameters = plate.truth;
-  const auto difference = gauss_newton({}, model, plate.images, testing::information(plate), stage, options_with(Functional::displacement_driven, 100), parameters).difference;
+  parameters[0] *= 1.05, parameters[2] *= 0.95;
+  const auto start = parameters;
+  auto options = options_with(Functional::displacement_driven, 100);
+  const auto result = gauss_newton({}, model, plate.images, testing::information(plate), stage, options, parameters);
+  const Eigen::VectorXd& difference = result.difference;
+  // What changes in place is no step: as many as it took are enough.
+  options.max_iterations = steps_taken(result.iterates);
+  EXPECT_LT(options.max_iterations, static_cast<int>(result.iterates.size()) - 1);
+  ForwardModel anew({}, plate.specimen, plate.law, plate.record, {.with_fields = false}, 3, 0);
+  auto again = start;
+  EXPECT_TRUE(gauss_newton({}, anew, plate.images, testing::information(plate), stage, options, again).converged);
+  EXPECT_EQ(again, parameters);
   ASSERT_EQ(difference.size(), 6);
   std::mt19937_64 random(3);
   std::normal_distribution<double> normal;
@@ -138,7 +149,7 @@ TEST(Covariance, OfTheForceOfEachFrame) {
     for (double& value : of_reference) value = sigma / std::sqrt(references) * normal(random);
     for (auto frame : driving.colwise())
       for (Eigen::Index i = 0; i < root.size(); ++i) frame[i] += (of_reference[i] + sigma * normal(random)) / root[i];
-    const auto path = model.simulate(Control::displacement, {{.parameters = parameters, .driving = &driving}}, 6).front();
+    const auto path = model.simulate(Control::displacement, {{.parameters = plate.truth, .driving = &driving}}, 6).front();
     for (int t = 0; t < 6; ++t) squares[t] += std::pow(path.reaction[t] - plate.record.force[t], 2) + force_sigma * force_sigma;
   }
   for (int t = 0; t < 6; ++t) EXPECT_NEAR(difference[t] / std::sqrt(squares[t] / draws), 1.0, 0.25) << "frame " << t;
