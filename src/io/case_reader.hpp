@@ -110,6 +110,9 @@ class CaseReader {
   /// Every part of the mesh is held by one of the ends.
   void check_parts(const Section& section, const mesh::Mesh& mesh);
   void read_loads_section();
+  /// Whether there is one way to tell them.
+  bool read_frame_times(const Section& loads);
+  [[nodiscard]] std::vector<LoadRecord> recorded_loads() const;
   void read_cameras();
   void read_place(const Section& camera_section, CameraCase& camera);
   void read_images(const Section& section, CameraCase& camera);

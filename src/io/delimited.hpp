@@ -1,5 +1,5 @@
 #pragma once
-// Lines of a table separated by commas, semicolons or tabs.
+// Lines of a table separated by commas, semicolons, tabs or blanks.
 
 #include <algorithm>
 #include <charconv>
@@ -17,7 +17,7 @@ inline std::string trimmed(const std::string& text) {
   return text.substr(first, text.find_last_not_of(" \t\r") - first + 1);
 }
 
-/// The separator that stands most often in the header outside quotes.
+/// The separator that stands most often in the header outside quotes; a blank if there is none.
 inline char separator_of(const std::string& header) {
   std::map<char, int> count{{',', 0}, {';', 0}, {'\t', 0}};
   bool quoted = false;
@@ -25,11 +25,13 @@ inline char separator_of(const std::string& header) {
     if (c == '"') quoted = !quoted;
     if (const auto it = count.find(c); !quoted && it != count.end()) ++it->second;
   }
-  return std::max_element(count.begin(), count.end(), [](auto& a, auto& b) { return a.second < b.second; })->first;
+  const auto most = std::max_element(count.begin(), count.end(), [](auto& a, auto& b) { return a.second < b.second; });
+  return most->second > 0 ? most->first : ' ';
 }
 
-/// Fields of one line, or nothing if a quote is not closed. "" inside quotes is one quote.
-inline std::optional<std::vector<std::string>> fields_of(const std::string& line, char separator) {
+/// Fields of one line, or nothing if a quote is not closed. "" inside quotes is one quote, several blanks are one separator.
+inline std::optional<std::vector<std::string>> fields_of(std::string line, char separator) {
+  if (separator == ' ') line = trimmed(line);
   std::vector<std::string> fields;
   std::string field;
   bool quoted = false, was_quoted = false;
@@ -52,7 +54,7 @@ inline std::optional<std::vector<std::string>> fields_of(const std::string& line
       quoted = was_quoted = true;
       field.clear();
     } else if (c == separator) {
-      finish();
+      if (c != ' ' || was_quoted || !field.empty()) finish();
     } else if (!(was_quoted && (c == ' ' || c == '\r'))) {
       field += c;
     }

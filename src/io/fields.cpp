@@ -12,9 +12,8 @@ namespace imic3d::io {
 PointTable read_points(const std::filesystem::path& file, const PointColumns& columns) {
   std::vector<std::string> wanted = {columns.x, columns.y, columns.u, columns.v};
   if (!columns.valid.empty()) wanted.push_back(columns.valid);
-  const NamedColumns table = read_named_columns(file, wanted, "a table of points with a header row");
+  NamedColumns table = read_named_columns(file, wanted, "a table of points with a header row");
   std::vector<std::array<double, 4>> points;
-  std::vector<Mistake> mistakes;
   for (const auto& row : table.rows) {
     if (wanted.size() > 4 && (row.text[4] == "false" || row.text[4] == "False" || table.number(row, 4).value_or(1.0) == 0.0)) continue;
     std::array<double, 4> point{};
@@ -25,11 +24,11 @@ PointTable read_points(const std::filesystem::path& file, const PointColumns& co
       if (std::isfinite(point[i])) continue;
       known = false;
       if (i >= 2 && value) continue;  // nan, inf: lost
-      mistakes.push_back(table.mistake(row, i, i < 2 ? "a finite number" : "a number, or nan where it is not known"));
+      table.mistake(row, i, i < 2 ? "a finite number" : "a number, or nan where it is not known");
     }
     if (known) points.push_back(point);
   }
-  refuse(std::move(mistakes));
+  table.refuse();
   if (points.empty()) throw InputError(file.string(), "no point with a displacement", "one or more");
   PointTable result;
   result.at.resize(static_cast<Eigen::Index>(points.size()), 2), result.displacement.resize(static_cast<Eigen::Index>(points.size()), 2);

@@ -14,7 +14,6 @@ namespace imic3d::io {
 namespace {
 
 constexpr const char* syntax = "frame numbers such as 3, \"1-5\", \"0,2,7-9\" or \"10-40:5\"";
-constexpr int largest_frame = 1'000'000;
 
 int parse_number(std::string_view text, const std::string& whole) {
   int number = 0;

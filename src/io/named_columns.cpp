@@ -10,52 +10,95 @@
 
 namespace imic3d::io {
 
-Mistake NamedColumns::mistake(const Row& row, std::size_t column, std::string allowed) const {
-  return {fmt::format("{}:{} column \"{}\"", file.string(), row.line, wanted[column]), row.text[column].empty() ? "nothing" : row.text[column], std::move(allowed)};
+namespace {
+
+/// The line that is the header, or else what is said of the one that comes nearest.
+class Header {
+ public:
+  explicit Header(const std::vector<std::string>& wanted) : wanted_(wanted) {}
+
+  /// Whether this line names all.
+  bool read(int line, const std::vector<std::string>& fields) {
+    const auto named = std::count_if(wanted_.begin(), wanted_.end(), [&](auto& name) { return std::find(fields.begin(), fields.end(), name) != fields.end(); });
+    if (fields_.empty() || named > named_ || (named == named_ && fields.size() > fields_.size())) line_ = line, fields_ = fields, named_ = named;
+    return named == std::ssize(wanted_);
+  }
+
+  [[nodiscard]] const std::vector<std::string>& fields() const { return fields_; }
+
+  [[nodiscard]] std::vector<Mistake> mistakes(const std::filesystem::path& file, const std::string& kind) const {
+    if (fields_.empty()) return {{file.string(), "an empty file", kind}};
+    if (named_ == 0) return {{file.string(), fmt::format("no row with the columns \"{}\"", fmt::join(wanted_, "\", \"")), fmt::format("columns of \"{}\"", fmt::join(fields_, "\", \""))}};
+    std::vector<Mistake> found;
+    for (const auto& name : wanted_) {
+      const auto times = std::count(fields_.begin(), fields_.end(), name);
+      const auto place = fmt::format("{}:{} column \"{}\"", file.string(), line_, name);
+      if (times == 0) found.push_back({place, "not there", fmt::format("one of \"{}\"", fmt::join(fields_, "\", \""))});
+      if (times > 1) found.push_back({place, fmt::format("there {} times", times), "once"});
+    }
+    return found;
+  }
+
+ private:
+  const std::vector<std::string>& wanted_;
+  int line_ = 0;
+  std::vector<std::string> fields_;
+  std::ptrdiff_t named_ = 0;
+};
+
+}  // namespace
+
+void NamedColumns::mistake(const Row& row, std::size_t column, std::string allowed, std::string found) {
+  if (found.empty()) found = row.text[column].empty() ? "nothing" : row.text[column];
+  mistakes.push_back({fmt::format("{}:{} column \"{}\"", file.string(), row.line, columns[column]), std::move(found), std::move(allowed)});
+}
+
+void NamedColumns::refuse() const {
+  constexpr std::size_t most = 20;
+  auto first = mistakes;
+  if (mistakes.size() > most) {
+    first.resize(most);
+    first.push_back({file.string(), fmt::format("{} more mistakes of this kind", mistakes.size() - most), ""});
+  }
+  if (!first.empty()) throw InputError(std::move(first));
 }
 
 std::optional<double> NamedColumns::number(const Row& row, std::size_t column) const { return number_in(row.text[column], separator); }
 
-NamedColumns read_named_columns(const std::filesystem::path& file, const std::vector<std::string>& wanted, const std::string& kind) {
+NamedColumns read_named_columns(const std::filesystem::path& file, const std::vector<std::string>& wanted, const std::string& kind, const std::vector<std::string>& welcome) {
   std::error_code error;
   std::ifstream stream(file);
   if (!stream || std::filesystem::is_directory(file, error)) throw InputError(file.string(), "cannot be read", kind);
 
-  NamedColumns table{file, wanted, {}, ','};
-  std::vector<std::string> longest;
-  std::vector<std::size_t> place;
-  std::size_t columns = 0;
+  NamedColumns table{file, wanted, {}, {}, ','};
+  table.columns.insert(table.columns.end(), welcome.begin(), welcome.end());
+  Header header(wanted);
+  std::vector<std::size_t> place;  // of the columns in a row
   std::string line;
   for (int number = 1; std::getline(stream, line); ++number) {
     if (number == 1 && line.starts_with("\xEF\xBB\xBF")) line.erase(0, 3);
+    if (number == 1 && (line.starts_with("\xFF\xFE") || line.starts_with("\xFE\xFF"))) throw InputError(file.string(), "text in UTF-16", "UTF-8");
     if (trimmed(line).empty() || trimmed(line).starts_with('#')) continue;
+    const auto& named = header.fields();
     if (place.empty()) {
       table.separator = separator_of(line);
-      const auto header = fields_of(line, table.separator).value_or(std::vector<std::string>{});
-      for (const auto& name : wanted)
-        if (const auto found = std::find(header.begin(), header.end(), name); found != header.end()) place.push_back(static_cast<std::size_t>(found - header.begin()));
-      if (place.size() < wanted.size()) place.clear();
-      columns = header.size();
-      if (header.size() > longest.size()) longest = header;
+      if (header.read(number, fields_of(line, table.separator).value_or(std::vector<std::string>{})))
+        for (const auto& name : table.columns) place.push_back(static_cast<std::size_t>(std::find(named.begin(), named.end(), name) - named.begin()));
       continue;
     }
     const auto fields = fields_of(line, table.separator);
-    if (table.rows.empty() && fields && are_units(*fields)) continue;
-    if (fields && std::any_of(fields->begin() + static_cast<std::ptrdiff_t>(std::min(columns, fields->size())), fields->end(), [](const std::string& field) { return !field.empty(); }))
-      throw InputError(fmt::format("{}:{}", file.string(), number), fmt::format("{} fields", fields->size()), fmt::format("{} as in the header{}", columns, table.separator == ',' ? " (where a comma parts fields, the decimal sign is the point)" : ""));
-    auto& row = table.rows.emplace_back(NamedColumns::Row{number, std::vector<std::string>(wanted.size())});
-    for (std::size_t i = 0; i < wanted.size(); ++i)
-      if (fields && place[i] < fields->size()) row.text[i] = (*fields)[place[i]];
+    const auto columns = std::ssize(named);
+    if (!fields) {
+      table.mistakes.push_back({fmt::format("{}:{}", file.string(), number), "a quote that is not closed", ""});
+    } else if (std::ssize(*fields) > columns && std::any_of(fields->begin() + columns, fields->end(), [](const std::string& field) { return !field.empty(); })) {
+      table.mistakes.push_back({fmt::format("{}:{}", file.string(), number), fmt::format("{} fields", fields->size()), fmt::format("{} as in the header{}", columns, table.separator == ',' ? " (where a comma parts fields, the decimal sign is the point)" : "")});
+    } else if (!table.rows.empty() || !table.mistakes.empty() || !are_units(*fields)) {
+      auto& row = table.rows.emplace_back(NamedColumns::Row{number, {}});
+      for (const auto at : place) row.text.push_back(at < named.size() && at < fields->size() ? (*fields)[at] : "");
+    }
   }
-  if (place.empty())
-    throw InputError(file.string(), fmt::format("no row with the columns \"{}\"", fmt::join(wanted, "\", \"")), longest.empty() ? kind : fmt::format("columns of \"{}\"", fmt::join(longest, "\", \"")));
+  if (auto mistakes = header.mistakes(file, kind); !mistakes.empty()) throw InputError(std::move(mistakes));
   return table;
-}
-
-void refuse(std::vector<Mistake> mistakes) {
-  constexpr std::size_t most = 20;
-  if (mistakes.size() > most) mistakes.resize(most);
-  if (!mistakes.empty()) throw InputError(std::move(mistakes));
 }
 
 }  // namespace imic3d::io

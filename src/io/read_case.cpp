@@ -190,15 +190,14 @@ void CaseReader::read_loads_section() {
     if (section.has("force_scale")) mistake(section.path("force_scale"), "given beside force_unit", "one of the two");
     loads.force_scale = newtons(unit) / newtons(case_.units.force);
   }
+  if (section.has("frame_times") && !read_frame_times(section)) return;
   if (loads.file.empty()) return;
   if (!exists(loads.file)) {
     mistake(section.path("file"), fmt::format("no such file: {}", loads.file.string()), "a .csv file");
     return;
   }
   try {
-    loads.records = read_loads(loads.file, loads.columns, loads.force_scale);
-    for (auto& record : loads.records) record.force -= loads.offset;
-    remove_lag(loads.records, loads.lag);
+    loads.records = recorded_loads();
   } catch (const InputError& error) {
     for (const auto& one : error.mistakes()) mistakes_.push_back({document_.line(section.path("file")), one});
   }
@@ -206,6 +205,39 @@ void CaseReader::read_loads_section() {
       std::all_of(loads.records.begin(), loads.records.end(), [](auto& record) { return record.image.empty(); }))
     mistake(section.path("image_file"), fmt::format("no image in a column \"{}\"", loads.columns.image_file),
             "a column of the load record that names the images");
+}
+
+bool CaseReader::read_frame_times(const Section& loads) {
+  const auto section = loads.group("frame_times");
+  auto& times = case_.loads.frame_times.emplace();
+  section.get("start", times.start);
+  section.get("interval", times.interval);
+  section.get("file", times.file);
+  section.get("image", times.columns.image);
+  section.get("time", times.columns.time);
+  section.get("image_file", times.columns.image_file);
+  const bool is_one = section.has("interval") != section.has("file");
+  if (!is_one) mistake(loads.path("frame_times"), section.has("file") ? "both interval and file" : "neither interval nor file", "one of the two");
+  if (loads.has("image")) mistake(loads.path("image"), "given beside frame_times", "one of the two");
+  return is_one;
+}
+
+std::vector<LoadRecord> CaseReader::recorded_loads() const {
+  const auto& loads = case_.loads;
+  auto columns = loads.columns;
+  if (loads.frame_times) columns.image.clear();
+  auto records = read_loads(loads.file, columns, loads.force_scale);
+  for (auto& record : records) record.force -= loads.offset;
+  remove_lag(records, loads.lag);
+  if (!loads.frame_times) return records;
+  const auto& times = *loads.frame_times;
+  std::vector<LoadRecord> frames;
+  if (!times.file.empty()) frames = read_loads(times.file, times.columns);
+  for (int n = 0; times.interval > 0.0 && n * times.interval <= records.back().time - times.start && n <= largest_frame; ++n) frames.push_back({.frame = n, .time = n * times.interval, .image = {}});
+  for (auto& frame : frames) frame.time += times.start;
+  auto taken = at_frames(records, std::move(frames));
+  if (taken.empty()) throw InputError(loads.file.string(), fmt::format("a record from {} to {}", records.front().time, records.back().time), "one that runs while images are taken (frame_times)");
+  return taken;
 }
 
 std::string CaseReader::range_of(const ParameterInfo& info) {

@@ -225,7 +225,7 @@ void CaseReader::check_images(const Section& section, const CameraCase& camera) 
       if (!recorded.contains(camera.frames[i]))
         found.push_back({case_.loads.file.string(),
                          fmt::format("no row for frame {} ({})", camera.frames[i], camera.images[i].string()),
-                         "a row for each image"});
+                         case_.loads.frame_times ? "images that were taken while the record ran (frame_times)" : "a row for each image"});
   }
   if (found.size() > most_image_mistakes) {
     const auto more = found.size() - most_image_mistakes;
@@ -237,7 +237,7 @@ void CaseReader::check_images(const Section& section, const CameraCase& camera) 
 
 void CaseReader::check_number_of_images(const Section& section, const CameraCase& camera) {
   const auto images = camera.images.size(), rows = case_.loads.records.size();
-  if (section.has("frames") || section.value("images") == "from_loads" || images >= rows) return;
+  if (section.has("frames") || section.value("images") == "from_loads" || case_.loads.frame_times || images >= rows) return;
   mistake(section.path("images"), fmt::format("{} images", images),
           fmt::format("{}, one for each row of {}; else say which they are: frames: from_names, or a list", rows,
                       case_.loads.file.string()));
@@ -286,7 +286,7 @@ void CaseReader::read_fields() {
   for (const auto& record : case_.loads.records) recorded.insert(record.frame);
   for (std::size_t i = 0; i < n; ++i)
     if (!recorded.contains(fields.frames[i]))
-      mistakes_.push_back({document_.line(section.path("files")), {case_.loads.file.string(), fmt::format("no row for frame {} ({})", fields.frames[i], fields.files[i].string()), "a row for each field"}});
+      mistakes_.push_back({document_.line(section.path("files")), {case_.loads.file.string(), fmt::format("no row for frame {} ({})", fields.frames[i], fields.files[i].string()), case_.loads.frame_times ? "fields of frames that were taken while the record ran (frame_times)" : "a row for each field"}});
 }
 
 }  // namespace imic3d::io

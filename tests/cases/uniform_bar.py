@@ -26,7 +26,7 @@ title: Uniform bar
 specimen: {{mesh: bar.msh, kinematics: plane_stress, element: quad8, thickness: {thickness}, held: bottom, loaded: top, axis: y}}
 cameras:
   - {{name: front, pixel_size: {pixel}, place: {{origin: [{column}, {row}], rotation: {askew}}}, images: 'images/*.png', reference: 0-2{noise}}}
-loads: {{file: loads.csv, noise: 4}}
+loads: {{{loads}, noise: 4}}
 material:
   law: j2
   hardening: linear
@@ -80,9 +80,9 @@ def make_test(folder, strain, seed, elements, turn=0.0, half_length=6.0):
     return len(states) - 1
 
 
-def case_of(folder, name, functional, last, noise="", parameters=START, askew=0.0):
+def case_of(folder, name, functional, last, noise="", parameters=START, askew=0.0, loads="file: loads.csv"):
     case = folder / f"{name}.yaml"
-    case.write_text(CASE.format(name=name, noise=noise, thickness=THICKNESS, pixel=PIXEL, nu=NU, functional=functional, last=last, column=(SIZE[0] - 1) / 2, row=(SIZE[1] - 1) / 2, askew=askew, **parameters))
+    case.write_text(CASE.format(name=name, loads=loads, noise=noise, thickness=THICKNESS, pixel=PIXEL, nu=NU, functional=functional, last=last, column=(SIZE[0] - 1) / 2, row=(SIZE[1] - 1) / 2, askew=askew, **parameters))
     return case
 
 
@@ -118,6 +118,16 @@ def main(program):
         for parameter, truth in TRUTH.items():
             off = result[parameter]["value"] / truth - 1
             require(abs(off) < 0.02, f"turned by 25 degrees, force_driven: {parameter} {100 * off:+.2f} % off (standard deviation {100 * result[parameter]['standard_deviation'] / truth:.2f})")
+        # The same record as a testing machine writes it, which began 13.5 s before the camera, whose clock starts with 1, and has two more rows between frames.
+        frames, force = numpy.loadtxt(folder / "loads.csv", delimiter=",", skiprows=1, usecols=(1, 2), unpack=True)
+        times = numpy.arange(-1, 3 * last + 3) / 3
+        rows = [f"{time + 12.5:.9f};{value:.9f}".replace(".", ",") for time, value in zip(times, numpy.interp(times, frames, force))]
+        (folder / "machine.txt").write_text("Machine 12\nBar; turned\n\nTime;Load;\n[s];[N];\n" + "\n".join(rows) + "\n")
+        (folder / "camera.csv").write_text("frame,time_s\n" + "".join(f"{frame},{frame + 1}\n" for frame in range(last + 5)))
+        run(program, "identify", case_of(folder, "by_clock", "force_driven", last, loads="file: machine.txt, time: Time, force: Load, frame_times: {start: 11.5, file: camera.csv}"))
+        by_clock = json.loads((folder / "by_clock/result.json").read_text())["parameters"]
+        apart = max(abs(by_clock[name]["value"] / result[name]["value"] - 1) for name in TRUTH)
+        require(apart < 1e-7, f"by the clock of the testing machine: parameters {apart:.1e} apart")
         for seed in (2, 4):
             folder = pathlib.Path(made) / f"small_{seed}"
             last = make_test(folder, SMALL, seed, (7, 6))

@@ -42,13 +42,13 @@ TEST(Fields, DecimalCommasAndARowOfUnits) {
 }
 
 TEST(Fields, MistakesAreNamedWithLineAndColumn) {
-  EXPECT_EQ(mistakes_in("x,y,u\n1,2,3\n"), "points.csv: no row with the columns \"x\", \"y\", \"u\", \"v\"; allowed: columns of \"x\", \"y\", \"u\"");
+  EXPECT_EQ(mistakes_in("x,y,u\n1,2,3\n"), "points.csv:1 column \"v\": not there; allowed: one of \"x\", \"y\", \"u\"");
   EXPECT_EQ(mistakes_in("x,y,u,v\n1,,3,4\n1,2,3\n1,2,a,4\n"),
             "points.csv:2 column \"y\": nothing; allowed: a finite number\n"
             "points.csv:3 column \"v\": nothing; allowed: a number, or nan where it is not known\n"
             "points.csv:4 column \"u\": a; allowed: a number, or nan where it is not known");
   EXPECT_EQ(mistakes_in("x,y,u,v\n1,2,nan,nan\n"), "points.csv: no point with a displacement; allowed: one or more");
-  EXPECT_EQ(mistakes_in(""), "points.csv: no row with the columns \"x\", \"y\", \"u\", \"v\"; allowed: a table of points with a header row");
+  EXPECT_EQ(mistakes_in(""), "points.csv: an empty file; allowed: a table of points with a header row");
 }
 
 }  // namespace test_fields

@@ -111,6 +111,14 @@ struct FieldsCase {
   std::vector<PointTable> tables;            ///< one for each file
 };
 
+/// When the images were taken by a clock of their own: at intervals, or as a table says.
+struct FrameTimesCase {
+  double start = 0.0;          ///< what the load record's clock reads where that of the images reads 0 [time]
+  double interval = 0.0;       ///< frame n was taken at n intervals [time]; 0: by the table
+  std::filesystem::path file;  ///< of the table
+  LoadColumns columns{.force = ""};
+};
+
 struct LoadsCase {
   std::filesystem::path file;
   LoadColumns columns;              ///< which column holds what
@@ -118,7 +126,8 @@ struct LoadsCase {
   std::optional<double> noise;      ///< standard deviation [force], measured on static frames if not given
   double lag = 0.0;                 ///< time constant of the force recorder, a first-order low-pass [time]
   double offset = 0.0;              ///< reading without load, subtracted [force]
-  std::vector<LoadRecord> records;  ///< every row, force already in the case's unit; empty without a file
+  std::optional<FrameTimesCase> frame_times;  ///< else the record has a column of frames
+  std::vector<LoadRecord> records;  ///< every row (with frame_times one for each frame), force already in the case's unit; empty without a file
 };
 
 struct ParameterCase {

@@ -9,6 +9,8 @@ namespace imic3d::io {
 /// Ascending frame numbers.
 using Frames = std::vector<int>;
 
+constexpr int largest_frame = 1'000'000;
+
 /// One part of a selection: first to last in steps; a single frame has first = last.
 struct FrameRange {
   int first = 0, last = 0, step = 1;
