@@ -129,7 +129,7 @@ def main():
             require(done.returncode == 2 and expected in done.stderr, f"{expected!r} is said ({done.stderr.strip()[:200]})")
 
         mistake(lambda s: s.replace("slow_*.csv", "slaw_*.csv"), 'experiments[0].file: no file "slaw_*.csv"')
-        mistake(lambda s: s.replace("clock,", "klock,"), 'column "klock": not there; allowed: one of "strain_%", "stress_ksi"')
+        mistake(lambda s: s.replace("clock,", "klock,"), 'column "klock": not there; allowed: one of "clock", "strain_%", "stress_ksi"')
         mistake(lambda s: s.replace("[rate]", "[rates]"), 'material.effects[0]: "rates"; allowed: kinematic, ')
         mistake(lambda s: s.replace("b: 20, H: 0", "b: 20, H: 0, Crate: 1"), "near to C_rate")
         mistake(lambda s: s.replace("experiments:", "unknown:"), "specimen: not given; allowed: a section specimen, or experiments")
