@@ -18,7 +18,7 @@ namespace imic3d::app {
 namespace {
 
 /// Young's modulus and the yield stress are declared within this factor of what they are, if units are as they should be.
-constexpr double largest_change = 20.0;
+constexpr double largest_change = 5.0;
 
 material::LawChoice choice(const io::MaterialCase& declared, bool plane_stress = false) {
   return {.law = declared.law,
@@ -114,7 +114,7 @@ std::vector<std::string> unlikely_values(const io::Case& test, const Material& m
     if ((info.name != "E" && info.name != "S_y") || declared == test.material.parameters.end()) continue;  // hardening may be anything
     const double ratio = values[j] / declared->second.value;
     if (ratio < largest_change && ratio > 1.0 / largest_change) continue;
-    doubts.push_back(fmt::format("{} is {:.4g} {} where {:.4g} was declared: are force, length and material in the units of the case file ({}, {})?", info.name, values[j], info.unit, declared->second.value,
+    doubts.push_back(fmt::format("{} is {:.4g} {} where {:.4g} was declared: are force, thickness, length and material in the units of the case file ({}, {})?", info.name, values[j], info.unit, declared->second.value,
                                  test.units.force, test.units.length));
     spdlog::warn("{}", doubts.back());
   }

@@ -439,7 +439,7 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
     bool coarse = direct && control_of_images(options) == Control::displacement;
     for (;; coarse = false) {
       at.linear = linearise(model, images, parameters, stage, options, coarse ? accuracy_of_a_long_step : accuracy_of_steps(options, 0.0));
-      if (at.linear.frames == 0) throw ConvergenceError("the first frame cannot be simulated: " + at.linear.message);
+      if (at.linear.frames == 0) throw ConvergenceError("the first frame cannot be simulated: " + at.linear.message + "; are force, thickness and material in the units of the case file, and the axis the direction of the load?");
       at.normal = assemble(world, model, images, at.linear, stage, options, at.noise.difference);
       const Eigen::VectorXd step = step_within_bounds(at.normal.matrix, at.normal.right, parameters, information, stage, options);
       if (!coarse || relative_size(step, moved(parameters, step, stage), stage, options) > far_step) break;

@@ -46,7 +46,8 @@ void CaseReader::read_material() {
     material.parameters[name] = parameter;
   }
   check_table(section);
-  if (checks_.parameters_of) check_parameters(parameters);
+  const bool is_known = !is_refused(section.path("law")) && !is_refused(section.path("hardening")) && !is_refused(section.path("effects"));
+  if (checks_.parameters_of && is_known) check_parameters(parameters);
   for (const auto& [name, parameter] : material.parameters) check_bounds(parameters.path(name), parameter);
 }
 
@@ -69,7 +70,7 @@ void CaseReader::check_parameters(const Section& section) {
   try {
     infos = checks_.parameters_of(case_.material);
   } catch (const InputError& error) {
-    for (const auto& one : error.mistakes()) mistakes_.push_back({document_.line("material"), one});
+    for (const auto& one : error.mistakes()) mistake(one.place, one.found, one.allowed);  // its place is a key
     return;
   }
   std::vector<std::string> names;

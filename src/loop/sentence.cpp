@@ -55,7 +55,8 @@ std::string bounds(const Experiment& experiment, const Model& declared, const Mo
 
 std::string verdict_in_words(const Experiment& experiment, const Report& report) {
   const Model &before = report.declared, &after = report.final;
-  const std::string change = fmt::format("Held-out error {:.2f} -> {:.2f} (null {:.2f}).", before.misfit.held_out, after.misfit.held_out, after.misfit.null_held_out);
+  const bool is_held_out = std::any_of(report.held_out.begin(), report.held_out.end(), [](char out) { return out != 0; });
+  const std::string change = !is_held_out ? "Nothing was held out that would check it." : fmt::format("Held-out error {:.2f} -> {:.2f} (null {:.2f}).", before.misfit.held_out, after.misfit.held_out, after.misfit.null_held_out);
   const auto candidate = [&](int k) -> const Candidate& { return experiment.candidates()[static_cast<std::size_t>(k)]; };
   std::string by_chance;
   for (std::size_t i = 0; i < after.others.size(); ++i)

@@ -128,6 +128,12 @@ def main(program):
         by_clock = json.loads((folder / "by_clock/result.json").read_text())["parameters"]
         apart = max(abs(by_clock[name]["value"] / result[name]["value"] - 1) for name in TRUTH)
         require(apart < 1e-7, f"by the clock of the testing machine: parameters {apart:.1e} apart")
+        # Ten times as thick: E is a tenth of what it was declared to be.
+        case = case_of(folder, "thick", "displacement_driven", last)
+        case.write_text(case.read_text().replace(f"thickness: {THICKNESS}", f"thickness: {10 * THICKNESS}"))
+        run(program, "identify", case)
+        doubts = json.loads((folder / "thick/result.json").read_text())["doubts"]
+        require(any("E is" in doubt and "was declared: are force, thickness," in doubt for doubt in doubts), f"a specimen declared ten times as thick is doubted: {doubts}")
         for seed in (2, 4):
             folder = pathlib.Path(made) / f"small_{seed}"
             last = make_test(folder, SMALL, seed, (7, 6))

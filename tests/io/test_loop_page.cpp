@@ -124,6 +124,14 @@ TEST(LoopPage, TheUnexplainedHasAPlaceAndATime) {
   EXPECT_THAT(page_of(all), HasSubstr("Look where it is largest: frame 8; on the surface about (1.00, 2.50) in frame 8."));
 }
 
+TEST(LoopPage, WhereNothingIsHeldOutThereIsNoErrorOfIt) {
+  json all = summary();
+  EXPECT_THAT(page_of(all), HasSubstr("χ of the held-out frames"));
+  all["held_out"] = json::array();
+  EXPECT_THAT(page_of(all), HasSubstr("Held out: nothing."));
+  EXPECT_THAT(page_of(all), Not(HasSubstr("χ of the held-out frames")));
+}
+
 TEST(LoopPage, WhereNothingIsAddedThereIsOneCurve) {
   json all = summary();
   all["verdict"] = "nothing found", all["named"] = json::array(), all["rounds"] = json::array(), all["after"] = all["before"];
