@@ -6,7 +6,9 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <array>
 #include <cerrno>
+#include <csignal>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -72,9 +74,20 @@ int said(const Communicator& world, ExitStatus status, const std::string& text) 
   return static_cast<int>(status);
 }
 
+/// The exit status once everything is printed: not 0 if that failed, unless the reader has seen enough (`| head`).
+int printed(const Communicator& world, int status) {
+  if (std::fflush(stdout) == 0) return status;
+  const bool has_reader = errno != EPIPE;
+  if (status == 0 && has_reader) status = said(world, ExitStatus::bad_input, fmt::format("standard output: {}", std::strerror(errno)));
+  [[maybe_unused]] const auto* nowhere = std::freopen("/dev/null", "w", stdout);  // PETSc writes there at its end
+  return status;
+}
+
 }  // namespace
 
 int run(int argc, char** argv) {
+  static std::array<char, 1 << 20> output;  // of all that a command prints: none is lost with what it prints
+  std::setvbuf(stdout, output.data(), _IOFBF, output.size());
   if (is_alone()) {  // needs no daemon beside it, nor a network, which take Open MPI 0.2 s each to look for
     setenv("OMPI_MCA_ess_singleton_isolated", "1", 0);
     setenv("OMPI_MCA_pml", "ob1", 0);
@@ -143,6 +156,7 @@ int run(int argc, char** argv) {
       char** petsc_values = petsc_arguments.data();
       PetscInitialize(&petsc_count, &petsc_values, nullptr, nullptr);
       PetscPushErrorHandler(PetscReturnErrorHandler, nullptr);
+      std::signal(SIGPIPE, SIG_IGN);
       start_log(world);
       note_in_log_file(fmt::format("imic3d {} {}, revision {}, {} rank{}, {:%Y-%m-%d}", program.get_subcommands().front()->get_name(), options.case_file.string(), revision(), world.size(), world.size() == 1 ? "" : "s",
                                    fmt::localtime(std::time(nullptr))));
@@ -158,13 +172,11 @@ int run(int argc, char** argv) {
       } catch (const std::exception& error) {
         status = said(world, ExitStatus::internal_error, fmt::format("internal error: {}", error.what()));
       }
-      if (std::fflush(stdout) != 0) {
-        if (status == 0) status = said(world, ExitStatus::bad_input, fmt::format("standard output: {}", std::strerror(errno)));
-        [[maybe_unused]] const auto* nowhere = std::freopen("/dev/null", "w", stdout);  // PETSc writes there at its end
-      }
+      status = printed(world, status);
       PetscPopErrorHandler();
       PetscFinalize();
     }
+    status = printed(world, status);
   }
   MPI_Finalize();
   return status;
