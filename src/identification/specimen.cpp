@@ -208,8 +208,8 @@ Specimen make_specimen(mesh::Mesh volume, const std::string& held, const std::st
   specimen.held = group(specimen.volume, held, case_place + ".held");
   specimen.loaded = group(specimen.volume, loaded, case_place + ".loaded");
 
-  // Nodes for the supports: the ends of the held edge on the front, and the middle of the loaded one. The latter, guided across the axis, keeps the specimen from turning: held at one end alone it would buckle
-  // under a quarter of the force.
+  // Nodes for the supports on the front: the middles of both ends, and a corner of the held one. The middle of the loaded end, guided across the axis, keeps the specimen from turning: held at one
+  // end alone it would buckle under a quarter of the force. Corners would yield under what a specimen in compression asks of them.
   const int across = 1 - axis;
   const double front = nodes.col(2).maxCoeff();
   const auto extreme = [&](const std::vector<int>& candidates, auto measure) {
@@ -222,7 +222,7 @@ Specimen make_specimen(mesh::Mesh volume, const std::string& held, const std::st
     return best;
   };
   const double middle = 0.5 * (nodes.col(across).maxCoeff() + nodes.col(across).minCoeff());
-  const int a = extreme(specimen.held, [&](int n) { return -nodes(n, across); });
+  const int a = extreme(specimen.held, [&](int n) { return -std::abs(nodes(n, across) - middle); });
   const int b = extreme(specimen.held, [&](int n) { return nodes(n, across); });
   const int c = extreme(specimen.loaded, [&](int n) { return -std::abs(nodes(n, across) - middle); });
 

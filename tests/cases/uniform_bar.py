@@ -41,7 +41,8 @@ output: {name}
 
 def response(strain):
     """Kirchhoff stress and logarithmic strain across."""
-    stress = numpy.minimum(TRUTH["E"] * strain, (TRUTH["S_y"] + TRUTH["H"] * strain) / (1 + TRUTH["H"] / TRUTH["E"]))
+    size = numpy.abs(strain)
+    stress = numpy.sign(strain) * numpy.minimum(TRUTH["E"] * size, (TRUTH["S_y"] + TRUTH["H"] * size) / (1 + TRUTH["H"] / TRUTH["E"]))
     elastic = stress / TRUTH["E"]
     return stress, -NU * elastic - 0.5 * (strain - elastic)
 
@@ -128,6 +129,16 @@ def main(program):
         by_clock = json.loads((folder / "by_clock/result.json").read_text())["parameters"]
         apart = max(abs(by_clock[name]["value"] / result[name]["value"] - 1) for name in TRUTH)
         require(apart < 1e-7, f"by the clock of the testing machine: parameters {apart:.1e} apart")
+        # Compression of a specimen that is shorter than it is wide: supported at a corner it turned under the forces at its ends.
+        last = make_test(folder := pathlib.Path(made) / "compressed", -SMALL, 1, (6, 10), half_length=3.0)
+        for functional in ("force_driven", "combined"):
+            run(program, "identify", case_of(folder, functional, functional, last))
+            result = json.loads((folder / functional / "result.json").read_text())
+            require("doubts" not in result, f"compressed, {functional}: nothing is doubted {result.get('doubts', '')}")
+            result = result["parameters"]
+            for parameter, percent in (("E", 2.0), ("S_y", 0.2), ("H", 2.0)):
+                off, deviation = result[parameter]["value"] / TRUTH[parameter] - 1, result[parameter]["standard_deviation"] / TRUTH[parameter]
+                require(abs(off) < percent / 100, f"compressed, {functional}: {parameter} {100 * off:+.2f} % off (standard deviation {100 * deviation:.2f})")
         # Ten times as thick: E is a tenth of what it was declared to be.
         case = case_of(folder, "thick", "displacement_driven", last)
         case.write_text(case.read_text().replace(f"thickness: {THICKNESS}", f"thickness: {10 * THICKNESS}"))
