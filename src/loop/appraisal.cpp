@@ -27,6 +27,12 @@ Eigen::MatrixXd stacked(const Eigen::MatrixXd& above, const Eigen::MatrixXd& bel
 /// Of a usual step of a candidate, in units of the noise: less than that is round-off.
 constexpr double no_mark = 1e-7;
 
+/// Of the square of what the free parameters leave of a mark, from which on the mark is made of noise: it moves a score by about a standard deviation.
+constexpr double share_of_noise = 0.05;
+
+/// What the sensitivities leave of these columns.
+Eigen::MatrixXd left(const Eigen::MatrixXd& sensitivity, const Eigen::MatrixXd& columns) { return columns - sensitivity * (pseudo_inverse(sensitivity) * columns); }
+
 std::string why_without(const Mark& mark, double step) {
   if (mark.failed > 0) return "the model could not be computed with it";
   return mark.columns.norm() * step < no_mark ? "it changes nothing that was measured" : "it changes nothing in the frames that are fitted";
@@ -242,9 +248,7 @@ void Appraisal::trace(Model& model) const {
 /// Columns of which the free parameters leave little else than what the noise of the ends makes of them: the residual holds the model's answer to that noise, too, and they would be found in it. That is told
 /// by a pair of opposite draws, of candidates about the limit and somewhat beyond it; [candidate, column] of each.
 std::vector<std::pair<std::size_t, Eigen::Index>> Appraisal::made_of_noise(const std::vector<int>& kept, const ScoreProblem& problem, const Model& model) const {
-  constexpr double share = 0.05;  // of the square of what is left: it moves a score by about a standard deviation
   constexpr double from = 0.8, to = 3.0;  // of the limit: columns that are noise alone were found at 3.5 to 7 standard deviations
-  const auto left = [&](const Eigen::MatrixXd& sensitivity, const Eigen::MatrixXd& columns) -> Eigen::MatrixXd { return columns - sensitivity * (pseudo_inverse(sensitivity) * columns); };
   std::vector<std::size_t> suspects;
   std::vector<Eigen::MatrixXd> own;
   for (std::size_t i = 0; i < kept.size(); ++i) {
@@ -265,9 +269,30 @@ std::vector<std::pair<std::size_t, Eigen::Index>> Appraisal::made_of_noise(const
   for (std::size_t s = 0; s < suspects.size(); ++s) {
     const Eigen::MatrixXd by_noise = 0.5 * (left(S_up, fitted(up->columns[s])) - left(S_down, fitted(down->columns[s])));
     for (Eigen::Index c = 0; c < by_noise.cols(); ++c)
-      if (by_noise.col(c).squaredNorm() > share * own[s].col(c).squaredNorm()) found.emplace_back(suspects[s], c);
+      if (by_noise.col(c).squaredNorm() > share_of_noise * own[s].col(c).squaredNorm()) found.emplace_back(suspects[s], c);
   }
   return found;
+}
+
+std::vector<int> Appraisal::made_of_noise(const Model& model, const std::vector<int>& sizes) const {
+  const auto& free = model.fit.free;
+  const auto disturbed = [&](double times) { return disturbed_marks(experiment_, model.ground->weight, model.fit.values, {}, free, times); };
+  const auto up = disturbed(1.0), down = disturbed(-1.0);
+  if (!up || !down) return {};
+  const Known prior = known(model);
+  const auto with_known = [&](const Eigen::MatrixXd& sensitivity) -> Eigen::MatrixXd { return stacked(sensitivity(rows_, Eigen::all), prior.sensitivity); };
+  const Eigen::MatrixXd S = with_known(model.fit.sensitivity), S_up = with_known(up->sensitivity), S_down = with_known(down->sensitivity);
+  std::vector<int> noisy;
+  for (int j : sizes) {
+    const auto own = std::find(free.begin(), free.end(), j) - free.begin();
+    std::vector<Eigen::Index> others;
+    for (Eigen::Index i = 0; i < std::ssize(free); ++i)
+      if (i != own) others.push_back(i);
+    const auto left_of = [&](const Eigen::MatrixXd& all) -> Eigen::MatrixXd { return left(all(Eigen::all, others), all.col(own)); };
+    const Eigen::MatrixXd by_noise = 0.5 * (left_of(S_up) - left_of(S_down));
+    if (by_noise.squaredNorm() > share_of_noise * left_of(S).squaredNorm()) noisy.push_back(j);
+  }
+  return noisy;
 }
 
 /// Whether a candidate is in the model, or of a parameter that is free already.

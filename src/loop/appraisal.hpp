@@ -27,6 +27,8 @@ class Appraisal {
   void trace(Model& model) const;
   /// Draws of the null less what the free parameters, fitted to them, explain [N x draws].
   [[nodiscard]] Eigen::MatrixXd left_of_null(const Model& model) const;
+  /// Those of these free parameters of which the others leave little but what the noise of the ends makes of them. Collective.
+  [[nodiscard]] std::vector<int> made_of_noise(const Model& model, const std::vector<int>& sizes) const;
   /// What chi^2 of the fitted frames drops by from one model to another, both in the weights of the first.
   [[nodiscard]] double drop(const Model& from, const Model& to) const;
 

@@ -106,13 +106,13 @@ class Loop {
     if (say_) say_(line);
   }
 
-  std::vector<int> free_of(const std::vector<int>& added) const {
+  std::vector<int> free_of(const std::vector<int>& added, const std::vector<int>& idle = {}) const {
     std::vector<int> free;
     for (std::size_t j = 0; j < experiment_.parameters().size(); ++j)
       if (experiment_.parameters()[j].free) free.push_back(static_cast<int>(j));
     for (int k : added)
       for (int j : candidate(k).parameters)
-        if (std::find(free.begin(), free.end(), j) == free.end()) free.push_back(j);
+        if (std::find(free.begin(), free.end(), j) == free.end() && std::find(idle.begin(), idle.end(), j) == idle.end()) free.push_back(j);
     return free;
   }
 
@@ -175,10 +175,10 @@ class Loop {
 
   /// Identifies a model from `start`. What acts somewhere stays there, and has its size alone, unless setting it free takes more off chi^2 than chance would (10 a number): of a moment between
   /// two frames that are fitted these say no more, and it would go astray.
-  Fit identified(const Weight& weight, const std::vector<int>& added, const std::vector<double>& start) const {
-    const std::vector<int> free = free_of(added);
+  Fit identified(const Weight& weight, const Model& model, const std::vector<double>& start) const {
+    const std::vector<int> free = free_of(model.added, model.idle);
     std::vector<int> held = free;
-    for (int k : added)
+    for (int k : model.added)
       if (!candidate(k).elsewhere.empty()) std::erase_if(held, [&](int j) { return experiment_.parameters()[static_cast<std::size_t>(j)].info.shape && std::count(candidate(k).parameters.begin(), candidate(k).parameters.end(), j) > 0; });
     if (held.size() == free.size()) return fit(experiment_, weight, rows_, free, start);
     const Fit there = fit(experiment_, weight, rows_, held, start);
@@ -194,10 +194,10 @@ class Loop {
     experiment_.learn_bias(model.fit.values);
     const Weight weight = model.ground->weight;
     const std::vector<double> at = model.fit.values;
-    model.fit = identified(weight, model.added, at);
+    model.fit = identified(weight, model, at);
     if (moved_far(at, model.fit)) experiment_.learn_bias(model.fit.values);
     model.ground = ground_of(experiment_, model.fit.values, options_.draws);
-    model.fit = identified(model.ground->weight, model.added, model.fit.values);
+    model.fit = identified(model.ground->weight, model, model.fit.values);
   }
 
   void announce(const Model& model, const std::string& what) const {
@@ -341,13 +341,13 @@ class Loop {
     trial.model.ground = at.ground;
     trial.candidate = at.others[i];
     trial.visible = visible;
-    trial.model.added = at.added;
+    trial.model.added = at.added, trial.model.idle = at.idle;
     trial.model.added.push_back(trial.candidate);
     const bool several_ways = shaped(trial.candidate) || from_afar(at, trial.candidate), somewhere = !candidate(trial.candidate).elsewhere.empty();
     bool fitted = false;
     for (const auto& start : starts_of(at, i)) {
       try {
-        Fit one = identified(at.ground->weight, trial.model.added, start);
+        Fit one = identified(at.ground->weight, trial.model, start);
         if (!fitted || cost(one, somewhere) < cost(trial.model.fit, somewhere)) trial.model.fit = std::move(one);
         fitted = true;
         const bool down_to_noise = chi(trial.model.fit) < at.misfit.null_fitted && !(somewhere && chi_held_out(trial.model.fit) > at.misfit.null_held_out);
@@ -372,18 +372,68 @@ class Loop {
         say(fmt::format("    with {}: {}", candidate(trial.candidate).name, error.what()));
       }
     }
+    judge_trial(trial, at);
+    while (trial.sufficient)
+      if (!leave_out_untold(trial, at)) break;
+    if (!trial.plausible) say("    not plausible: " + trial.objection);
+    if (trial.sufficient && trial.plausible) round.set.push_back(trial.candidate);
+    round.trials.push_back(std::move(trial));
+  }
+
+  void judge_trial(Trial& trial, const Model& at) {
     try {
       appraisal_.judge(trial.model);
       judge(trial, at);
       announce(trial.model, "with " + candidate(trial.candidate).name);
     } catch (const ConvergenceError& error) {
       trial.model.others.clear();  // without scores
-      trial.plausible = false;
+      trial.sufficient = trial.plausible = false;
       trial.objection = error.what();
     }
-    if (!trial.plausible) say("    not plausible: " + trial.objection);
-    if (trial.sufficient && trial.plausible) round.set.push_back(trial.candidate);
-    round.trials.push_back(std::move(trial));
+  }
+
+  /// Of an effect that suffices one of the sizes that the data do not tell beside its others goes to its null value, if the effect suffices and is plausible then. A uniform tension tells R_33 and dilatancy by
+  /// the width; R_22 and friction are the yield stress by another name there, and would take it anywhere.
+  bool leave_out_untold(Trial& trial, const Model& at) {
+    for (const int j : untold_sizes(trial)) {
+      const auto& info = experiment_.parameters()[static_cast<std::size_t>(j)].info;
+      Trial less;
+      less.candidate = trial.candidate, less.visible = trial.visible;
+      less.model.added = trial.model.added, less.model.idle = trial.model.idle, less.model.ground = trial.model.ground;
+      less.model.idle.push_back(j);
+      std::vector<double> start = trial.model.fit.values;
+      start[static_cast<std::size_t>(j)] = info.null_value.value_or(0.0);
+      say(fmt::format("    without {}, which is not told", info.name));
+      try {
+        less.model.fit = identified(less.model.ground->weight, less.model, start);
+        judge_trial(less, at);
+      } catch (const ConvergenceError& error) {
+        say(fmt::format("    without {}: {}", info.name, error.what()));
+        continue;
+      }
+      if (!less.sufficient || !less.plausible) continue;
+      trial = std::move(less);
+      return true;
+    }
+    return false;
+  }
+
+  /// Sizes that have run to a bound, else those of which the other free parameters leave little but what the noise of the ends makes of them; those nearest to their null values first, in standard deviations.
+  std::vector<int> untold_sizes(const Trial& trial) const {
+    const Model& model = trial.model;
+    const auto& parameters = experiment_.parameters();
+    std::vector<int> sizes, untold;
+    for (int j : candidate(trial.candidate).parameters)
+      if (!parameters[static_cast<std::size_t>(j)].info.shape && std::count(model.fit.free.begin(), model.fit.free.end(), j) > 0) sizes.push_back(j);
+    if (sizes.size() < 2 || !candidate(trial.candidate).elsewhere.empty()) return {};
+    std::copy_if(sizes.begin(), sizes.end(), std::back_inserter(untold), [&](int j) { return on_bound(parameters[static_cast<std::size_t>(j)], model.fit.values[static_cast<std::size_t>(j)]); });
+    if (untold.empty()) untold = appraisal_.made_of_noise(model, sizes);
+    const auto told = [&](int j) {
+      const auto place = std::find(model.fit.free.begin(), model.fit.free.end(), j) - model.fit.free.begin();
+      return std::abs(model.fit.values[static_cast<std::size_t>(j)] - parameters[static_cast<std::size_t>(j)].info.null_value.value_or(0.0)) / std::sqrt(std::max(model.covariance(place, place), 1e-300));
+    };
+    std::stable_sort(untold.begin(), untold.end(), [&](int a, int b) { return told(a) < told(b); });
+    return untold;
   }
 
   /// An effect that helped before another one sufficed may be needed no more: what is left without it tells.
@@ -394,10 +444,11 @@ class Loop {
       without.ground = at.ground;
       without.added = at.added;
       without.added.erase(without.added.begin() + static_cast<std::ptrdiff_t>(i));
+      std::copy_if(at.idle.begin(), at.idle.end(), std::back_inserter(without.idle), [&](int j) { return std::count(candidate(needless).parameters.begin(), candidate(needless).parameters.end(), j) == 0; });
       std::vector<double> start = at.fit.values;
       for (int j : candidate(needless).parameters) start[static_cast<std::size_t>(j)] = experiment_.parameters()[static_cast<std::size_t>(j)].value;
       try {
-        without.fit = identified(at.ground->weight, without.added, start);
+        without.fit = identified(at.ground->weight, without, start);
         appraisal_.judge(without);
       } catch (const ConvergenceError& error) {
         say(fmt::format("without {}: {}", candidate(needless).name, error.what()));
@@ -460,8 +511,9 @@ class Loop {
     // Blocks of frames must agree about the size: each third's own estimate, from the linearised model.
     const auto& its = candidate(trial.candidate).parameters;
     std::vector<Eigen::Index> columns;
+    std::vector<int> told;
     for (int j : its)
-      columns.push_back(std::find(model.fit.free.begin(), model.fit.free.end(), j) - model.fit.free.begin());
+      if (const auto place = std::find(model.fit.free.begin(), model.fit.free.end(), j); place != model.fit.free.end()) told.push_back(j), columns.push_back(place - model.fit.free.begin());
     const Eigen::MatrixXd J = model.fit.sensitivity(rows_, Eigen::all);
     const Eigen::VectorXd r = model.fit.residual(rows_);
     const Eigen::MatrixXd R = model.ground->null(rows_, Eigen::all);
@@ -475,7 +527,7 @@ class Loop {
       // The block's own wish for the effect, the other parameters held: s^T r/s^T s.
       for (std::size_t i = 0; i < columns.size(); ++i) {
         const Eigen::Index c = columns[i];
-        const auto j = static_cast<std::size_t>(its[i]);
+        const auto j = static_cast<std::size_t>(told[i]);
         const Eigen::VectorXd s = J.col(c)(rows);
         const double s2 = s.squaredNorm();
         if (s2 < 0.02 * J.col(c).squaredNorm()) continue;

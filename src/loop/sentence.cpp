@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <sstream>
 
 #include "appraisal.hpp"
 
@@ -63,7 +64,14 @@ std::string verdict_in_words(const Experiment& experiment, const Report& report)
     if (after.scores.candidates[i].contradicted) by_chance += (by_chance.empty() ? " Beyond the limit, but not so in what was held out: " : ", ") + candidate(after.others[i]).name;
   if (!by_chance.empty()) by_chance += ".";
   if (report.verdict == Verdict::nothing_found) return fmt::format("Nothing is missing that this test could show (chi {:.2f}, null up to {:.2f}).{}", before.misfit.fitted, before.misfit.null_fitted, by_chance);
-  std::string text = fmt::format("Something is missing (chi {:.2f}, null up to {:.2f}). ", before.misfit.fitted, before.misfit.null_fitted);
+  std::string by_score;  // where the residual as a whole is no larger than noise makes it
+  if (!omnibus_significant(before)) {
+    std::size_t largest = before.others.size();
+    for (std::size_t i = 0; i < before.others.size(); ++i)
+      if (stands_out(before, before.scores.candidates[i]) && (largest == before.others.size() || before.scores.candidates[i].z > before.scores.candidates[largest].z)) largest = i;
+    if (largest < before.others.size()) by_score = fmt::format("; one score of {} tells, that of {}: {:.1f}, noise alone up to {:.1f}", before.others.size(), candidate(before.others[largest]).name, before.scores.candidates[largest].z, before.scores.threshold);
+  }
+  std::string text = fmt::format("Something is missing (chi {:.2f}, null up to {:.2f}{}). ", before.misfit.fitted, before.misfit.null_fitted, by_score);
   const auto list = [&](const std::vector<int>& which) {
     std::string all;
     for (int k : which) {
@@ -86,7 +94,9 @@ std::string verdict_in_words(const Experiment& experiment, const Report& report)
     std::vector<std::string> names, separators;
     for (int k : report.set) {
       names.push_back(candidate(k).name);
-      if (const auto& one = candidate(k).separated_by; std::find(separators.begin(), separators.end(), one) == separators.end()) separators.push_back(one);
+      std::istringstream all(candidate(k).separated_by);
+      for (std::string one; std::getline(all >> std::ws, one, ';');)
+        if (std::find(separators.begin(), separators.end(), one) == separators.end()) separators.push_back(one);
     }
     const std::vector<int> sure(report.named.begin(), report.named.end() - 1);
     text += sure.empty() ? "It is one of: " : "It takes " + list(sure) + ", and one of: ";
