@@ -92,6 +92,14 @@ class Curves final : public Experiment {
     return *this;
   }
 
+  /// The same mark is that of a second size of an effect.
+  Curves& with_size_of_noise(int effect, unsigned seed, double largest) {
+    with_mark_of_noise(seed);
+    candidates_.pop_back();
+    candidates_[static_cast<std::size_t>(effect)].parameters.push_back(static_cast<int>(answer_));
+    return limit(answer_, -largest, largest);
+  }
+
   /// The drift that is measured in the held-out frames, too, is none of the model's there.
   Curves& without_drift_when_held_out() {
     drift_when_held_out_ = false;

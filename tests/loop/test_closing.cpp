@@ -141,6 +141,24 @@ TEST(Closing, WhatTheNoiseMakesOfAMarkIsNotFound) {
   EXPECT_EQ(right.named, std::vector<int>{Curves::drift}) << right.sentence;
 }
 
+/// A second size of which the test shows what noise makes of it alone, or that runs to its bound for it, is no reason to refuse the effect: it goes back to its null value.
+TEST(Closing, ASizeThatIsNotToldStaysAtItsNullValue) {
+  for (const double largest : {0.1, 100.0}) {
+    Curves experiment = Curves(1, {{Curves::drift, 3.0}}).with_size_of_noise(Curves::drift, 1, largest);
+    experiment.knows_disturbance = largest > 1.0;
+    const int second = experiment.candidates()[Curves::drift].parameters.back();
+    const Report report = close_loop(experiment, usual);
+    EXPECT_EQ(report.named, std::vector<int>{Curves::drift}) << report.sentence;
+    EXPECT_EQ(report.final.idle, std::vector<int>{second}) << largest;
+    EXPECT_EQ(report.final.fit.values[static_cast<std::size_t>(second)], 0.0);
+    EXPECT_EQ(std::count(report.final.fit.free.begin(), report.final.fit.free.end(), second), 0);
+    EXPECT_NEAR(report.final.fit.values[2 + Curves::drift], 3.0, 1.0);
+  }
+  Curves unaware = Curves(1, {{Curves::drift, 3.0}}).with_size_of_noise(Curves::drift, 1, 100.0);
+  unaware.knows_disturbance = false;
+  EXPECT_TRUE(close_loop(unaware, usual).final.idle.empty());
+}
+
 /// The noise of few draws makes the limit, not the rate: with 30 draws as with 200.
 TEST(Closing, FewDrawsRaiseNoMoreAlarms) {
   int alarms = 0;
