@@ -27,8 +27,8 @@ Eigen::MatrixXd stacked(const Eigen::MatrixXd& above, const Eigen::MatrixXd& bel
 /// Of a usual step of a candidate, in units of the noise: less than that is round-off.
 constexpr double no_mark = 1e-7;
 
-/// Of the square of what the free parameters leave of a mark, from which on the mark is made of noise: it moves a score by about a standard deviation.
-constexpr double share_of_noise = 0.05;
+/// Whether what is left of a mark is what the noise of the ends makes of it, told by opposite draws of that: a twentieth of its square moves a score by about a standard deviation.
+bool is_noise(const Eigen::VectorXd& own, const Eigen::VectorXd& up, const Eigen::VectorXd& down) { return 0.25 * (up - down).squaredNorm() > 0.05 * own.squaredNorm(); }
 
 /// What the sensitivities leave of these columns.
 Eigen::MatrixXd left(const Eigen::MatrixXd& sensitivity, const Eigen::MatrixXd& columns) { return columns - sensitivity * (pseudo_inverse(sensitivity) * columns); }
@@ -267,9 +267,9 @@ std::vector<std::pair<std::size_t, Eigen::Index>> Appraisal::made_of_noise(const
   const auto with_known = [&](const Eigen::MatrixXd& sensitivity) -> Eigen::MatrixXd { return stacked(sensitivity(rows_, Eigen::all), problem.sensitivity.bottomRows(problem.known)); };
   const Eigen::MatrixXd S_up = with_known(up->sensitivity), S_down = with_known(down->sensitivity);
   for (std::size_t s = 0; s < suspects.size(); ++s) {
-    const Eigen::MatrixXd by_noise = 0.5 * (left(S_up, fitted(up->columns[s])) - left(S_down, fitted(down->columns[s])));
-    for (Eigen::Index c = 0; c < by_noise.cols(); ++c)
-      if (by_noise.col(c).squaredNorm() > share_of_noise * own[s].col(c).squaredNorm()) found.emplace_back(suspects[s], c);
+    const Eigen::MatrixXd left_up = left(S_up, fitted(up->columns[s])), left_down = left(S_down, fitted(down->columns[s]));
+    for (Eigen::Index c = 0; c < left_up.cols(); ++c)
+      if (is_noise(own[s].col(c), left_up.col(c), left_down.col(c))) found.emplace_back(suspects[s], c);
   }
   return found;
 }
@@ -288,9 +288,8 @@ std::vector<int> Appraisal::made_of_noise(const Model& model, const std::vector<
     std::vector<Eigen::Index> others;
     for (Eigen::Index i = 0; i < std::ssize(free); ++i)
       if (i != own) others.push_back(i);
-    const auto left_of = [&](const Eigen::MatrixXd& all) -> Eigen::MatrixXd { return left(all(Eigen::all, others), all.col(own)); };
-    const Eigen::MatrixXd by_noise = 0.5 * (left_of(S_up) - left_of(S_down));
-    if (by_noise.squaredNorm() > share_of_noise * left_of(S).squaredNorm()) noisy.push_back(j);
+    const auto left_of = [&](const Eigen::MatrixXd& all) -> Eigen::VectorXd { return left(all(Eigen::all, others), all.col(own)); };
+    if (is_noise(left_of(S), left_of(S_up), left_of(S_down))) noisy.push_back(j);
   }
   return noisy;
 }

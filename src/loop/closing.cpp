@@ -511,9 +511,8 @@ class Loop {
     // Blocks of frames must agree about the size: each third's own estimate, from the linearised model.
     const auto& its = candidate(trial.candidate).parameters;
     std::vector<Eigen::Index> columns;
-    std::vector<int> told;
     for (int j : its)
-      if (const auto place = std::find(model.fit.free.begin(), model.fit.free.end(), j); place != model.fit.free.end()) told.push_back(j), columns.push_back(place - model.fit.free.begin());
+      if (const auto place = std::find(model.fit.free.begin(), model.fit.free.end(), j); place != model.fit.free.end()) columns.push_back(place - model.fit.free.begin());
     const Eigen::MatrixXd J = model.fit.sensitivity(rows_, Eigen::all);
     const Eigen::VectorXd r = model.fit.residual(rows_);
     const Eigen::MatrixXd R = model.ground->null(rows_, Eigen::all);
@@ -525,9 +524,8 @@ class Loop {
         if (3 * experiment_.data()[static_cast<std::size_t>(rows_[i])].frame / frames_ == block) rows.push_back(static_cast<Eigen::Index>(i));
       if (rows.size() < static_cast<std::size_t>(J.cols()) + 1) continue;
       // The block's own wish for the effect, the other parameters held: s^T r/s^T s.
-      for (std::size_t i = 0; i < columns.size(); ++i) {
-        const Eigen::Index c = columns[i];
-        const auto j = static_cast<std::size_t>(told[i]);
+      for (const Eigen::Index c : columns) {
+        const auto j = static_cast<std::size_t>(model.fit.free[static_cast<std::size_t>(c)]);
         const Eigen::VectorXd s = J.col(c)(rows);
         const double s2 = s.squaredNorm();
         if (s2 < 0.02 * J.col(c).squaredNorm()) continue;

@@ -34,7 +34,7 @@ class Curves final : public Experiment {
     const Link links[] = {Link::camera, Link::material, Link::geometry, Link::material, Link::record, Link::camera, Link::record};
     for (int k = 0; k < 7; ++k) {
       add(names[k], 0.0, -100.0, 100.0, 0.0);
-      candidates_.push_back({.name = names[k], .link = links[k], .parameters = {2 + k}, .sentence = names[k], .confused_with = "", .separated_by = "another test", .after = {}});
+      candidates_.push_back({.name = names[k], .link = links[k], .parameters = {2 + k}, .sentence = names[k], .confused_with = "", .separated_by = k == twin ? "a ruler; another test" : "another test", .after = {}});
     }
     for (int t = 0; t < frames; ++t) {
       for (int k = 0; k < numbers; ++k) data_.push_back({t, 0});

@@ -10,6 +10,7 @@
 #include <random>
 #include <utility>
 
+#include "../../src/loop/sentence.hpp"
 #include "curves.hpp"
 #include "imic3d/core/error.hpp"
 #include "imic3d/core/linear.hpp"
@@ -202,6 +203,22 @@ TEST(Closing, WhatCouldNotBeTestedSaysWhy) {
   EXPECT_EQ(report.invisible, std::vector<int>{Curves::gain});
 }
 
+TEST(Closing, AScoreThatTellsAloneIsSaid) {
+  const auto sentence = [](double size) { return loop_on(Curves(1, {{Curves::drift, size}})).sentence; };
+  EXPECT_NE(sentence(0.75).find("; one score of "), std::string::npos) << sentence(0.75);
+  EXPECT_NE(sentence(0.75).find(" tells, that of "), std::string::npos) << sentence(0.75);
+  EXPECT_EQ(sentence(6.0).find("; one score of "), std::string::npos) << sentence(6.0);
+}
+
+TEST(Closing, WhereNothingWasHeldOutTheSentenceSaysSo) {
+  Curves experiment(1, {{Curves::drift, 6.0}});
+  Report report = close_loop(experiment, usual);
+  EXPECT_NE(report.sentence.find("Held-out error "), std::string::npos) << report.sentence;
+  std::fill(report.held_out.begin(), report.held_out.end(), 0);
+  EXPECT_EQ(sentence_of(experiment, report).find("Held-out error "), std::string::npos);
+  EXPECT_NE(sentence_of(experiment, report).find("Nothing was held out that would check it."), std::string::npos);
+}
+
 TEST(Closing, ATrialSaysWhatItAchieved) {
   const Report report = loop_on(Curves(1, {{Curves::drift, 4.0}}));
   ASSERT_EQ(report.rounds.size(), 1U);
@@ -278,7 +295,7 @@ TEST(Closing, TwinsAreAmbiguous) {
   const Report report = loop_on(Curves(3, {{Curves::twin_again, 12.0}}));
   EXPECT_EQ(report.verdict, Verdict::ambiguous) << report.sentence;
   EXPECT_EQ(report.set, (std::vector<int>{Curves::twin, Curves::twin_again}));  // geometry before material
-  EXPECT_NE(report.sentence.find("What would: another test. "), std::string::npos) << report.sentence;  // said once
+  EXPECT_NE(report.sentence.find("What would: a ruler; another test. "), std::string::npos) << report.sentence;  // each once
 }
 
 TEST(Closing, TheInvisibleIsListedAndNotNamed) {
