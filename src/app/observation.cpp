@@ -327,13 +327,13 @@ identification::Record make_record(Observation& observation, const io::Case& tes
     for (std::size_t k = 0; k < observation.faces.size(); ++k) {
       const Face& face = specimen.faces[k];
       auto& seen = observation.faces[k];
-      seen.driving_cut_off = correlation::cut_offs_of_least_error(measure_of(seen), record.driving.middleRows(face.first_unknown, face.unknowns()), nodes_of_ends(specimen, face),
-                                                                  noise_of_pair(observation, seen), longest);
+      seen.driving_cut_off = correlation::undersmoothed(
+          correlation::cut_offs_of_least_error(measure_of(seen), record.driving.middleRows(face.first_unknown, face.unknowns()), nodes_of_ends(specimen, face), noise_of_pair(observation, seen), longest), longest);
       cut_offs.insert(cut_offs.end(), seen.driving_cut_off.begin(), seen.driving_cut_off.end());
     }
     record.driving = driving_displacement(observation, record.driving);
     std::sort(cut_offs.begin(), cut_offs.end());
-    spdlog::info("the ends' displacement is smoothed over {:.3g} to {:.3g} {}, with the least error that noise and measured displacement let expect", cut_offs.front(),
+    spdlog::info("the ends' displacement is smoothed over {:.3g} to {:.3g} {}, by sqrt(2) less than has the least error that noise and measured displacement let expect, but for the longest", cut_offs.front(),
                  cut_offs.back(), test.units.length);
   }
   record.driving = identification::without_leaning(specimen, std::move(record.driving));

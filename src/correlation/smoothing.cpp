@@ -151,4 +151,10 @@ std::vector<double> cut_offs_of_least_error(const Measure& measure, const Eigen:
   return chosen;
 }
 
+std::vector<double> undersmoothed(std::vector<double> cut_offs, double longest) {
+  for (double& cut_off : cut_offs)
+    if (cut_off < 0.99 * longest) cut_off /= std::sqrt(2.0);
+  return cut_offs;
+}
+
 }  // namespace imic3d::correlation

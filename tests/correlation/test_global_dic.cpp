@@ -201,6 +201,20 @@ TEST(Smoothing, CutOffsAreThoseOfLeastError) {
   EXPECT_LT(test.square_error(smooth(test.measure, noise, cut_offs_of_least_error(test.measure, noise, test.nodes, test.sigma, 60.0)), Eigen::VectorXd::Zero(noise.rows())), 0.3 * test.square_error(noise, Eigen::VectorXd::Zero(noise.rows())));
 }
 
+/// What smoothing bends of a curve falls by more than the noise that it leaves grows.
+TEST(Smoothing, AStepShorterBendsHalfAsMuch) {
+  const Smoothed test;
+  const Eigen::VectorXd curved = test.field([](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.0, 0.5 * std::sin(0.16 * x.x())); }), zero = Eigen::VectorXd::Zero(curved.size());
+  const Eigen::MatrixXd noise = noise_draws(test.measure, test.sigma, 100);
+  const auto least = cut_offs_of_least_error(test.measure, noise.colwise() + curved, test.nodes, test.sigma, 60.0), shorter = undersmoothed(least, 60.0);
+  const auto bent = [&](const std::vector<double>& cut_offs) { return test.square_error(smooth(test.measure, curved.replicate(1, 100), cut_offs), curved); };
+  const auto left = [&](const std::vector<double>& cut_offs) { return test.square_error(smooth(test.measure, noise, cut_offs), zero); };
+  std::cout << "[          ] bent " << std::sqrt(bent(least) / bent(shorter)) << " times less, noise " << std::sqrt(left(shorter) / left(least)) << " times as large, bent over noise " << std::sqrt(bent(least) / left(least)) << " -> " << std::sqrt(bent(shorter) / left(shorter)) << '\n';
+  EXPECT_LT(bent(shorter), 0.25 * bent(least));
+  EXPECT_LT(left(shorter), 2.0 * left(least));
+  EXPECT_EQ(undersmoothed({60.0, 30.0, 0.0}, 60.0), (std::vector<double>{60.0, 30.0 / std::sqrt(2.0), 0.0}));
+}
+
 /// A node of the ends that is hardly seen has most of the noise: it must not decide for the others.
 TEST(Smoothing, ANodeThatIsHardlySeenDoesNotOutweighTheOthers) {
   Smoothed test;
