@@ -411,6 +411,21 @@ double reaction_noise(Communicator world, ForwardModel& model, const Eigen::Matr
   return std::sqrt(resultants.squaredNorm() / static_cast<double>(driving.cols()));
 }
 
+namespace {
+/// Whether `step` takes back most of the step before: where a point begins to yield the residual has a kink, and steps from one side to the other lead to where they came from.
+bool turns_back(const Eigen::VectorXd& step, const StagePoint& at, const Stage& stage) {
+  const auto count = at.iterates.size();
+  if (count < 2) return false;
+  Eigen::VectorXd last(step.size());
+  for (Eigen::Index j = 0; j < step.size(); ++j) {
+    const auto k = static_cast<std::size_t>(stage.free[static_cast<std::size_t>(j)]);
+    last[j] = at.iterates[count - 1].parameters[k] - at.iterates[count - 2].parameters[k];
+  }
+  const Eigen::VectorXd weighed = at.normal.matrix * last;
+  return step.dot(weighed) < -0.5 * last.dot(weighed);
+}
+}  // namespace
+
 StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageData& images,
                          const std::vector<ParameterInfo>& information, const Stage& stage,
                          const GaussNewtonOptions& options, std::vector<double>& parameters,
@@ -450,6 +465,7 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
   const auto may_go_on = [&] { return steps_taken(at.iterates) < options.max_iterations; };
   const auto iterate = [&] {
     Eigen::VectorXd step = step_within_bounds(at.normal.matrix, at.normal.right, parameters, information, stage, options);  // Eq. (10)
+    if (turns_back(step, at, stage)) step *= 0.5;
     const double before = at.iterates.back().cost;
     const int frames_before = at.iterates.back().frames;
     double eta = 0.0;

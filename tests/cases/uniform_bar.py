@@ -143,6 +143,13 @@ def main(program):
         by_clock = json.loads((folder / "by_clock/result.json").read_text())["parameters"]
         apart = max(abs(by_clock[name]["value"] / result[name]["value"] - 1) for name in TRUTH)
         require(apart < 1e-7, f"by the clock of the testing machine: parameters {apart:.1e} apart")
+        # A frame at the point where the bar begins to yield: steps from either side lead to where they came from, and ended nowhere.
+        last = make_test(folder := pathlib.Path(made) / "yielding", numpy.array([0, 0.001, 0.002, 0.003, 0.00362, 0.006, 0.01, 0.015, 0.02, 0.03, 0.04]), 1, (4, 10), half_length=2.5)
+        run(program, "identify", case_of(folder, "driven", "displacement_driven", last))
+        result = json.loads((folder / "driven/result.json").read_text())["parameters"]
+        for parameter, percent in (("E", 1.5), ("S_y", 0.2), ("H", 2.0)):
+            off, deviation = result[parameter]["value"] / TRUTH[parameter] - 1, result[parameter]["standard_deviation"] / TRUTH[parameter]
+            require(abs(off) < percent / 100, f"a frame at the yield stress, displacement_driven: {parameter} {100 * off:+.2f} % off (standard deviation {100 * deviation:.2f})")
         # Compression of a specimen that is shorter than it is wide: supported at a corner it turned under the forces at its ends.
         last = make_test(folder := pathlib.Path(made) / "compressed", -SMALL, 1, (6, 10), half_length=3.0)
         for functional in ("force_driven", "combined"):
@@ -175,6 +182,13 @@ def main(program):
         result = json.loads((folder / "askew/result.json").read_text())
         off = result["parameters"]["H"]["value"] / TRUTH["H"] - 1
         require(off > 0.1 and any("turned against the specimen" in doubt for doubt in result["doubts"]), f"a mesh that is askew by 0.3 degrees, displacement_driven: H {100 * off:+.1f} % off, which is doubted")
+        # A picture that shows no specimen is left out, and that is said wherever a result is.
+        Image.new("L", SIZE, 128).save(folder / "images/08.png")
+        for command, where in (("identify", "driven"), ("loop", "loop")):
+            run(program, command, folder / f"{where}.yaml")
+            result = json.loads((folder / where / "result.json").read_text())
+            require(any("1 of 10 frames take no part" in doubt and doubt.endswith(": 8") for doubt in result.get("doubts", [])), f"{command}: a frame that cannot be correlated is doubted: {result.get('doubts')}")
+        require("1 of 10 frames take no part, their correlation was lost or did not converge: 8." in result["sentence"], f"the loop's sentence says which frames it has not seen: {result['sentence']}")
     end()
 
 
