@@ -447,15 +447,26 @@ class Loop {
       std::copy_if(at.idle.begin(), at.idle.end(), std::back_inserter(without.idle), [&](int j) { return std::count(candidate(needless).parameters.begin(), candidate(needless).parameters.end(), j) == 0; });
       std::vector<double> start = at.fit.values;
       for (int j : candidate(needless).parameters) start[static_cast<std::size_t>(j)] = experiment_.parameters()[static_cast<std::size_t>(j)].value;
+      const auto suffices = [&] {
+        appraisal_.judge(without);
+        announce(without, "without " + candidate(needless).name);
+        return !significant(without) && without.misfit.held_out <= std::max(1.02 * at.misfit.held_out, at.misfit.null_held_out);
+      };
       try {
         without.fit = identified(at.ground->weight, without, start);
-        appraisal_.judge(without);
+        if (!suffices()) continue;
+        if (at.ground->learned) {
+          settle(without);
+          if (!suffices()) {
+            experiment_.put_back(at.ground->learned);
+            continue;
+          }
+        }
       } catch (const ConvergenceError& error) {
+        experiment_.put_back(at.ground->learned);
         say(fmt::format("without {}: {}", candidate(needless).name, error.what()));
         continue;
       }
-      announce(without, "without " + candidate(needless).name);
-      if (significant(without) || without.misfit.held_out > std::max(1.02 * at.misfit.held_out, at.misfit.null_held_out)) continue;
       say("taken out again: " + candidate(needless).name);
       if (!without.traced) appraisal_.trace(without);
       std::erase(report_.named, needless);
