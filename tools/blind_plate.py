@@ -346,7 +346,7 @@ def main():
         sys.exit("the program failed without any effect: see log.txt")
     # of the bump the step of magnification, which is the generator's
     its_size = lambda one: next((size for size in one["sizes"] if size["parameter"] in FOUND_AS.values()), one["sizes"][0])
-    detectable = {one["name"]: its_size(one)["detectable"] for one in first["before"]["candidates"]}
+    detectable = {one["name"]: size for one in first["before"]["candidates"] if (size := its_size(one)["detectable"])}
     for name, (parameter, usual, largest) in EFFECTS.items():
         if options.reduced and name not in REDUCED:
             continue

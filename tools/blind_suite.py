@@ -160,7 +160,7 @@ def main():
     for seed in range(2 if options.reduced else options.nulls):
         result = suite.trial("null", "-", "0", {}, 1000 + seed)
         if seed == 0 and result:
-            detectable = {one["name"]: one["sizes"][0]["detectable"] for one in result["before"]["candidates"]}
+            detectable = {one["name"]: size for one in result["before"]["candidates"] if (size := one["sizes"][0]["detectable"])}
             for name, (parameter, shapes, _, _) in EFFECTS.items():
                 if shapes and (not options.reduced or name in REDUCED) and (not options.only or name in options.only or {"left out", "pairs"} & set(options.only)):
                     with_it = suite.run(suite.folder / f"declared_{name}", {"declare": {name: {parameter: 0.0} | shapes}}, 1000)

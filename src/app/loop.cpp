@@ -169,9 +169,10 @@ class FieldTest final : public LoopTest {
     const LoopFields fields = loop_fields(*experiment_, report);  // collective
     const GroupTimes groups = group_times();
     app::say(groups);
+    if (seen_) test_.doubts = doubts_of(test_, *seen_);
     for (auto& doubt : unlikely_values(test_, material_, report.final.fit.values)) test_.doubts.push_back(std::move(doubt));
     collectively(world_, [&] {
-      if (world_.is_root()) write_loop_report(folder, test_, *experiment_, report, fields, light_, groups, seconds);
+      if (world_.is_root()) write_loop_report(folder, test_, *experiment_, report, fields, light_, seen_ ? seen_->left_out : "", groups, seconds);
     });
   }
 

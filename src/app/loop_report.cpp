@@ -132,7 +132,7 @@ class SigmaMaps {
 }  // namespace
 
 void write_loop_report(const std::filesystem::path& folder, const io::Case& test, const loop::FieldExperiment& experiment, const loop::Report& report,
-                       const LoopFields& fields, const nlohmann::json& light, const GroupTimes& groups, double seconds) {
+                       const LoopFields& fields, const nlohmann::json& light, const std::string& left_out, const GroupTimes& groups, double seconds) {
   nlohmann::json json = loop_summary(experiment, report);
   const auto& measured = experiment.measured();
   const auto& remainder = report.remainder;
@@ -141,8 +141,10 @@ void write_loop_report(const std::filesystem::path& folder, const io::Case& test
   json["groups"] = to_json(groups);
   json["length_unit"] = test.units.length;
   if (!test.doubts.empty()) json["doubts"] = test.doubts;
+  const std::string sentence = left_out.empty() ? report.sentence : fmt::format("{} {}.", report.sentence, left_out);
+  json["sentence"] = sentence;
   if (!light.is_null()) json["light"] = light;
-  if (!light.is_null() && light["verdict"] != "nothing found") json["sentence"] = fmt::format("{} The light: {}", report.sentence, light["sentence"].get<std::string>());
+  if (!light.is_null() && light["verdict"] != "nothing found") json["sentence"] = fmt::format("{} The light: {}", sentence, light["sentence"].get<std::string>());
   if (std::isfinite(measured.force_noise)) {
     json["load"] = {{"force", numbers(measured.force)}, {"unit", test.units.force}};
     json["force_residual"] = {{"before", numbers(fields.force_before)}, {"after", numbers(fields.force_after)}, {"null_rms", numbers(measured.force_noise * remainder.force)}, {"unit", test.units.force}};
@@ -154,7 +156,7 @@ void write_loop_report(const std::filesystem::path& folder, const io::Case& test
   for (const auto& picture : pictures) json["pictures"].push_back({{"file", picture.file.filename().string()}, {"caption", picture.caption}});
   io::write_json(folder / "result.json", json);
   io::write_loop_page(folder / "report.html", json, pictures);
-  fmt::print("\n{}\n  {}: {}\n", test.title, name(report.verdict), report.sentence);
+  fmt::print("\n{}\n  {}: {}\n", test.title, name(report.verdict), sentence);
   if (!light.is_null()) fmt::print("  light: {}: {}\n", light["verdict"].get<std::string>(), light["sentence"].get<std::string>());
   fmt::print("  {:.0f} s, {} simulations; {}\n", seconds, experiment.simulations(), (folder / "report.html").string());
 }

@@ -188,23 +188,33 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
   // A frame whose displacement is not known drives no simulation and judges none.
   std::vector<int> kept;
   std::vector<correlation::DicFrame> known;
-  std::string left_out;
+  io::Frames left_out;
   for (std::size_t t = 0; t < observation.frames.size(); ++t) {
     if (observation.frames[t].converged && !observation.frames[t].lost) {
       kept.push_back(observation.places[t]);
       known.push_back(std::move(observation.frames[t]));
     } else {
-      left_out += fmt::format(" {}", test.frames[static_cast<std::size_t>(observation.places[t])]);
+      left_out.push_back(test.frames[static_cast<std::size_t>(observation.places[t])]);
     }
   }
   const std::string small = small_elements(observation.frames);
   if (known.empty()) throw ConvergenceError(fmt::format("no frame could be correlated with the reference: the correlation of {} was lost, that of {} did not converge{}",
                                                         std::count_if(observation.frames.begin(), observation.frames.end(), [](const auto& frame) { return frame.lost; }),
                                                         std::count_if(observation.frames.begin(), observation.frames.end(), [](const auto& frame) { return !frame.lost; }), small));
-  if (!left_out.empty()) spdlog::warn("frames left out, their correlation was lost or did not converge:{}{}", left_out, small);
+  if (!left_out.empty()) {
+    observation.left_out = fmt::format("{} of {} frames take no part, their correlation was lost or did not converge: {}{}", left_out.size(), observation.frames.size(), io::to_text(left_out), small);
+    spdlog::warn("{}", observation.left_out);
+  }
   observation.places = std::move(kept);
   observation.frames = std::move(known);
   if (!observation.noise_is_measured) noise_of_best_frames(observation);
+}
+
+std::vector<std::string> doubts_of(const io::Case& test, const Observation& seen) {
+  auto doubts = test.doubts;
+  for (const auto& face : seen.faces) doubts.insert(doubts.end(), face.rig->doubts.begin(), face.rig->doubts.end());
+  if (!seen.left_out.empty()) doubts.push_back(seen.left_out);
+  return doubts;
 }
 
 namespace {

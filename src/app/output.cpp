@@ -263,8 +263,7 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
                        const std::vector<StageSummary>& stages, double force_left, double seconds, const GroupTimes& groups) {
   if (!file_) return;
   auto json = io::summary(*file_);
-  auto doubts = test_.doubts;
-  for (const auto& face : seen_.faces) doubts.insert(doubts.end(), face.rig->doubts.begin(), face.rig->doubts.end());
+  auto doubts = doubts_of(test_, seen_);
   doubts.insert(doubts.end(), doubts_.begin(), doubts_.end());
   if (auto doubt = unlikely_correlation(test_, seen_); !doubt.empty()) {
     spdlog::warn("{}", doubt);

@@ -205,7 +205,9 @@ Scores score(const ScoreProblem& problem) {
     one.size = test.size(j, sizes, z).cwiseProduct(scale);
     one.deviation = test.covariance(j, sizes).diagonal().cwiseMax(0.0).cwiseSqrt().cwiseProduct(scale);
     const double wider = detectable(result.threshold, power_deviations, one.degrees) / (result.threshold + power_deviations);
-    one.detectable = (wider * normal_as_student(result.threshold + power_deviations, freedom[j]) / unit / test.information(j).diagonal().cwiseMax(1e-300).array().sqrt()).matrix().cwiseQuotient(length.segment(first, count));
+    const Eigen::ArrayXd told = test.information(j).diagonal();  // 0: invisible
+    one.detectable = (told > 0.0).select((wider * normal_as_student(result.threshold + power_deviations, freedom[j]) / unit / told.sqrt()).matrix().cwiseQuotient(length.segment(first, count)).array(),
+                                         std::numeric_limits<double>::infinity());
     const Eigen::Index places = problem.elsewhere.empty() || sizes == 0 ? 0 : problem.elsewhere[j].cols() / sizes;
     double longest = 0.0;
     one.size_there.resize(sizes, places), one.drop_there.resize(places), one.drop_there_held_out.resize(places);

@@ -81,7 +81,7 @@ def main():
         return next((one["kappa"] for one in result["before"]["candidates"] if one["name"] == name), 0.0)
 
     def detectable(result, name):
-        return next((one["sizes"][0]["detectable"] for one in result["before"]["candidates"] if one["name"] == name), float("inf"))
+        return next((one["sizes"][0]["detectable"] for one in result["before"]["candidates"] if one["name"] == name), None) or float("inf")
 
     def within_null(result, what, factor=1.05):
         chi = result["after"]["chi"]

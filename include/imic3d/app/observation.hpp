@@ -30,10 +30,14 @@ struct Observation {
   double noise = 0.0;                ///< of one image; several cameras: 1/noise^2 is the mean of theirs [grey level]
   bool noise_is_measured = false;    ///< from static frames or given; else estimated from the residual of the DIC
   std::vector<correlation::DicFrame> frames;  ///< one per place, after `correlate`; residuals of all faces together
+  std::string left_out;              ///< after `correlate`: which frames could not be correlated, in words; empty: none
 };
 
 /// Places the cameras on the reference images and sets up the correlation of each face. Throws InputError.
 [[nodiscard]] Observation observe(const io::Case& test, const identification::Specimen& specimen);
+
+/// What is doubted of the case, of the cameras' places and of the frames that could not be correlated.
+[[nodiscard]] std::vector<std::string> doubts_of(const io::Case& test, const Observation& seen);
 
 /// How far the correlation has come, to be kept and taken up again.
 struct CorrelationProgress {

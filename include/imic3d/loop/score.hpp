@@ -43,7 +43,7 @@ struct Score {
   bool contradicted = false; ///< with its size data that were held out are explained worse: no more than chance
   Eigen::VectorXd size;      ///< estimate of its parameters - null value [k]
   Eigen::VectorXd deviation; ///< standard deviation of these under the null [k]
-  Eigen::VectorXd detectable;///< MDE: sizes that are found with 80 % probability, each alone [k], then of the size with the other shapes [columns]; a single size of one that acts somewhere: where it is seen best
+  Eigen::VectorXd detectable;///< MDE: sizes that are found with 80 % probability, each alone [k], then of the size with the other shapes [columns]; a single size of one that acts somewhere: where it is seen best; infinite: leaves no trace
   Eigen::MatrixXd size_there;///< size by its mark at each place alone, as if noise were white [k x places]
   Eigen::VectorXd drop_there, drop_there_held_out;  ///< of the residual's square by each, in what is fitted and in what is held out [places]
   Eigen::MatrixXd bias;      ///< shift of the free parameters per unit of size if it is left out [p x k]
