@@ -98,6 +98,7 @@ def main():
         require(abs(off) < 4, f"{name} {found[name]['value']:.5g} +- {found[name]['standard_deviation']:.2g}, true {truth:g}")
 
     invisible = next(one for one in result["before"]["candidates"] if one["name"] == "force gain")["sizes"][0]
+    require(invisible["detectable"] is None, f"nor would any size of it be found: {invisible['detectable']}")
     shift = invisible["shift_of_parameters_at_usual_size"]["E"]
     require(abs(invisible["usual_size"] - 0.02) < 1e-9 and abs(shift / (0.02 * found["E"]["value"]) - 1) < 0.05, f"a load cell that reads 2 % too much, which nobody sees, makes E {shift:.0f} MPa larger")
     require(any("second load cell" in one["measurement"] and "force gain" in one["for"] for one in result["next"]["measurements"]), f"what would show it is to be measured next: {result['next']}")

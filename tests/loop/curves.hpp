@@ -121,7 +121,10 @@ class Curves final : public Experiment {
     return all;
   }
   bool takes_simulations(int parameter) const override { return costly && parameter >= 2; }
-  void learn_bias(const std::vector<double>& values) override { put_back(std::make_shared<Size>(values[2 + kink])); }
+  void learn_bias(const std::vector<double>& values) override {
+    learned_at = values;
+    put_back(std::make_shared<Size>(values[2 + kink]));
+  }
   std::shared_ptr<const Learned> learned() const override { return bias_of_kink > 0.0 ? learned_ : nullptr; }
   void put_back(const std::shared_ptr<const Learned>& learned) override { learned_ = std::dynamic_pointer_cast<const Size>(learned); }
   Doubt doubt() const override {
@@ -130,6 +133,7 @@ class Curves final : public Experiment {
   }
   double doubted_each = 0.0, doubted_whole = 0.0;  // more of it, whatever there is
   bool costly = false;        // derivatives by the effects take series of their own
+  std::vector<double> learned_at;  // of which model the bias was learned last
   double bias_of_kink = 0.0;  // what the mesh errs by where there is one
   double unlike_twins = 0.2;  // the rest of gain
   bool follows = true;        // what its model is asked for

@@ -428,12 +428,15 @@ TEST(Closing, EffectsOfTheLawAreLookedForFromAfarWhereTheTestItselfDoesNotExplai
   EXPECT_GT(trials(Curves::kink), 1U);
 }
 
-/// From afar a large curved effect looks like drift, and drift is added first; once what is curved is there, nothing is left without drift.
+/// From afar a large curved effect looks like drift, and drift is added first; once what is curved is there, nothing is left without drift, nor in what the model errs by.
 TEST(Closing, AnEffectThatIsNeededNoMoreIsTakenOutAgain) {
   LoopOptions one_rival = usual;
   one_rival.rivals = 1;
   Curves experiment(5, {{Curves::curved, 2.0}}, 0.0, 5000U, 0.0, 1.5);
+  experiment.bias_of_kink = 1e-3;
   const Report report = close_loop(experiment, one_rival);
+  EXPECT_EQ(experiment.learned_at.at(2 + Curves::drift), 0.0);
+  EXPECT_NEAR(experiment.learned_at.at(2 + Curves::curved), 2.0, 0.3);
   ASSERT_EQ(report.rounds.size(), 2U) << report.sentence;
   EXPECT_EQ(report.rounds[0].trials.front().candidate, static_cast<int>(Curves::drift));
   EXPECT_EQ(report.verdict, Verdict::attributed) << report.sentence;
