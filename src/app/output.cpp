@@ -105,7 +105,8 @@ std::string unlikely_correlation(const io::Case& test, const Observation& seen) 
       }
     }
     if (const double share = shares.empty() ? 0.0 : median(shares); share > 0.5)
-      return fmt::format("{}, and {:.0f} % of what is beyond noise is a gain and an offset: the light changes, and may move the parameters by more than their standard deviations; dic.brightness (or dic.local_brightness) takes it off", much, 100.0 * std::min(share, 1.0));
+      return fmt::format("{}, and {:.0f} % of what is beyond noise is a gain and an offset: the light changes{}, and may move the parameters by more than their standard deviations; dic.brightness (or dic.local_brightness) takes that part off", much, 100.0 * std::min(share, 1.0),
+                         share < 0.8 ? ", or the focus" : "");
   }
   if (typical < unlikely_residual) return {};
   return much + fmt::format(": the standard deviations hold it as if it were noise, alike in no two frames, which it may not be. A motion that the mesh cannot follow (a finer one helps), {}, or frames that lost it",

@@ -83,6 +83,23 @@ void measure_noise(Rig& rig, std::size_t view, const correlation::PixelQuadratur
   rig.noise_is_measured[view] = at.noise > 0.0;
 }
 
+void doubt_saturation(const io::Case& test, Rig& rig, std::size_t view, const correlation::PixelQuadrature& seen) {
+  constexpr double many = 0.01;  // of a picture with noise a handful of pixels lies at either end
+  const auto& image = rig.statics[view].front();
+  std::vector<float> levels;
+  for (const auto& row : seen.rows)
+    for (int i = 0; i < row.count; ++i) levels.push_back(image(row.column + i, row.row));
+  if (levels.empty()) return;
+  const auto [low, high] = std::minmax_element(levels.begin(), levels.end());
+  for (const auto& [level, end] : {std::pair(*high, "largest"), std::pair(*low, "smallest")}) {
+    const double share = static_cast<double>(std::count(levels.begin(), levels.end(), level)) / static_cast<double>(levels.size());
+    if (share < many || share == 1.0) continue;
+    rig.doubts.push_back(fmt::format("cameras.{}: {:.2g} % of the specimen's pixels have the {} grey level of its first reference frame, {:g}: where a picture is saturated it shows no motion",
+                                     test.cameras[static_cast<std::size_t>(rig.cameras[view])].name, 100.0 * share, end, level));
+    spdlog::warn("{}", rig.doubts.back());
+  }
+}
+
 Rig make_rig(const io::Case& test, bool back, mesh::Mesh surface) {
   Rig rig;
   rig.back = back, rig.surface = std::move(surface), rig.cameras = cameras_of(test, back);

@@ -20,7 +20,7 @@ struct Rig {
   std::vector<bool> noise_is_measured;
   correlation::SpecimenPose pose;  ///< of the face in front of its pinhole cameras; its frame has z towards them
   bool placed = false;             ///< by specimen.place
-  std::vector<std::string> doubts;  ///< of the telecentric cameras' places
+  std::vector<std::string> doubts;  ///< of the telecentric cameras' places and of pictures that are saturated
   [[nodiscard]] int references(std::size_t view) const { return static_cast<int>(statics[view].size()); }
 };
 /// Reads the references of the face's cameras, places them; `surface` is the face, counter-clockwise in x and y. With several
@@ -30,6 +30,8 @@ struct Rig {
 [[nodiscard]] mesh::Mesh surface_of(const io::Case& test, bool back);
 /// Measures the noise of a view on the pixels of the specimen, where it is not declared and there are several reference frames.
 void measure_noise(Rig& rig, std::size_t view, const correlation::PixelQuadrature& seen);
+/// Doubts a view of which many pixels of the specimen have the largest or the smallest grey level of its first reference frame.
+void doubt_saturation(const io::Case& test, Rig& rig, std::size_t view, const correlation::PixelQuadrature& seen);
 
 /// The residual of one camera at a displacement of its face in units of its noise `sigma` [grey level], as a map of `columns` x `rows`
 /// pixels with NaN off the specimen.

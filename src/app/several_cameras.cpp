@@ -120,7 +120,10 @@ void dic_of_face(const Communicator& world, const io::Case& test, const identifi
   for (int place = last + 1; place < static_cast<int>(test.frames.size()); ++place) places.push_back(place);
   if (places.empty()) throw InputError("cameras.reference", "no frame comes after the reference", "frames before the last one");
 
-  for (std::size_t c = 0; c < count; ++c) measure_noise(rig, c, dic.correlation(static_cast<int>(c)).quadrature());
+  for (std::size_t c = 0; c < count; ++c) {
+    measure_noise(rig, c, dic.correlation(static_cast<int>(c)).quadrature());
+    doubt_saturation(test, rig, c, dic.correlation(static_cast<int>(c)).quadrature());
+  }
   std::optional<io::ResultsFile> file;
   collectively(world, [&] {
     if (!world.is_root()) return;
