@@ -206,7 +206,7 @@ Scores score(const ScoreProblem& problem) {
     one.deviation = test.covariance(j, sizes).diagonal().cwiseMax(0.0).cwiseSqrt().cwiseProduct(scale);
     const double wider = detectable(result.threshold, power_deviations, one.degrees) / (result.threshold + power_deviations);
     const Eigen::ArrayXd told = test.information(j).diagonal();  // 0: invisible
-    one.detectable = (told > 0.0).select((wider * normal_as_student(result.threshold + power_deviations, freedom[j]) / unit / told.sqrt()).matrix().cwiseQuotient(length.segment(first, count)).array(),
+    one.detectable = (told > 0.0).select((wider * normal_as_student(result.threshold + power_deviations, freedom[j]) / unit / told.cwiseMax(1e-300).sqrt()).matrix().cwiseQuotient(length.segment(first, count)).array(),
                                          std::numeric_limits<double>::infinity());
     const Eigen::Index places = problem.elsewhere.empty() || sizes == 0 ? 0 : problem.elsewhere[j].cols() / sizes;
     double longest = 0.0;
