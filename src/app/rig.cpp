@@ -86,16 +86,26 @@ void measure_noise(Rig& rig, std::size_t view, const correlation::PixelQuadratur
 void doubt_saturation(const io::Case& test, Rig& rig, std::size_t view, const correlation::PixelQuadrature& seen) {
   constexpr double many = 0.01;  // of a picture with noise a handful of pixels lies at either end
   const auto& image = rig.statics[view].front();
-  std::vector<float> levels;
-  for (const auto& row : seen.rows)
-    for (int i = 0; i < row.count; ++i) levels.push_back(image(row.column + i, row.row));
-  if (levels.empty()) return;
-  const auto [low, high] = std::minmax_element(levels.begin(), levels.end());
-  for (const auto& [level, end] : {std::pair(*high, "largest"), std::pair(*low, "smallest")}) {
-    const double share = static_cast<double>(std::count(levels.begin(), levels.end(), level)) / static_cast<double>(levels.size());
+  struct End {
+    const char* name;
+    float sign, level;
+    double pixels;
+  };
+  End ends[] = {{"largest", 1.0F, -INFINITY, 0.0}, {"smallest", -1.0F, INFINITY, 0.0}};
+  double all = 0.0;
+  for (const auto& row : seen.rows) {
+    all += row.count;
+    for (const float level : image.row(row.row).subspan(static_cast<std::size_t>(row.column), static_cast<std::size_t>(row.count)))
+      for (End& end : ends) {
+        if (end.sign * level > end.sign * end.level) end.level = level, end.pixels = 0.0;
+        if (level == end.level) end.pixels += 1.0;
+      }
+  }
+  for (const End& end : ends) {
+    const double share = end.pixels / std::max(all, 1.0);
     if (share < many || share == 1.0) continue;
     rig.doubts.push_back(fmt::format("cameras.{}: {:.2g} % of the specimen's pixels have the {} grey level of its first reference frame, {:g}: where a picture is saturated it shows no motion",
-                                     test.cameras[static_cast<std::size_t>(rig.cameras[view])].name, 100.0 * share, end, level));
+                                     test.cameras[static_cast<std::size_t>(rig.cameras[view])].name, 100.0 * share, end.name, end.level));
     spdlog::warn("{}", rig.doubts.back());
   }
 }

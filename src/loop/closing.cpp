@@ -452,19 +452,17 @@ class Loop {
         announce(without, "without " + candidate(needless).name);
         return !significant(without) && without.misfit.held_out <= std::max(1.02 * at.misfit.held_out, at.misfit.null_held_out);
       };
+      bool enough = false;
       try {
         without.fit = identified(at.ground->weight, without, start);
-        if (!suffices()) continue;
-        if (at.ground->learned) {
-          settle(without);
-          if (!suffices()) {
-            experiment_.put_back(at.ground->learned);
-            continue;
-          }
-        }
+        enough = suffices();
+        if (enough && at.ground->learned) settle(without), enough = suffices();
       } catch (const ConvergenceError& error) {
-        experiment_.put_back(at.ground->learned);
         say(fmt::format("without {}: {}", candidate(needless).name, error.what()));
+        enough = false;
+      }
+      if (!enough) {
+        experiment_.put_back(at.ground->learned);
         continue;
       }
       say("taken out again: " + candidate(needless).name);

@@ -189,12 +189,14 @@ def main(program):
             result = json.loads((folder / where / "result.json").read_text())
             require(any("1 of 10 frames take no part" in doubt and doubt.endswith(": 8") for doubt in result.get("doubts", [])), f"{command}: a frame that cannot be correlated is doubted: {result.get('doubts')}")
         require("1 of 10 frames take no part, their correlation was lost or did not converge: 8." in result["sentence"], f"the loop's sentence says which frames it has not seen: {result['sentence']}")
-        # A saturated reference.
+        # A reference that is cut at both ends.
         image = numpy.asarray(Image.open(folder / "images/00.png"))
-        Image.fromarray(numpy.minimum(image, 180)).save(folder / "images/00.png")
-        run(program, "dic", case_of(folder, "saturated", "displacement_driven", last))
-        result = json.loads((folder / "saturated/result.json").read_text())
-        require(any("have the largest grey level of its first reference frame, 180:" in doubt for doubt in result.get("doubts", [])), f"saturated pixels are doubted: {result.get('doubts')}")
+        Image.fromarray(numpy.clip(image, 70, 195)).save(folder / "images/00.png")
+        for command in ("dic", "identify"):
+            run(program, command, case_of(folder, command, "displacement_driven", last))
+            doubts = json.loads((folder / command / "result.json").read_text())["doubts"]
+            for words in ("largest grey level of its first reference frame, 195:", "smallest grey level of its first reference frame, 70:"):
+                require(any(words in doubt for doubt in doubts), f"{command}: saturated pixels are doubted: {doubts}")
     end()
 
 
