@@ -10,6 +10,7 @@
 #include <memory>
 #include <numbers>
 
+#include "imic3d/app/observation.hpp"
 #include "imic3d/core/error.hpp"
 #include "imic3d/core/linear.hpp"
 #include "imic3d/core/log.hpp"
@@ -189,17 +190,12 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
   data.force_noise = test.loads.records.empty() ? INFINITY : test.loads.noise.value_or(1e-3 * data.force.cwiseAbs().maxCoeff());
 
   auto measure = std::make_shared<correlation::Measure>(correlation::Measure{.surface = face, .dofs_per_node = 2, .M = data.faces.front().M, .smoothing_weight = weight});
-  double low = INFINITY, high = -INFINITY;
-  for (int node : specimen.loaded) {
-    const double across = specimen.volume.nodes(node, 1 - specimen.axis);
-    low = std::min(low, across), high = std::max(high, across);
-  }
   const Eigen::VectorXd touched = Eigen::VectorXd::Ones(specimen.displacement_from_surface.rows()).transpose() * specimen.displacement_from_surface.cwiseAbs();
   std::vector<int> ends;
   for (Eigen::Index i = 0; i < face.nodes.rows(); ++i)
     if (touched[2 * i] + touched[2 * i + 1] > 0.0) ends.push_back(static_cast<int>(i));
   std::vector<double> cut_offs;
-  const double longest = test.identify.boundary_smoothing.value_or(0.5 * (high - low));
+  const double longest = test.identify.boundary_smoothing.value_or(longest_cut_off(specimen));
   if (longest > 0.0) cut_offs = correlation::undersmoothed(correlation::cut_offs_of_least_error(*measure, data.displacement, ends, data.noise * std::sqrt(2.0), longest), longest);
   data.smooth = [measure, cut_offs](Eigen::MatrixXd field) { return correlation::smooth(*measure, std::move(field), cut_offs); };
   data.driving = data.smooth(data.displacement);

@@ -326,12 +326,7 @@ identification::Record make_record(Observation& observation, const io::Case& tes
   if (!test.loads.records.empty() && test.identify.functional != "equilibrium_gap") require_one_direction(observation, test, specimen, record);
 
   // Noise of single nodes on the ends would strain, and might yield, what lies between them.
-  double low = INFINITY, high = -INFINITY;
-  for (int node : specimen.loaded) {
-    low = std::min(low, specimen.volume.nodes(node, 1 - specimen.axis));
-    high = std::max(high, specimen.volume.nodes(node, 1 - specimen.axis));
-  }
-  const double longest = test.identify.boundary_smoothing.value_or(0.5 * (high - low));
+  const double longest = test.identify.boundary_smoothing.value_or(longest_cut_off(specimen));
   record.driving = test.identify.driving.empty() ? record.surface_displacement : displacement_of_file(test, specimen, observation.places, record);
   if (longest > 0.0) {
     std::vector<double> cut_offs;
@@ -349,6 +344,11 @@ identification::Record make_record(Observation& observation, const io::Case& tes
   }
   record.driving = identification::without_leaning(specimen, std::move(record.driving));
   return record;
+}
+
+double longest_cut_off(const identification::Specimen& specimen) {
+  const Eigen::VectorXd across = specimen.volume.nodes(specimen.loaded, 1 - specimen.axis);
+  return 4.0 * (across.maxCoeff() - across.minCoeff());
 }
 
 Eigen::MatrixXd driving_displacement(const Observation& observation, Eigen::MatrixXd displacement) {

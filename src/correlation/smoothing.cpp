@@ -129,7 +129,7 @@ std::vector<double> cut_offs_of_least_error(const Measure& measure, const Eigen:
   // Each unknown in units of its own noise: a node that is hardly seen would outweigh all others.
   const Eigen::ArrayXd variance = diagonal(inverse_times(Factor(measure.M), at)).cwiseMax(1e-300);
   std::vector<double> cut_offs{0.0};
-  for (double cut_off = longest; cut_off > 0.99 * longest / 16.0; cut_off /= std::sqrt(2.0)) cut_offs.push_back(cut_off);
+  for (double cut_off = longest; cut_off > 0.99 * longest / 128.0; cut_off /= std::sqrt(2.0)) cut_offs.push_back(cut_off);
   Eigen::MatrixXd error(static_cast<Eigen::Index>(cut_offs.size()), frames);
   error.row(0).setConstant(2.0 * static_cast<double>(count));
   Factor factor;

@@ -8,6 +8,7 @@
 
 #include "imic3d/core/linear.hpp"
 #include "imic3d/loop/curve_experiment.hpp"
+#include "imic3d/loop/statistics.hpp"
 
 namespace imic3d::loop {
 

@@ -1,5 +1,6 @@
 #include "field_series.hpp"
 
+#include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
 #include <numbers>

@@ -170,7 +170,7 @@ def main():
         require(abs(size["value"] - truth) < 3 * size["standard_deviation"] < 0.4 * error, f"{name} {size['value']:.4f} +- {size['standard_deviation']:.2g}, planted {truth}")
 
     for after in (2, 8):  # the frame behind the first is held out
-        result = pushed(after, 7)
+        result = pushed(after, 10 * after)
         require(result["set"] == ["camera bump"], f"a camera that is pushed after {after} of {len(LEVELS)} frames: {result['sentence']}")
         step, onset = (result["after"]["parameters"][name] for name in ("step_of_magnification", "bump_onset"))
         require(abs(step["value"] - bump) < 4 * step["standard_deviation"] < 0.1 * bump, f"step {step['value']:.4g} +- {step['standard_deviation']:.1g}, planted {bump:g}")

@@ -111,7 +111,7 @@ def main(program):
             case = case_of(folder, name, functional, last, noise)
             run(program, "identify", case)
             found[name] = json.loads((folder / name / "result.json").read_text())["parameters"]
-        for name, percents in (("displacement_driven", {"E": 2.0, "S_y": 0.2, "H": 0.5}), ("force_driven", {"E": 1.0, "S_y": 0.2, "H": 0.5})):
+        for name, percents in (("displacement_driven", {"E": 0.5, "S_y": 0.2, "H": 0.5}), ("force_driven", {"E": 1.0, "S_y": 0.2, "H": 0.5})):
             for parameter, truth in TRUTH.items():
                 percent = percents[parameter]
                 off, deviation = found[name][parameter]["value"] / truth - 1, found[name][parameter]["standard_deviation"] / truth

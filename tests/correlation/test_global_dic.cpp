@@ -215,6 +215,21 @@ TEST(Smoothing, AStepShorterBendsHalfAsMuch) {
   EXPECT_EQ(undersmoothed({60.0, 30.0, 0.0}, 60.0), (std::vector<double>{60.0, 30.0 / std::sqrt(2.0), 0.0}));
 }
 
+/// Waves longer than the mesh: of a uniform strain little noise is left, and a curve is not bent by more.
+TEST(Smoothing, WavesLongerThanTheEndsLeaveAnAffineMotion) {
+  const Smoothed test;
+  const Eigen::MatrixXd noise = noise_draws(test.measure, test.sigma, 100);
+  const auto error = [&](const Eigen::VectorXd& field, double longest) {
+    return std::sqrt(test.square_error(smooth(test.measure, noise.colwise() + field, cut_offs_of_least_error(test.measure, noise.colwise() + field, test.nodes, test.sigma, longest)), field));
+  };
+  const Eigen::VectorXd strained = test.field([](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.01 * x.x(), 0.03 * x.y()); });
+  const Eigen::VectorXd curved = test.field([](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.0, 0.5 * std::sin(0.16 * x.x())); });
+  const double straight = error(strained, 480.0) / error(strained, 60.0), bent = error(curved, 480.0) / error(curved, 60.0);
+  std::cout << "[          ] waves up to four times the mesh's width, in place of half of it: error of a uniform strain " << straight << ", of a curve " << bent << '\n';
+  EXPECT_LT(straight, 0.7);
+  EXPECT_LT(bent, 1.02);
+}
+
 /// A node of the ends that is hardly seen has most of the noise: it must not decide for the others.
 TEST(Smoothing, ANodeThatIsHardlySeenDoesNotOutweighTheOthers) {
   Smoothed test;

@@ -105,16 +105,16 @@ TEST(CurveExperiment, ResidualsNearAreThoseComputed) {
 /// What the bars' scatter makes of a score, and of the sum of squares, over many tests: as the null of each says, which was made of that test's own few bars.
 TEST(CurveExperiment, TheNullKnowsThatTheScatterIsEstimated) {
   const auto exact = bars(1, {});
+  CurveExperiment perfect(Communicator(), exact, model(truth));
+  std::vector<double> values;
+  for (const auto& p : perfect.parameters()) values.push_back(p.value);
+  const auto predicted = perfect.predict(values);
   constexpr int tests = 400;
   double ratio = 0.0, energy = 0.0, of_null = 0.0;
   for (int test = 0; test < tests; ++test) {
     auto curves = exact;
     std::mt19937_64 random(100 + static_cast<unsigned>(test));
     std::normal_distribution<double> normal;
-    std::vector<double> values;
-    CurveExperiment perfect(Communicator(), curves, model(truth));
-    for (const auto& p : perfect.parameters()) values.push_back(p.value);
-    static const auto predicted = perfect.predict(values);
     for (std::size_t k = 0; k < curves.size(); ++k) {
       curves[k].stress = predicted[k];
       const double a = 5.0 * normal(random), b = 3.0 * normal(random), c = 2.0 * normal(random);

@@ -63,6 +63,9 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
                                                  const identification::Specimen& specimen);
 [[nodiscard]] identification::ImageData make_image_data(const Observation& observation, const io::Case& test);
 
+/// The waves over which the displacement that drives the ends is smoothed at most, where noise hides what that bends [length]: over four widths of the ends hardly more than an affine motion is left.
+[[nodiscard]] double longest_cut_off(const identification::Specimen& specimen);
+
 /// What becomes of a displacement of the surface in the first frames of the record [unknowns x frames, length]
 /// before it drives the ends: smoothed, each frame as far as the measured one was.
 [[nodiscard]] Eigen::MatrixXd driving_displacement(const Observation& observation, Eigen::MatrixXd displacement);

@@ -43,7 +43,7 @@ struct Measure {
 /// Random displacements of covariance sigma^2 M^-1 [unknowns x draws, length], the same on every rank.
 [[nodiscard]] Eigen::MatrixXd noise_draws(const Measure& measure, double sigma, int draws);
 
-/// The cut-off of each frame, 0 or up to `longest` [length], with which `smooth` leaves the least error at `nodes`, by an unbiased estimate of it (Stein 1981, Ann. Statist. 9, Eq. 2.2; of a linear
+/// The cut-off of each frame, 0 or from `longest` [length] down to a 128th of it in steps of sqrt(2), with which `smooth` leaves the least error at `nodes`, by an unbiased estimate of it (Stein 1981, Ann. Statist. 9, Eq. 2.2; of a linear
 /// smoother Mallows' C_L): the sum over the nodes' unknowns, each in units of its noise, and over the frame with two on either side. U: measured, with white noise `sigma` of a frame and the reference
 /// together [in the unit that goes with M], whose covariance is sigma^2 M^-1 [unknowns x frames, length].
 [[nodiscard]] std::vector<double> cut_offs_of_least_error(const Measure& measure, const Eigen::MatrixXd& U, const std::vector<int>& nodes, double sigma, double longest);
