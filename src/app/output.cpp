@@ -108,7 +108,14 @@ std::string unlikely_correlation(const io::Case& test, const Observation& seen) 
       return fmt::format("{}, and {:.0f} % of what is beyond noise is a gain and an offset: the light changes{}, and may move the parameters by more than their standard deviations; dic.brightness (or dic.local_brightness) takes that part off", much, 100.0 * std::min(share, 1.0),
                          share < 0.8 ? ", or the focus" : "");
   }
-  if (typical < unlikely_residual) return {};
+  if (typical < unlikely_residual) {
+    io::Frames worse;
+    for (std::size_t t = 0; t < beyond.size(); ++t)
+      if (beyond[t] >= unlikely_residual) worse.push_back(test.frames[static_cast<std::size_t>(seen.places[t])]);
+    if (worse.empty()) return {};
+    return fmt::format("in {} of {} frames the correlation leaves more than {:g} times the residual that noise explains, up to {:.2f} times: {}. They weigh like the others, and what changed the picture there (paint that flakes, the focus, light, a motion that the mesh cannot follow) may move the parameters by more than their standard deviations",
+                       worse.size(), beyond.size(), unlikely_residual, *std::max_element(beyond.begin(), beyond.end()), io::to_text(worse));
+  }
   return much + fmt::format(": the standard deviations hold it as if it were noise, alike in no two frames, which it may not be. A motion that the mesh cannot follow (a finer one helps), {}, or frames that lost it",
                             test.dic.local_brightness ? "another change of the picture than its light" : test.dic.brightness ? "light that does not change alike everywhere (dic.local_brightness)" : "light that changes (dic.brightness, dic.local_brightness)");
 }
