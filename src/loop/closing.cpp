@@ -290,7 +290,9 @@ class Loop {
     }
     for (std::size_t i : doubtful) try_out(round, at, i, false);
     // Of two effects together a third that is like both may have the larger score, and help nothing: before no known effect explains it, all beyond the limit have their turn.
-    while (choose(round, at) == nullptr && !waiting.empty())
+    // So have, before one that does not suffice is added, those whose score is at least half of the largest: the ones before them may only be like what is there.
+    const auto near_the_largest = [&](std::size_t i) { return scores[i].z > 0.5 * scores[seen.front()].z; };
+    while (!waiting.empty() && (choose(round, at) == nullptr || (round.set.empty() && near_the_largest(waiting.front()))))
       for (std::size_t i : taken_from(waiting)) try_out(round, at, i, true);
     // The earlier link first where the data do not tell, invisible effects behind.
     const auto place = [&](int k) {
