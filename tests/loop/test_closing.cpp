@@ -471,6 +471,22 @@ TEST(Closing, OthersBeyondTheLimitAreTriedWhereTheBestDoNotHelp) {
   EXPECT_EQ(report.verdict, Verdict::unexplained) << report.sentence;
 }
 
+/// What is curved looks like drift from afar, whose score is larger, and which helps: what has at least half of that score is tried before it is added.
+TEST(Closing, BeforeOneIsAddedThatOnlyHelpsOthersNearlyAsLargeAreTried) {
+  LoopOptions one_rival = usual;
+  one_rival.rivals = 1;
+  Curves experiment(5, {{Curves::curved, 2.0}}, 0.0, 5000U, 0.0, 0.3);
+  const Report report = close_loop(experiment, one_rival);
+  std::vector<double> z(7);
+  for (std::size_t i = 0; i < report.declared.others.size(); ++i) z[static_cast<std::size_t>(report.declared.others[i])] = report.declared.scores.candidates[i].z;
+  EXPECT_GT(z[Curves::drift], z[Curves::curved] + 1.0);
+  EXPECT_LT(z[Curves::drift], 2.0 * z[Curves::curved]);
+  ASSERT_EQ(report.rounds.size(), 1U) << report.sentence;
+  EXPECT_EQ(report.rounds[0].trials.front().candidate, static_cast<int>(Curves::drift));
+  EXPECT_TRUE(report.rounds[0].trials.front().plausible);
+  EXPECT_EQ(report.named, std::vector<int>{Curves::curved}) << report.sentence;
+}
+
 /// What leaves nothing of the fitted frames, but held-out ones worse than they were, is not what is missing.
 TEST(Closing, WhatHeldOutFramesDoNotShowIsNotNamed) {
   const Report report = loop_on(Curves(4, {{Curves::drift, 3.0}}).without_drift_when_held_out());
