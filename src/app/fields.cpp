@@ -196,7 +196,7 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
     if (touched[2 * i] + touched[2 * i + 1] > 0.0) ends.push_back(static_cast<int>(i));
   std::vector<double> cut_offs;
   const double longest = test.identify.boundary_smoothing.value_or(longest_cut_off(specimen));
-  if (longest > 0.0) cut_offs = correlation::undersmoothed(correlation::cut_offs_of_least_error(*measure, data.displacement, ends, data.noise * std::sqrt(2.0), longest), longest);
+  if (longest > 0.0) cut_offs = correlation::undersmoothed(correlation::cut_offs_of_least_error(*measure, data.displacement, ends, Eigen::VectorXd::Constant(data.displacement.cols(), data.noise * std::sqrt(2.0)), longest), longest);
   data.smooth = [measure, cut_offs](Eigen::MatrixXd field) { return correlation::smooth(*measure, std::move(field), cut_offs); };
   data.driving = data.smooth(data.displacement);
 

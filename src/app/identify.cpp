@@ -58,10 +58,11 @@ bool ends_on_bound(const Material& material, int parameter, double declared, con
   return std::min(material.values[k] - info.lower, info.upper - material.values[k]) <= 2.0 * solver.eta * std::max(std::abs(declared), solver.scale[k]);
 }
 
-/// What the correlation leaves beyond noise weighs and counts like it.
+/// What the correlation leaves beyond noise weighs and counts like it, frame by frame.
 id::ImageData judging_images(const Observation& seen, const io::Case& test) {
   id::ImageData images = make_image_data(seen, test);
   images.noise *= beyond_noise(seen);
+  images.frame_noise = frame_noise(seen);
   return images;
 }
 

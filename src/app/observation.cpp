@@ -161,6 +161,13 @@ double beyond_noise(const Observation& seen) {
   return std::isfinite(typical) ? std::max(1.0, typical) : 1.0;
 }
 
+Eigen::VectorXd frame_noise(const Observation& seen) {
+  Eigen::VectorXd noise(seen.frames.size());
+  for (Eigen::Index t = 0; t < noise.size(); ++t) noise[t] = std::max(1.0, beyond_noise(seen, seen.frames[static_cast<std::size_t>(t)]));
+  if (!noise.allFinite()) return Eigen::VectorXd::Ones(noise.size());
+  return noise / beyond_noise(seen);
+}
+
 void correlate(Observation& observation, const io::Case& test, const Communicator& world,
                const std::function<void(int, const correlation::DicFrame&)>& done, CorrelationProgress progress) {
   const auto frames = observation.places.size();
@@ -227,9 +234,9 @@ double motion_noise(const Observation& observation, const ObservedFace& face, st
   return observation.camera_noise[static_cast<std::size_t>(face.rig->cameras[c])] * face.dic->motion_noise(static_cast<int>(c));
 }
 
-/// The same of a face's cameras together in a frame and the reference: of the b that the correlation's weights make,
-/// sum of w_c^2 sigma_c^2 M_c over sum of w_c M_c. What the correlation leaves beyond noise counts like it.
-double noise_of_pair(const Observation& observation, const ObservedFace& face) {
+/// The same of a face's cameras together: of the b that the correlation's weights make, sum of w_c^2 sigma_c^2 M_c over sum of w_c M_c.
+/// What the correlation leaves beyond noise counts like it.
+double noise_of_face(const Observation& observation, const ObservedFace& face) {
   const auto& cameras = face.dic->cameras();
   double squares = 0.0, sum = 0.0;
   for (int c = 0; c < cameras.size(); ++c) {
@@ -237,8 +244,11 @@ double noise_of_pair(const Observation& observation, const ObservedFace& face) {
     squares += std::pow(cameras.weight(c) * motion_noise(observation, face, static_cast<std::size_t>(c)), 2) * size;
     sum += cameras.weight(c) * size;
   }
-  return beyond_noise(observation) * std::sqrt(squares / sum * (1.0 + 1.0 / observation.references));
+  return beyond_noise(observation) * std::sqrt(squares / sum);
 }
+
+/// The same of a frame of median noise and the reference together.
+double noise_of_pair(const Observation& observation, const ObservedFace& face) { return noise_of_face(observation, face) * std::sqrt(1.0 + 1.0 / observation.references); }
 
 }  // namespace
 
@@ -330,11 +340,12 @@ identification::Record make_record(Observation& observation, const io::Case& tes
   record.driving = test.identify.driving.empty() ? record.surface_displacement : displacement_of_file(test, specimen, observation.places, record);
   if (longest > 0.0) {
     std::vector<double> cut_offs;
+    const Eigen::VectorXd of_frames = (frame_noise(observation).array().square() + 1.0 / observation.references).sqrt();
     for (std::size_t k = 0; k < observation.faces.size(); ++k) {
       const Face& face = specimen.faces[k];
       auto& seen = observation.faces[k];
       seen.driving_cut_off = correlation::undersmoothed(
-          correlation::cut_offs_of_least_error(measure_of(seen), record.driving.middleRows(face.first_unknown, face.unknowns()), nodes_of_ends(specimen, face), noise_of_pair(observation, seen), longest), longest);
+          correlation::cut_offs_of_least_error(measure_of(seen), record.driving.middleRows(face.first_unknown, face.unknowns()), nodes_of_ends(specimen, face), noise_of_face(observation, seen) * of_frames, longest), longest);
       cut_offs.insert(cut_offs.end(), seen.driving_cut_off.begin(), seen.driving_cut_off.end());
     }
     record.driving = driving_displacement(observation, record.driving);

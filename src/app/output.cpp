@@ -113,7 +113,7 @@ std::string unlikely_correlation(const io::Case& test, const Observation& seen) 
     for (std::size_t t = 0; t < beyond.size(); ++t)
       if (beyond[t] >= unlikely_residual) worse.push_back(test.frames[static_cast<std::size_t>(seen.places[t])]);
     if (worse.empty()) return {};
-    return fmt::format("in {} of {} frames the correlation leaves more than {:g} times the residual that noise explains, up to {:.2f} times: {}. They weigh like the others, and what changed the picture there (paint that flakes, the focus, light, a motion that the mesh cannot follow) may move the parameters by more than their standard deviations",
+    return fmt::format("in {} of {} frames the correlation leaves more than {:g} times the residual that noise explains, up to {:.2f} times: {}. They weigh as if that were noise, which it is not: what changed the picture there (paint that flakes, the focus, light, a motion that the mesh cannot follow) may still move the parameters by more than their standard deviations",
                        worse.size(), beyond.size(), unlikely_residual, *std::max_element(beyond.begin(), beyond.end()), io::to_text(worse));
   }
   return much + fmt::format(": the standard deviations hold it as if it were noise, alike in no two frames, which it may not be. A motion that the mesh cannot follow (a finer one helps), {}, or frames that lost it",

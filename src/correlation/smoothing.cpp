@@ -116,7 +116,7 @@ Eigen::MatrixXd noise_draws(const Measure& measure, double sigma, int draws) {
   return factor.permutationPinv() * Eigen::MatrixXd(factor.matrixU().solve(noise));
 }
 
-std::vector<double> cut_offs_of_least_error(const Measure& measure, const Eigen::MatrixXd& U, const std::vector<int>& nodes, double sigma, double longest) {
+std::vector<double> cut_offs_of_least_error(const Measure& measure, const Eigen::MatrixXd& U, const std::vector<int>& nodes, const Eigen::VectorXd& sigma, double longest) {
   std::vector<int> unknowns;
   for (int node : nodes)
     for (int component = 0; component < measure.dofs_per_node; ++component) unknowns.push_back(measure.dofs_per_node * node + component);
@@ -139,7 +139,7 @@ std::vector<double> cut_offs_of_least_error(const Measure& measure, const Eigen:
     factor.factorize(measure.M + bent);
     const Columns lost = inverse_times(factor, bent * inverse_times(factor, bent * measured)), once = inverse_times(factor, at);
     const Eigen::ArrayXd kept = 2.0 * diagonal(once) - once.cwiseProduct(Columns(measure.M * once)).colwise().sum().transpose().array();  // of the noise: its covariance with what smoothing leaves of it, over sigma^2
-    error.row(static_cast<Eigen::Index>(k)) = (lost(unknowns, Eigen::all).array().square().colwise() / (sigma * sigma * variance)).colwise().sum() + 2.0 * (kept / variance).sum();
+    error.row(static_cast<Eigen::Index>(k)) = (lost(unknowns, Eigen::all).array().square().colwise() / variance).colwise().sum() / sigma.transpose().array().square() + 2.0 * (kept / variance).sum();
   }
   std::vector<double> chosen(static_cast<std::size_t>(frames));
   for (Eigen::Index t = 0; t < frames; ++t) {

@@ -172,11 +172,11 @@ NormalEquations assemble(Communicator world, ForwardModel& model, const ImageDat
   Eigen::Map<Eigen::MatrixXd> matrix(local.data(), unknowns, unknowns);
   Eigen::Map<Eigen::VectorXd> right(local.data() + unknowns * unknowns, unknowns);
   auto scalars = local.tail<5>();
-  const double weight = 1.0 / (2.0 * images.noise * images.noise);
 
   const auto add = [&](std::size_t i) {
     const int t = stage.frames[i];
     if (t >= at.frames || static_cast<int>(i) % world.size() != world.rank()) return;
+    const double weight = images.weight_of(t);
     const Eigen::VectorXd u = at.surface.col(t);
     const Eigen::VectorXd gap = model.record().surface_displacement.col(t) - u;
     const Eigen::VectorXd Mgap = images.M * gap;

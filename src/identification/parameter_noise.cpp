@@ -160,7 +160,8 @@ NoiseDraws draw_noise(ForwardModel& model, const ImageData& images, int frames, 
   std::vector<Eigen::MatrixXd> moved;
   for (int d = 0; d < noise.draws; ++d) {
     const Eigen::MatrixXd of_reference = draw.b(1) / std::sqrt(noise.references);
-    result.b.emplace_back(noise.image * (draw.b(frames).colwise() + of_reference.col(0)));
+    result.b.emplace_back(draw.b(frames));
+    for (int t = 0; t < frames; ++t) result.b.back().col(t) = noise.image * (images.noise_of(t) * result.b.back().col(t) + of_reference.col(0));
     moved.push_back(draw.displacement(result.b.back()));
     result.force.emplace_back(frames);
     for (double& value : result.force.back()) value = noise.force * draw.scalar();
@@ -189,7 +190,7 @@ Covariance parameter_covariance(const ImageData& images, const Linearisation& at
   const NoiseModel& noise = options.noise_model;
   const auto [inverse, undetermined] = inverse_of_seen(normal.matrix);
   const bool with_force = has_force(options.functional);
-  const double w = 1.0 / (2.0 * images.noise * images.noise);
+  const auto w = [&](int t) { return images.weight_of(t); };
   const auto v = [&](int t) { return with_force ? std::pow(difference_noise(difference, options, t), -2) : 0.0; };
   std::vector<int> frames;
   for (int t : stage.frames)
@@ -212,11 +213,10 @@ Covariance parameter_covariance(const ImageData& images, const Linearisation& at
   std::vector<Eigen::MatrixXd> MS(static_cast<std::size_t>(at.frames));
   for (int t : frames) {
     MS[static_cast<std::size_t>(t)] = images.M * S(t);
-    of_frames += S(t).transpose() * MS[static_cast<std::size_t>(t)];
-    common += S(t);
+    of_frames += std::pow(w(t) * images.noise_of(t), 2) * S(t).transpose() * MS[static_cast<std::size_t>(t)];
+    common += w(t) * S(t);
   }
-  result.image = w * w * noise.image * noise.image * inverse *
-                 (of_frames + common.transpose() * (images.M * common) / noise.references) * inverse;
+  result.image = noise.image * noise.image * inverse * (of_frames + common.transpose() * (images.M * common) / noise.references) * inverse;
   result.total = result.image;
   Eigen::MatrixXd of_force = none;  // where F itself is in the functional
   for (int t : frames) of_force += v(t) * v(t) * noise.force * noise.force * s(t) * s(t).transpose();
@@ -229,7 +229,7 @@ Covariance parameter_covariance(const ImageData& images, const Linearisation& at
   /// -(w S^T M dU + v s dR) of one response.
   const auto through = [&](const Eigen::MatrixXd& surface, const Eigen::VectorXd& reaction) {
     Eigen::VectorXd sum = Eigen::VectorXd::Zero(unknowns);
-    for (int t : frames) sum -= w * MS[static_cast<std::size_t>(t)].transpose() * surface.col(t) + v(t) * s(t) * reaction[t];
+    for (int t : frames) sum -= w(t) * MS[static_cast<std::size_t>(t)].transpose() * surface.col(t) + v(t) * s(t) * reaction[t];
     return sum;
   };
 
@@ -239,7 +239,7 @@ Covariance parameter_covariance(const ImageData& images, const Linearisation& at
   for (std::size_t d = 0; d < number; ++d) {
     Eigen::VectorXd image = Eigen::VectorXd::Zero(unknowns), load = image;
     for (int t : frames) {
-      image += w * S(t).transpose() * draws.b[d].col(t);
+      image += w(t) * S(t).transpose() * draws.b[d].col(t);
       load += v(t) * s(t) * draws.force[d][t];
     }
     if (number + d < response.surface.size()) load += through(response.surface[number + d], response.reaction[number + d]);
@@ -255,7 +255,7 @@ Covariance parameter_covariance(const ImageData& images, const Linearisation& at
   Eigen::MatrixXd by_cameras(unknowns, static_cast<Eigen::Index>(noise.calibration.size()));
   for (std::size_t d = 0; d < noise.calibration.size(); ++d) {
     Eigen::VectorXd sum = through(draws.of_cameras.surface[d], draws.of_cameras.reaction[d]);
-    for (int t : frames) sum += w * MS[static_cast<std::size_t>(t)].transpose() * noise.calibration[d].col(t);
+    for (int t : frames) sum += w(t) * MS[static_cast<std::size_t>(t)].transpose() * noise.calibration[d].col(t);
     by_cameras.col(static_cast<Eigen::Index>(d)) = inverse * sum;
   }
   result.calibration = mean_square(by_cameras, by_cameras);

@@ -54,6 +54,18 @@ std::string bounds(const Experiment& experiment, const Model& declared, const Mo
   return text;
 }
 
+/// Where the frames that were held out have far more left than noise explains: something happens there alone, in a picture out of focus for instance, of which the verdict on the fitted ones knows nothing.
+std::string left_in_held_out(const Experiment& experiment, const Report& report) {
+  constexpr double far = 1.5;  // of the null's 95 % quantile
+  const Misfit& misfit = report.final.misfit;
+  if (report.verdict == Verdict::unexplained || !(misfit.held_out > far * misfit.null_held_out)) return "";
+  int worst = -1;
+  const auto beyond = [&](int t) { return misfit.frames[t] - misfit.null_frames[t]; };
+  for (std::size_t t = 0; t < report.held_out.size(); ++t)
+    if (report.held_out[t] != 0 && (worst < 0 || beyond(static_cast<int>(t)) > beyond(worst))) worst = static_cast<int>(t);
+  return worst < 0 ? "" : fmt::format(" What was held out has more left, {:.2f} (null {:.2f}), most in {}.", misfit.held_out, misfit.null_held_out, experiment.frame_name(worst));
+}
+
 std::string verdict_in_words(const Experiment& experiment, const Report& report) {
   const Model &before = report.declared, &after = report.final;
   const bool is_held_out = std::any_of(report.held_out.begin(), report.held_out.end(), [](char out) { return out != 0; });
@@ -120,6 +132,6 @@ std::string verdict_in_words(const Experiment& experiment, const Report& report)
 
 }  // namespace
 
-std::string sentence_of(const Experiment& experiment, const Report& report) { return verdict_in_words(experiment, report) + bounds(experiment, report.declared, report.final); }
+std::string sentence_of(const Experiment& experiment, const Report& report) { return verdict_in_words(experiment, report) + left_in_held_out(experiment, report) + bounds(experiment, report.declared, report.final); }
 
 }  // namespace imic3d::loop

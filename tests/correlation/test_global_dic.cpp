@@ -2,6 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
+#include <Eigen/Geometry>
 #include <Eigen/LU>
 #include <map>
 
@@ -168,6 +169,9 @@ struct Smoothed {
       if (node != but_for) sum += (U.middleRows(2 * node, 2).colwise() - truth.segment<2>(2 * node)).squaredNorm();
     return sum;
   }
+  [[nodiscard]] std::vector<double> cut_offs(const Eigen::MatrixXd& measured, double longest) const {
+    return cut_offs_of_least_error(measure, measured, nodes, Eigen::VectorXd::Constant(measured.cols(), sigma), longest);
+  }
   /// Errors with the cut-offs that are chosen for every frame over those with the best one for all frames.
   [[nodiscard]] double over_the_least_error(const Eigen::MatrixXd& noise, const Eigen::VectorXd& truth, double* cut_off_of_least_error, int but_for = -1) const {
     constexpr double longest = 60.0;
@@ -176,7 +180,7 @@ struct Smoothed {
     *cut_off_of_least_error = 0.0;
     for (double cut_off = longest; cut_off > 3.7; cut_off /= std::sqrt(2.0))
       if (const double error = square_error(smooth(measure, measured, cut_off), truth, but_for); error < least) least = error, *cut_off_of_least_error = cut_off;
-    return square_error(smooth(measure, measured, cut_offs_of_least_error(measure, measured, nodes, sigma, longest)), truth, but_for) / least;
+    return square_error(smooth(measure, measured, cut_offs(measured, longest)), truth, but_for) / least;
   }
 };
 
@@ -198,7 +202,7 @@ TEST(Smoothing, CutOffsAreThoseOfLeastError) {
     EXPECT_LT(ratio, 1.1) << name;
     EXPECT_LE(best, most) << name;
   }
-  EXPECT_LT(test.square_error(smooth(test.measure, noise, cut_offs_of_least_error(test.measure, noise, test.nodes, test.sigma, 60.0)), Eigen::VectorXd::Zero(noise.rows())), 0.3 * test.square_error(noise, Eigen::VectorXd::Zero(noise.rows())));
+  EXPECT_LT(test.square_error(smooth(test.measure, noise, test.cut_offs(noise, 60.0)), Eigen::VectorXd::Zero(noise.rows())), 0.3 * test.square_error(noise, Eigen::VectorXd::Zero(noise.rows())));
 }
 
 /// What smoothing bends of a curve falls by more than the noise that it leaves grows.
@@ -206,7 +210,7 @@ TEST(Smoothing, AStepShorterBendsHalfAsMuch) {
   const Smoothed test;
   const Eigen::VectorXd curved = test.field([](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.0, 0.5 * std::sin(0.16 * x.x())); }), zero = Eigen::VectorXd::Zero(curved.size());
   const Eigen::MatrixXd noise = noise_draws(test.measure, test.sigma, 100);
-  const auto least = cut_offs_of_least_error(test.measure, noise.colwise() + curved, test.nodes, test.sigma, 60.0), shorter = undersmoothed(least, 60.0);
+  const auto least = test.cut_offs(noise.colwise() + curved, 60.0), shorter = undersmoothed(least, 60.0);
   const auto bent = [&](const std::vector<double>& cut_offs) { return test.square_error(smooth(test.measure, curved.replicate(1, 100), cut_offs), curved); };
   const auto left = [&](const std::vector<double>& cut_offs) { return test.square_error(smooth(test.measure, noise, cut_offs), zero); };
   std::cout << "[          ] bent " << std::sqrt(bent(least) / bent(shorter)) << " times less, noise " << std::sqrt(left(shorter) / left(least)) << " times as large, bent over noise " << std::sqrt(bent(least) / left(least)) << " -> " << std::sqrt(bent(shorter) / left(shorter)) << '\n';
@@ -220,7 +224,7 @@ TEST(Smoothing, WavesLongerThanTheEndsLeaveAnAffineMotion) {
   const Smoothed test;
   const Eigen::MatrixXd noise = noise_draws(test.measure, test.sigma, 100);
   const auto error = [&](const Eigen::VectorXd& field, double longest) {
-    return std::sqrt(test.square_error(smooth(test.measure, noise.colwise() + field, cut_offs_of_least_error(test.measure, noise.colwise() + field, test.nodes, test.sigma, longest)), field));
+    return std::sqrt(test.square_error(smooth(test.measure, noise.colwise() + field, test.cut_offs(noise.colwise() + field, longest)), field));
   };
   const Eigen::VectorXd strained = test.field([](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.01 * x.x(), 0.03 * x.y()); });
   const Eigen::VectorXd curved = test.field([](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.0, 0.5 * std::sin(0.16 * x.x())); });

@@ -17,6 +17,13 @@ const std::vector<double> stretch = {0.003, 0.005, 0.008, 0.02, 0.06, 0.12};
 const Stage stage{.free = {0, 2}, .frames = {0, 1, 2, 3, 4, 5}};
 constexpr double sigma = 1.0, force_sigma = 1.5;  // grey levels, N (forces reach 1.5 kN)
 constexpr int references = 2;
+const std::vector<double> frame_noise = {1.0, 2.0, 1.0, 1.0, 3.0, 1.0};  // of each frame, over sigma
+
+Plate plate_with_frame_noise() {
+  Plate plate(stretch);
+  plate.images.frame_noise = Eigen::Map<const Eigen::VectorXd>(frame_noise.data(), static_cast<Eigen::Index>(frame_noise.size()));
+  return plate;
+}
 
 struct Sources {
   bool image = false, boundary = false, force = false;
@@ -31,18 +38,18 @@ GaussNewtonOptions options_with(Functional functional, int draws) {
 /// Errors of E and S_y (rms) over identifications with that noise, each with its own draws of it.
 Eigen::Vector2d scatter(Functional functional, const Sources& sources, int draws, int own_draws) {
   const Communicator world;
-  const Plate clean(stretch);
+  const Plate clean = plate_with_frame_noise();
   std::mt19937_64 random(3);
   std::normal_distribution<double> normal;
   const Eigen::VectorXd root = clean.images.M.diagonal().cwiseSqrt();
   Eigen::MatrixXd found(2, draws);
   for (int d = 0; d < draws; ++d) {
-    Plate noisy(stretch);
+    Plate noisy = plate_with_frame_noise();
     Eigen::VectorXd of_reference(root.size());
     for (double& value : of_reference) value = sigma / std::sqrt(references) * normal(random);
     for (Eigen::Index t = 0; t < noisy.record.force.size(); ++t) {
       Eigen::VectorXd moved = of_reference;
-      for (double& value : moved) value += sigma * normal(random);
+      for (double& value : moved) value += sigma * frame_noise[static_cast<std::size_t>(t)] * normal(random);
       moved = moved.cwiseQuotient(root);  // M^-1 b, b b^T = sigma^2 M
       if (sources.image) noisy.record.surface_displacement.col(t) += moved;
       if (sources.boundary) noisy.record.driving.col(t) += moved;
@@ -61,7 +68,7 @@ Eigen::Vector2d scatter(Functional functional, const Sources& sources, int draws
 
 void compare(Functional functional, int draws, bool each_alone) {
   const Communicator world;
-  Plate plate(stretch);
+  Plate plate = plate_with_frame_noise();
   ForwardModel model(world, plate.specimen, plate.law, plate.record, {.with_fields = false}, 3, 0);
   auto parameters = plate.truth;
   const auto predicted = gauss_newton(world, model, plate.images, testing::information(plate), stage, options_with(functional, 400), parameters).covariance;

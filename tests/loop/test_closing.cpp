@@ -225,6 +225,21 @@ TEST(Closing, WhereNothingWasHeldOutTheSentenceSaysSo) {
   EXPECT_NE(sentence_of(experiment, report).find("Nothing was held out that would check it."), std::string::npos);
 }
 
+/// A picture out of focus that is held out: the verdict is on the others.
+TEST(Closing, WhatIsMissingInOneHeldOutFrameIsSaid) {
+  for (const double size : {0.0, 6.0}) {
+    Curves experiment(1, {{Curves::drift, size}});
+    Report report = close_loop(experiment, usual);
+    EXPECT_EQ(report.verdict, size > 0.0 ? Verdict::attributed : Verdict::nothing_found);
+    EXPECT_EQ(report.sentence.find("What was held out has more left"), std::string::npos) << report.sentence;
+    const auto place = std::find(report.held_out.begin(), report.held_out.end(), 1) - report.held_out.begin();
+    auto& misfit = report.final.misfit;
+    misfit.held_out = 2.0 * misfit.null_held_out;
+    misfit.frames[place] += 10.0, misfit.frames[place - 1] += 20.0;  // that one is not held out
+    EXPECT_NE(sentence_of(experiment, report).find("most in " + experiment.frame_name(static_cast<int>(place)) + "."), std::string::npos) << sentence_of(experiment, report);
+  }
+}
+
 TEST(Closing, ATrialSaysWhatItAchieved) {
   const Report report = loop_on(Curves(1, {{Curves::drift, 4.0}}));
   ASSERT_EQ(report.rounds.size(), 1U);

@@ -57,6 +57,9 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
 /// about as much as noise that were larger by this.
 [[nodiscard]] double beyond_noise(const Observation& seen);
 
+/// The noise of each frame over that of the median, by what the correlation leaves: a frame out of focus counts as one with as much noise [frames].
+[[nodiscard]] Eigen::VectorXd frame_noise(const Observation& seen);
+
 /// What the identification needs: the record of the frames after the reference, and the images. Throws InputError where the force has the sign of
 /// the other direction than the loaded end moves in.
 [[nodiscard]] identification::Record make_record(Observation& observation, const io::Case& test,

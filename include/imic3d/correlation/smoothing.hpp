@@ -44,9 +44,9 @@ struct Measure {
 [[nodiscard]] Eigen::MatrixXd noise_draws(const Measure& measure, double sigma, int draws);
 
 /// The cut-off of each frame, 0 or from `longest` [length] down to a 128th of it in steps of sqrt(2), with which `smooth` leaves the least error at `nodes`, by an unbiased estimate of it (Stein 1981, Ann. Statist. 9, Eq. 2.2; of a linear
-/// smoother Mallows' C_L): the sum over the nodes' unknowns, each in units of its noise, and over the frame with two on either side. U: measured, with white noise `sigma` of a frame and the reference
-/// together [in the unit that goes with M], whose covariance is sigma^2 M^-1 [unknowns x frames, length].
-[[nodiscard]] std::vector<double> cut_offs_of_least_error(const Measure& measure, const Eigen::MatrixXd& U, const std::vector<int>& nodes, double sigma, double longest);
+/// smoother Mallows' C_L): the sum over the nodes' unknowns, each in units of its noise, and over the frame with two on either side. U: measured [unknowns x frames, length], with white noise `sigma` of each frame and the reference
+/// together [frames, in the unit that goes with M], whose covariance is sigma^2 M^-1.
+[[nodiscard]] std::vector<double> cut_offs_of_least_error(const Measure& measure, const Eigen::MatrixXd& U, const std::vector<int>& nodes, const Eigen::VectorXd& sigma, double longest);
 
 /// Cut-offs of least error that are shorter than `longest`, once more by sqrt(2). What smoothing bends is, where the error is least, not far below the noise that it leaves, alike in all frames, and in
 /// no draw of the noise; so it is a third of that, for noise that is 1.4 times larger.

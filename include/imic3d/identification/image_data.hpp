@@ -27,9 +27,14 @@ struct ImageData {
   std::function<ImageEvaluation(int t, const Eigen::VectorXd& displacement, const Communicator& group)> evaluate;
   double noise = 1.0;             ///< sigma of Eq. 14: of the white noise that moves M^-1 b as much [grey level]; several
                                   ///< cameras: 1/noise^2 is the mean of theirs
+  Eigen::VectorXd frame_noise{};  ///< standard deviation of each frame's noise over `noise` [frames of the record]; empty: 1
   double pixels_per_length = 1.0; ///< scale of the camera [px/length]
   double reach = 1.0;             ///< displacements nearer than this to the DIC (rms, px) are judged by grey levels; the
                                   ///< others, from where they mislead, by their distance to the DIC in the norm of M
+  /// Standard deviation of frame t's noise over `noise`.
+  [[nodiscard]] double noise_of(Eigen::Index t) const { return t < frame_noise.size() ? frame_noise[t] : 1.0; }
+  /// What the normal equations of frame t weigh, 1/(2 sigma_t^2) of Eq. 11 [1/grey level^2].
+  [[nodiscard]] double weight_of(Eigen::Index t) const { return 0.5 / (noise * noise_of(t) * noise * noise_of(t)); }
   /// M-weighted mean square of the distance to the DIC displacement [px^2].
   [[nodiscard]] double distance(const Eigen::VectorXd& gap, const Eigen::VectorXd& Mgap) const {
     return 2.0 * gap.dot(Mgap) / M.diagonal().sum() * pixels_per_length * pixels_per_length;
