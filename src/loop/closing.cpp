@@ -5,6 +5,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <tuple>
 #include <utility>
 
 #include "imic3d/core/error.hpp"
@@ -59,38 +60,8 @@ class Loop {
   Report run() {
     identify_declared();
     Model at = report_.declared;
-    while (true) {
-      if (!significant(at)) {
-        report_.verdict = report_.named.empty() ? Verdict::nothing_found : without_size(experiment_, at) ? Verdict::unexplained : Verdict::attributed;
-        break;
-      }
-      if (static_cast<int>(at.added.size()) >= options_.additions) {
-        report_.verdict = Verdict::unexplained;
-        break;
-      }
-      Round round = try_candidates(at);
-      for (Trial& trial : round.trials)
-        if (!trial.model.fit.values.empty()) trial.drop = appraisal_.drop(at, trial.model);
-      const bool last = !round.set.empty();
-      const Trial* best = choose(round, at);
-      round.kept = best != nullptr;
-      report_.rounds.push_back(round);
-      if (best == nullptr) {
-        report_.verdict = Verdict::unexplained;
-        break;
-      }
-      report_.named.push_back(best->candidate);
-      say(fmt::format("added: {}", candidate(best->candidate).name));
-      at = best->model;
-      experiment_.put_back(at.ground->learned);
-      if (!at.traced) appraisal_.trace(at);
-      if (last || !significant(at)) take_out_needless(at);
-      if (last) {
-        report_.set = round.set;
-        report_.verdict = round.set.size() == 1 ? Verdict::attributed : Verdict::ambiguous;
-        break;
-      }
-    }
+    search(at);
+    if (report_.verdict == Verdict::unexplained && !report_.rounds.empty()) look_ahead(at);
     if (report_.set.empty() && report_.verdict == Verdict::attributed) report_.set = report_.named;
     report_.held_out = held_out_;
     report_.final = std::move(at);
@@ -104,6 +75,45 @@ class Loop {
   const Candidate& candidate(int j) const { return experiment_.candidates()[static_cast<std::size_t>(j)]; }
   void say(const std::string& line) const {
     if (say_) say_(line);
+  }
+
+  /// Adds what suffices, or helps most, to the model, until nothing is left or nothing helps.
+  void search(Model& at) {
+    while (true) {
+      if (!significant(at)) {
+        report_.verdict = report_.named.empty() ? Verdict::nothing_found : without_size(experiment_, at) ? Verdict::unexplained : Verdict::attributed;
+        return;
+      }
+      if (static_cast<int>(at.added.size()) >= options_.additions) {
+        report_.verdict = Verdict::unexplained;
+        return;
+      }
+      if (!add(try_candidates(at), at)) return;
+    }
+  }
+
+  /// Adds what is kept of a round, and keeps the round. False where the search is over: one suffices, or none helps.
+  bool add(Round round, Model& at) {
+    for (Trial& trial : round.trials)
+      if (!trial.model.fit.values.empty()) trial.drop = appraisal_.drop(at, trial.model);
+    const bool last = !round.set.empty();
+    const Trial* best = choose(round, at);
+    round.kept = best != nullptr;
+    report_.rounds.push_back(round);
+    if (best == nullptr) {
+      report_.verdict = Verdict::unexplained;
+      return false;
+    }
+    report_.named.push_back(best->candidate);
+    say(fmt::format("added: {}", candidate(best->candidate).name));
+    at = best->model;
+    experiment_.put_back(at.ground->learned);
+    if (!at.traced) appraisal_.trace(at);
+    if (last || !significant(at)) take_out_needless(at);
+    if (!last) return true;
+    report_.set = round.set;
+    report_.verdict = round.set.size() == 1 ? Verdict::attributed : Verdict::ambiguous;
+    return false;
   }
 
   std::vector<int> free_of(const std::vector<int>& added, const std::vector<int>& idle = {}) const {
@@ -253,7 +263,45 @@ class Loop {
   /// An effect without a shape, of the law or of the path on which it yields, looked for where the misfit is large.
   bool from_afar(const Model& at, int k) const { return (candidate(k).link == Link::material || candidate(k).changes_path) && !shaped(k) && far(at); }
 
-  Round try_candidates(const Model& at) {
+  /// Of two large effects together each has a size that the parts of the test disagree about while the other is missing, and one that is like both may have none. Where the search ends unexplained those that the parts
+  /// disagree about, and that help more than what was added first, have a round beside them, `rivals` of them at most. Where another one suffices there, the search is taken up from that one, if it helps alone: the set is then
+  /// of all that the first may be.
+  void look_ahead(Model& at) {
+    if (options_.additions < 2) return;
+    const Model& declared = report_.declared;
+    const Round first = report_.rounds.front();
+    const Trial* best = choose(first, declared);
+    std::vector<const Trial*> torn;
+    for (const Trial& trial : first.trials)
+      if (trial.disagrees && helps(trial, declared) && (best == nullptr || trial.model.fit.cost < best->model.fit.cost)) torn.push_back(&trial);
+    std::sort(torn.begin(), torn.end(), [](const Trial* a, const Trial* b) { return a->model.fit.cost < b->model.fit.cost; });
+    if (torn.size() > static_cast<std::size_t>(options_.rivals)) torn.resize(static_cast<std::size_t>(options_.rivals));
+    const auto beside = [&](const Trial& trial) {
+      std::pair both(trial.model, Round{});
+      say(fmt::format("beside {}, about whose size parts of the test may disagree for another effect's sake:", candidate(trial.candidate).name));
+      experiment_.put_back(both.first.ground->learned);
+      if (!both.first.traced) appraisal_.trace(both.first);
+      both.second = try_candidates(both.first, false);
+      return both;
+    };
+    for (const Trial* trial : torn) {
+      auto [model, round] = beside(*trial);
+      if (round.set.empty()) continue;
+      const auto other = std::find_if(first.trials.begin(), first.trials.end(), [&](const Trial& one) { return one.candidate == round.set.front() && (one.plausible || one.disagrees); });
+      if (other != first.trials.end())
+        if (auto turned = beside(*other); turned.second.set.size() >= round.set.size()) std::tie(model, round) = std::move(turned);
+      report_.rounds.resize(1);
+      report_.rounds.front().kept = true;
+      report_.named = {model.added.back()};
+      at = std::move(model);
+      add(std::move(round), at);
+      return;
+    }
+    experiment_.put_back(at.ground->learned);
+  }
+
+  /// `all`: those that do not belong to the best ones have their turn, too, where none of these suffices.
+  Round try_candidates(const Model& at, bool all = true) {
     const std::vector<Score>& scores = at.scores.candidates;
     const auto is_in = [](const std::vector<std::size_t>& list, std::size_t i) { return std::find(list.begin(), list.end(), i) != list.end(); };
     std::vector<std::size_t> waiting, doubtful;
@@ -292,7 +340,7 @@ class Loop {
     // Of two effects together a third that is like both may have the larger score, and help nothing: before no known effect explains it, all beyond the limit have their turn.
     // So have, before one that does not suffice is added, those whose score is at least half of the largest: the ones before them may only be like what is there.
     const auto near_the_largest = [&](std::size_t i) { return scores[i].z > 0.5 * scores[seen.front()].z; };
-    while (!waiting.empty() && (choose(round, at) == nullptr || (round.set.empty() && near_the_largest(waiting.front()))))
+    while (all && !waiting.empty() && (choose(round, at) == nullptr || (round.set.empty() && near_the_largest(waiting.front()))))
       for (std::size_t i : taken_from(waiting)) try_out(round, at, i, true);
     // The earlier link first where the data do not tell, invisible effects behind.
     const auto place = [&](int k) {
@@ -549,8 +597,17 @@ class Loop {
       }
     }
     if (compared > 1 && disagreement > 4.5 && !trial.sufficient) {
+      trial.disagrees = trial.plausible;
       object(fmt::format("parts of the test disagree about its size by {:.1f} standard deviations", disagreement));
     }
+  }
+
+  /// Whether it takes a fifth of what noise does not explain, on fitted and on held-out frames.
+  bool helps(const Trial& trial, const Model& at) const {
+    const auto excess = [](double chi, double null) { return std::max(0.0, chi * chi - null * null); };
+    const Misfit &now = trial.model.misfit, &was = at.misfit;
+    return trial.visible && excess(now.held_out, now.null_held_out) <= 0.8 * excess(was.held_out, was.null_held_out) && excess(now.fitted, now.null_fitted) <= 0.8 * excess(was.fitted, was.null_fitted) &&
+           trial.model.fit.cost < at.fit.cost;
   }
 
   /// What is kept of a round: the sufficient candidate of the earliest link, else the one that helps most, if any does.
@@ -562,12 +619,7 @@ class Loop {
         if (trial.candidate == round.set.front()) return &trial;
         continue;
       }
-      // A fifth of what noise does not explain, on fitted and on held-out frames.
-      const auto excess = [](double chi, double null) { return std::max(0.0, chi * chi - null * null); };
-      const Misfit &now = trial.model.misfit, &was = at.misfit;
-      const bool helps = trial.visible && excess(now.held_out, now.null_held_out) <= 0.8 * excess(was.held_out, was.null_held_out) && excess(now.fitted, now.null_fitted) <= 0.8 * excess(was.fitted, was.null_fitted) &&
-                         trial.model.fit.cost < at.fit.cost;
-      if (helps && (best == nullptr || trial.model.fit.cost < best->model.fit.cost)) best = &trial;
+      if (helps(trial, at) && (best == nullptr || trial.model.fit.cost < best->model.fit.cost)) best = &trial;
     }
     return best;
   }

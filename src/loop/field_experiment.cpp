@@ -338,6 +338,10 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
   for (const auto& [j, size] : always_there()) with.push_back(values), with.back()[j] += size;
   for (const auto& p : predict(with, std::vector<const Eigen::MatrixXd*>(with.size(), &measured_.driving)))
     if (p.force.size() > 0) doubt_too(whitened(p.displacement - nominal.displacement, p.force - nominal.force));
+  for (std::size_t k = 0; k < effects_.size(); ++k)
+    if (const Eigen::VectorXd unknown = effects_[k]->unknown_in_record(values_of(k, values), scene_of(k)); unknown.size() > 0)
+      for (Eigen::Index t = 0; t < unknown.size(); ++t)  // of each frame for itself
+        if (unknown[t] > 0.1 * measured_.force_noise) doubt_too(whitened(Eigen::MatrixXd::Zero(nominal.displacement.rows(), nominal.displacement.cols()), unknown[t] * Eigen::VectorXd::Unit(unknown.size(), t)));
   if (differentiable_) {
     std::vector<Tangent> uneven;
     for (int shape = 0; shape < uneven_shapes(); ++shape) uneven.push_back({.uneven = shape});

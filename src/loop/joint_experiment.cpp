@@ -299,7 +299,7 @@ Report JointExperiment::report_of(std::size_t test, const Report& all) {
     own.set = candidates_of(test, round.set), own.kept = round.kept;
     for (const Trial& trial : round.trials)
       if (const auto candidate = candidates_of(test, {trial.candidate}); !candidate.empty())
-        own.trials.push_back({candidate.front(), model_of(test, trial.model), trial.visible, trial.sufficient, trial.plausible, trial.objection, trial.drop});
+        own.trials.push_back({candidate.front(), model_of(test, trial.model), trial.visible, trial.sufficient, trial.plausible, trial.disagrees, trial.objection, trial.drop});
   }
   const Appraisal appraisal(*this, all.held_out, {});
   const auto left = [&](const Model& model) { return leftover_of(model, appraisal.left_of_null(model)).of(first_row_[test], first_row_[test + 1] - first_row_[test]); };

@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 """Plane stress from one end to the other: a small virtual test on a finer mesh of a longer specimen and of another element,
-identified with 1, 2 and 3 ranks and by two functionals; against CalculiX on a thin plate; results for ParaView.
+identified with 1 and 2 ranks and by two functionals; against CalculiX on a thin plate; results for ParaView.
 
 Usage: plane_stress.py EXECUTABLE        (the table was made by tools/calculix_plate.py --thickness 0.1)
 """
@@ -66,12 +66,11 @@ def virtual_test(program, folder):
     run(program, "dic", cases["force_driven"], 2, ["--output", str(folder / "dic")])
 
     values = {}
-    for ranks in (1, 2, 3):
+    for ranks in (1, 2):
         run(program, "identify", cases["force_driven"], ranks, ["--output", str(folder / f"force_{ranks}")])
         values[ranks] = identified(folder / f"force_{ranks}")
-    for ranks in (2, 3):
-        difference = numpy.max(numpy.abs(values[ranks] / values[1] - 1.0))
-        require(difference < 1e-8, f"{ranks} ranks and 1 identify the same ({difference:.1e})")
+    difference = numpy.max(numpy.abs(values[2] / values[1] - 1.0))
+    require(difference < 1e-8, f"2 ranks and 1 identify the same ({difference:.1e})")
     # A coarse mesh and small images: the full size is tools/virtual_study.sh --plane-stress.
     judge("force_driven", values[1], [3, 1, 2, 3])
     run(program, "identify", cases["displacement_driven"], 2)

@@ -7,6 +7,7 @@
 #include <deque>
 #include <functional>
 #include <map>
+#include <set>
 #include <random>
 #include <utility>
 
@@ -500,6 +501,25 @@ TEST(Closing, BeforeOneIsAddedThatOnlyHelpsOthersNearlyAsLargeAreTried) {
   EXPECT_EQ(report.rounds[0].trials.front().candidate, static_cast<int>(Curves::drift));
   EXPECT_TRUE(report.rounds[0].trials.front().plausible);
   EXPECT_EQ(report.named, std::vector<int>{Curves::curved}) << report.sentence;
+}
+
+/// Of drift and gain the blocks disagree about the first while the other is missing, and a kink, which helps, leads nowhere.
+TEST(Closing, TwoOfWhichEachTearsTheOthersSizeApartAreFound) {
+  const Report report = loop_on(Curves(5, {{Curves::drift, 2.0}, {Curves::gain, -20.0}}, 0.0, 5000U, 1.0));
+  EXPECT_EQ(report.verdict, Verdict::attributed) << report.sentence;
+  EXPECT_EQ(std::set<int>(report.named.begin(), report.named.end()), (std::set<int>{Curves::drift, Curves::gain})) << report.sentence;
+  const auto& first = report.rounds.front().trials;
+  EXPECT_TRUE(std::any_of(first.begin(), first.end(), [](const Trial& trial) { return trial.candidate == Curves::drift && trial.disagrees && !trial.plausible; }));
+  EXPECT_TRUE(std::any_of(first.begin(), first.end(), [](const Trial& trial) { return trial.candidate == Curves::kink && trial.plausible; }));
+}
+
+/// The one whose size is torn apart has a twin: both are in the set.
+TEST(Closing, WhatIsFoundBesideAnotherIsAmbiguousStill) {
+  const Report report = loop_on(Curves(5, {{Curves::twin, 25.0}}).somewhere(20.0, 0.3));
+  EXPECT_EQ(report.verdict, Verdict::ambiguous) << report.sentence;
+  EXPECT_EQ(report.set, (std::vector<int>{Curves::twin, Curves::twin_again})) << report.sentence;
+  EXPECT_EQ(report.named.size(), 2U);
+  EXPECT_EQ(report.named.front(), 7) << report.sentence;  // the pulse
 }
 
 /// What leaves nothing of the fitted frames, but held-out ones worse than they were, is not what is missing.

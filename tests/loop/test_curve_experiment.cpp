@@ -103,7 +103,7 @@ TEST(CurveExperiment, ResidualsNearAreThoseComputed) {
 }
 
 /// What the bars' scatter makes of a score, and of the sum of squares, over many tests: as the null of each says, which was made of that test's own few bars.
-TEST(CurveExperiment, TheNullKnowsThatTheScatterIsEstimated) {
+TEST(CurveExperimentNightly, TheNullKnowsThatTheScatterIsEstimated) {
   const auto exact = bars(1, {});
   CurveExperiment perfect(Communicator(), exact, model(truth));
   std::vector<double> values;

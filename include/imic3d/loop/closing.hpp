@@ -82,6 +82,7 @@ struct Trial {
   bool visible = true;          ///< κ of its mark is large enough that its score tells of it
   bool sufficient = false;      ///< nothing significant remains, and of several effects each has a size that is told from its null value
   bool plausible = true;        ///< within its bounds, and its size agrees between the blocks of frames
+  bool disagrees = false;       ///< plausible but for the latter, as an effect is beside another one that is missing, too
   std::string objection;        ///< why not plausible, or why not sufficient though nothing remains
   double drop = 0.0;            ///< of chi^2 of the fitted frames, in the weights of the model that it was added to; 0 where it could not be fitted
 };

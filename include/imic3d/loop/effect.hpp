@@ -129,6 +129,8 @@ class Effect {
   virtual void light(Values, const Scene&, int /*frame*/, const Eigen::Vector2d& /*point*/, const Eigen::Vector2d& /*now*/, Light& /*light*/) const {}
   /// Record: turns the force on the specimen [frames] into the one that is recorded.
   virtual void record(Values, const Scene&, Eigen::VectorXd& /*force*/) const {}
+  /// Record: standard deviation of what the effect leaves unknown of the force that is recorded in each frame [frames, force]; empty where it leaves nothing.
+  [[nodiscard]] virtual Eigen::VectorXd unknown_in_record(Values, const Scene&) const { return {}; }
   /// Record of a uniform test: turns the recorded strain of a bar [rows] into that of its material; Scene::force is the recorded
   /// stress.
   virtual void gauge(Values, const Scene&, Eigen::VectorXd& /*strain*/) const {}
