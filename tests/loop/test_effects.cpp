@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "imic3d/loop/effect.hpp"
+#include "strip.hpp"
 
 namespace imic3d::loop {
 namespace test_effects {
@@ -37,6 +38,29 @@ TEST(Effects, ADelayKnowsWhatItDoesNotKnowOfTheForce) {
       if (delay < 0.0) EXPECT_GT(unknown[14], 4.0) << "beyond the last frame";
     }
   }
+}
+
+/// It is the null's: of a record that is a frame early the last frame's force.
+TEST(Effects, WhatADelayLeavesUnknownIsInTheNull) {
+  testing::Strip strip(0.0);
+  strip.data.correlate = [](const identification::Specimen&, const Eigen::MatrixXd& U) { return U; };
+  FieldExperiment experiment = strip.experiment();
+  auto values = testing::declared(experiment);
+  experiment.learn_bias(values);
+  const Eigen::MatrixXd without = experiment.doubt().whole;
+  const double interval = strip.data.time[3] - strip.data.time[2], slope = strip.data.force[3] - strip.data.force[2];
+  values[static_cast<std::size_t>(testing::place_of(experiment, "force_delay"))] = -interval;
+  experiment.learn_bias(values);
+  const Eigen::MatrixXd with = experiment.doubt().whole;
+  ASSERT_EQ(with.cols(), without.cols() + 1);
+  bool there = false;  // a column of the last frame's force alone
+  for (const auto column : with.colwise()) {
+    double last = 0.0;
+    for (std::size_t i = 0; i < experiment.data().size(); ++i)
+      if (experiment.data()[i].channel == force_channel && experiment.data()[i].frame == 3) last = column[static_cast<Eigen::Index>(i)];
+    there = there || (std::abs(last) > 0.0 && std::abs(std::abs(last) - column.norm()) < 1e-12 && std::abs(std::abs(last) - std::abs(slope) / strip.data.force_noise) < 1e-6 * std::abs(last));
+  }
+  EXPECT_TRUE(there);
 }
 
 }  // namespace test_effects
