@@ -518,7 +518,7 @@ TEST(Closing, WhatIsFoundBesideAnotherIsAmbiguousStill) {
   const Report report = loop_on(Curves(5, {{Curves::twin, 25.0}}).somewhere(20.0, 0.3));
   EXPECT_EQ(report.verdict, Verdict::ambiguous) << report.sentence;
   EXPECT_EQ(report.set, (std::vector<int>{Curves::twin, Curves::twin_again})) << report.sentence;
-  EXPECT_EQ(report.named.size(), 2U);
+  ASSERT_EQ(report.named.size(), 2U);
   EXPECT_EQ(report.named.front(), 7) << report.sentence;  // the pulse
 }
 
