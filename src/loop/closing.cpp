@@ -279,9 +279,13 @@ class Loop {
     const auto beside = [&](const Trial& trial) {
       std::pair both(trial.model, Round{});
       say(fmt::format("beside {}, about whose size parts of the test may disagree for another effect's sake:", candidate(trial.candidate).name));
-      experiment_.put_back(both.first.ground->learned);
-      if (!both.first.traced) appraisal_.trace(both.first);
-      both.second = try_candidates(both.first, false);
+      try {
+        experiment_.put_back(both.first.ground->learned);
+        if (!both.first.traced) appraisal_.trace(both.first);
+        both.second = try_candidates(both.first, false);
+      } catch (const ConvergenceError& error) {  // the verdict stays as it is
+        say(fmt::format("    beside {}: {}", candidate(trial.candidate).name, error.what()));
+      }
       return both;
     };
     for (const Trial* trial : torn) {
@@ -289,7 +293,7 @@ class Loop {
       if (round.set.empty()) continue;
       const auto other = std::find_if(first.trials.begin(), first.trials.end(), [&](const Trial& one) { return one.candidate == round.set.front() && (one.plausible || one.disagrees); });
       if (other != first.trials.end())
-        if (auto turned = beside(*other); turned.second.set.size() >= round.set.size()) std::tie(model, round) = std::move(turned);
+        if (auto turned = beside(*other); turned.second.set.size() >= round.set.size() && std::count(turned.second.set.begin(), turned.second.set.end(), trial->candidate) > 0) std::tie(model, round) = std::move(turned);
       report_.rounds.resize(1);
       report_.rounds.front().kept = true;
       report_.named = {model.added.back()};

@@ -234,6 +234,24 @@ TEST(Smoothing, WavesLongerThanTheEndsLeaveAnAffineMotion) {
   EXPECT_LT(bent, 1.02);
 }
 
+/// Frames of unequal noise, such as one out of focus: each has the cut-off that its own asks for.
+TEST(Smoothing, EachFrameIsJudgedByItsOwnNoise) {
+  const Smoothed test;
+  const Eigen::VectorXd curved = test.field([](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.0, 0.5 * std::sin(0.16 * x.x())); });
+  constexpr int half = 20;
+  const double sizes[] = {1.0, 8.0};
+  Eigen::MatrixXd measured = noise_draws(test.measure, test.sigma, 2 * half);
+  Eigen::VectorXd sigma(2 * half);
+  for (int k = 0; k < 2; ++k) measured.middleCols(half * k, half) *= sizes[k], sigma.segment(half * k, half).setConstant(sizes[k] * test.sigma);
+  measured.colwise() += curved;
+  const auto chosen = cut_offs_of_least_error(test.measure, measured, test.nodes, sigma, 60.0);
+  for (int k = 0; k < 2; ++k) {
+    const auto by_itself = cut_offs_of_least_error(test.measure, measured.middleCols(half * k, half), test.nodes, sigma.segment(half * k, half), 60.0);
+    for (int t = 2; t < half - 2; ++t) EXPECT_EQ(chosen[static_cast<std::size_t>(half * k + t)], by_itself[static_cast<std::size_t>(t)]) << "frame " << half * k + t;
+  }
+  EXPECT_LT(chosen[half / 2], chosen[half + half / 2]);
+}
+
 /// A node of the ends that is hardly seen has most of the noise: it must not decide for the others.
 TEST(Smoothing, ANodeThatIsHardlySeenDoesNotOutweighTheOthers) {
   Smoothed test;

@@ -7,8 +7,8 @@
 #include <deque>
 #include <functional>
 #include <map>
-#include <set>
 #include <random>
+#include <set>
 #include <utility>
 
 #include "../../src/loop/sentence.hpp"
