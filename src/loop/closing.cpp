@@ -10,9 +10,9 @@
 
 #include "imic3d/core/error.hpp"
 #include "imic3d/loop/effect.hpp"
-#include "imic3d/loop/statistics.hpp"
 #include "appraisal.hpp"
 #include "ground.hpp"
+#include "plausibility.hpp"
 #include "remainder.hpp"
 #include "sentence.hpp"
 
@@ -429,7 +429,7 @@ class Loop {
     judge_trial(trial, at);
     while (trial.sufficient)
       if (!leave_out_untold(trial, at)) break;
-    if (!trial.plausible) say("    not plausible: " + trial.objection);
+    if (!trial.objection.empty()) say((trial.plausible ? "    " : "    not plausible: ") + trial.objection);
     if (trial.sufficient && trial.plausible) round.set.push_back(trial.candidate);
     round.trials.push_back(std::move(trial));
   }
@@ -437,7 +437,7 @@ class Loop {
   void judge_trial(Trial& trial, const Model& at) {
     try {
       appraisal_.judge(trial.model);
-      judge(trial, at);
+      weigh(trial, at, experiment_, appraisal_);
       announce(trial.model, "with " + candidate(trial.candidate).name);
     } catch (const ConvergenceError& error) {
       trial.model.others.clear();  // without scores
@@ -523,86 +523,6 @@ class Loop {
       if (!without.traced) appraisal_.trace(without);
       std::erase(report_.named, needless);
       at = std::move(without);
-    }
-  }
-
-  void judge(Trial& trial, const Model& at) {
-    const Model& model = trial.model;
-    trial.sufficient = !significant(model);
-    const auto object = [&](const std::string& reason) {  // the first one is said
-      if (std::exchange(trial.plausible, false)) trial.objection = reason;
-    };
-    if (const auto k = without_size(experiment_, model); k && trial.sufficient) {
-      trial.sufficient = false;
-      trial.objection = fmt::format("nothing is left, but the size of {} is not told", candidate(*k).name);
-      say("    " + trial.objection);
-    }
-    // What takes away no more than chance does has let another one fall below its limit, which is a little higher after an addition.
-    const double drop = std::max(appraisal_.drop(at, model), at.fit.cost - model.fit.cost);  // the latter with what was known of parameters
-    if (chi_squared_tail(std::max(0.0, drop), static_cast<int>(candidate(trial.candidate).parameters.size())) > level_after_addition)
-      object(fmt::format("it explains no more than chance does: chi^2 falls by {:.2g}", std::max(0.0, drop)));
-    const auto& parameters = experiment_.parameters();
-    for (int k : model.added)
-      for (int j : candidate(k).parameters) {
-        const auto& parameter = parameters[static_cast<std::size_t>(j)];
-        const double value = model.fit.values[static_cast<std::size_t>(j)];
-        if (on_bound(parameter, value)) object(fmt::format("{} = {:.4g} is at its bound", parameter.info.name, value));
-      }
-    if (model.misfit.checkerboard > at.misfit.checkerboard * 1.02 && at.misfit.checkerboard > at.misfit.null_checkerboard) {
-      object(fmt::format("half of the surface is explained worse by the other half: chi {:.3f} after {:.3f}", model.misfit.checkerboard, at.misfit.checkerboard));
-    }
-    // A model whose own error of mesh and correlation is in doubt by more than it explains would explain anything. Both before any weighing, in units of the noise.
-    const auto mean_square = [&](const Ground& ground, const Eigen::MatrixXd& weighed) { return Eigen::MatrixXd(ground.weight.undone(weighed)(rows_, Eigen::all)).squaredNorm() / static_cast<double>(weighed.cols()) / static_cast<double>(rows_.size()); };
-    const double grown = mean_square(*model.ground, model.ground->null) - mean_square(*at.ground, at.ground->null);
-    const double explained = mean_square(*at.ground, at.fit.residual) - mean_square(*model.ground, model.fit.residual);
-    if (model.ground != at.ground && grown > std::max(0.0, explained)) {
-      object(fmt::format("what the mesh and the correlation err by in this model is in doubt by more ({:.2f} of the noise) than it explains ({:.2f}); a finer mesh would tell", std::sqrt(grown), std::sqrt(std::max(0.0, explained))));
-    }
-    for (std::size_t k = 0; k < model.misfit.cameras.size(); ++k) {
-      const auto &now = model.misfit.cameras[k], &was = at.misfit.cameras[k];
-      if (now.chi <= was.chi * 1.02 || was.chi <= was.null) continue;
-      object(fmt::format("the others explain the {} cameras worse: chi {:.3f} after {:.3f}", experiment_.channel_name(now.channel), now.chi, was.chi));
-    }
-    const Misfit &now = model.misfit, &was = at.misfit;
-    const auto square = [](double x) { return x * x; };
-    // Sizes that the fitted frames do not tell leave any residual of the held-out ones within the null: nothing checks such an effect.
-    if (const double doubt = square(now.null_held_out) - square(was.null_held_out); doubt > std::max(3.0 * square(was.null_held_out), square(was.held_out) - square(now.held_out)))
-      object(fmt::format("no held-out frame checks it: what it would be there is in doubt by more (null {:.3f} after {:.3f}) than it explains", now.null_held_out, was.null_held_out));
-    // What leaves nothing of the fitted frames, but no less of held-out ones of which noise does not explain all, is not what is missing; one that helps may leave a little more of these.
-    if ((now.held_out > now.null_held_out || was.held_out > was.null_held_out) && now.held_out > (trial.sufficient ? 1.0 : 1.02) * was.held_out)
-      object(fmt::format("the held-out frames are explained worse: chi {:.3f} (null {:.3f}) after {:.3f}", now.held_out, now.null_held_out, was.held_out));
-    // Blocks of frames must agree about the size: each third's own estimate, from the linearised model.
-    const auto& its = candidate(trial.candidate).parameters;
-    std::vector<Eigen::Index> columns;
-    for (int j : its)
-      if (const auto place = std::find(model.fit.free.begin(), model.fit.free.end(), j); place != model.fit.free.end()) columns.push_back(place - model.fit.free.begin());
-    const Eigen::MatrixXd J = model.fit.sensitivity(rows_, Eigen::all);
-    const Eigen::VectorXd r = model.fit.residual(rows_);
-    const Eigen::MatrixXd R = model.ground->null(rows_, Eigen::all);
-    double disagreement = 0.0;
-    int compared = 0;
-    for (int block = 0; block < 3; ++block) {
-      std::vector<Eigen::Index> rows;
-      for (std::size_t i = 0; i < rows_.size(); ++i)
-        if (3 * experiment_.data()[static_cast<std::size_t>(rows_[i])].frame / frames_ == block) rows.push_back(static_cast<Eigen::Index>(i));
-      if (rows.size() < static_cast<std::size_t>(J.cols()) + 1) continue;
-      // The block's own wish for the effect, the other parameters held: s^T r/s^T s.
-      for (const Eigen::Index c : columns) {
-        const auto j = static_cast<std::size_t>(model.fit.free[static_cast<std::size_t>(c)]);
-        const Eigen::VectorXd s = J.col(c)(rows);
-        const double s2 = s.squaredNorm();
-        if (s2 < 0.02 * J.col(c).squaredNorm()) continue;
-        const double wish = s.dot(r(rows)) / s2;
-        const Eigen::VectorXd noise = (R(rows, Eigen::all).transpose() * s) / s2;
-        const double size = model.fit.values[j] - parameters[j].info.null_value.value_or(0.0);
-        const double sd = std::sqrt(noise.squaredNorm() / static_cast<double>(noise.size()) + std::pow(0.1 * size, 2));
-        disagreement = std::max(disagreement, std::abs(wish) / std::max(1e-300, sd));
-        ++compared;
-      }
-    }
-    if (compared > 1 && disagreement > 4.5 && !trial.sufficient) {
-      trial.disagrees = trial.plausible;
-      object(fmt::format("parts of the test disagree about its size by {:.1f} standard deviations", disagreement));
     }
   }
 

@@ -8,6 +8,7 @@
 #include <sstream>
 
 #include "appraisal.hpp"
+#include "plausibility.hpp"
 
 namespace imic3d::loop {
 
@@ -64,6 +65,19 @@ std::string left_in_held_out(const Experiment& experiment, const Report& report)
   for (std::size_t t = 0; t < report.held_out.size(); ++t)
     if (report.held_out[t] != 0 && (worst < 0 || beyond(static_cast<int>(t)) > beyond(worst))) worst = static_cast<int>(t);
   return worst < 0 ? "" : fmt::format(" What was held out has more left, {:.2f} (null {:.2f}), most in {}.", misfit.held_out, misfit.null_held_out, experiment.frame_name(worst));
+}
+
+/// What no second frame checks.
+std::string told_by_one_frame(const Experiment& experiment, const Report& report) {
+  if (report.verdict != Verdict::attributed && report.verdict != Verdict::ambiguous) return "";
+  std::vector<char> fitted;
+  for (char out : report.held_out) fitted.push_back(out == 0 ? 1 : 0);
+  const auto rows = rows_of_frames(experiment.data(), fitted);
+  std::string text;
+  for (int k : report.named)
+    if (const auto alone = told_by_one_frame(experiment, report.final, k, rows))
+      text += fmt::format(" Nothing that is fitted tells of {} but {}.", experiment.candidates()[static_cast<std::size_t>(k)].name, experiment.frame_name(alone->frame));
+  return text;
 }
 
 std::string verdict_in_words(const Experiment& experiment, const Report& report) {
@@ -132,6 +146,6 @@ std::string verdict_in_words(const Experiment& experiment, const Report& report)
 
 }  // namespace
 
-std::string sentence_of(const Experiment& experiment, const Report& report) { return verdict_in_words(experiment, report) + left_in_held_out(experiment, report) + bounds(experiment, report.declared, report.final); }
+std::string sentence_of(const Experiment& experiment, const Report& report) { return verdict_in_words(experiment, report) + told_by_one_frame(experiment, report) + left_in_held_out(experiment, report) + bounds(experiment, report.declared, report.final); }
 
 }  // namespace imic3d::loop

@@ -2,7 +2,7 @@
 """The light of a test in `imic3d loop`: images of an elastic strip made here, of a speckle and a motion that are formulas, integrated over pixels, with noise, rounded
 to 8 bits. Nothing, a gain that drifts, a patch of foreign speckle, over-exposure, a flickering lamp: what the loop says of the grey levels that the correlation leaves.
 
-Usage: light.py EXECUTABLE
+Usage: light.py EXECUTABLE [--few]      --few: without over-exposure and lamp
 """
 import io
 import json
@@ -135,6 +135,9 @@ def main():
     area = numpy.pi * (radius * PIXEL)**2 / (3.5 * 3)
     require(largest == f"loose_{place}" and 0.4 * area < places[largest] < 2.5 * area, f"where it is ({largest}): {places[largest]:.3f} of the place, {area:.3f} are the patch")
     require(abs(light["map"]["frame"] - onset) <= FRAMES, "the map says where and when something is left")
+
+    if "--few" in sys.argv:
+        return end()
 
     # Frames that are held out at the end, behind all that is fitted, take no part.
     result = loop("exposed", lambda grey, t: 1.55 * grey, 14, held_out=f'held_out: "5,{STATIC + FRAMES - 2}-{STATIC + FRAMES - 1}", ')

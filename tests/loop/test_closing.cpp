@@ -561,6 +561,36 @@ TEST(Closing, WhatNoHeldOutFrameChecksIsNotNamed) {
   EXPECT_TRUE(trial->objection.starts_with("no held-out frame checks it")) << trial->objection;
 }
 
+/// Something happens in one frame that looks like an effect there, of which all others that are fitted, which would show it, know nothing. What is left with it has the size of noise.
+TEST(Closing, WhatOneFrameAsksForAgainstAllOthersIsNotNamed) {
+  int would_have_sufficed = 0;
+  for (unsigned seed = 1; seed <= 12; ++seed) {
+    const Report report = loop_on(Curves(seed).with_burst(0.085, false));
+    EXPECT_EQ(report.verdict, Verdict::unexplained) << report.sentence;
+    EXPECT_TRUE(report.named.empty()) << report.sentence;
+    EXPECT_NE(report.sentence.find("largest in frame 125"), std::string::npos) << report.sentence;
+    ASSERT_FALSE(report.rounds.empty());
+    for (const Trial& trial : report.rounds.front().trials)
+      would_have_sufficed += trial.candidate == 7 && trial.sufficient && trial.objection.starts_with("frame 125 alone asks for it: of the others answer - 0 is ") ? 1 : 0;
+  }
+  EXPECT_GE(would_have_sufficed, 6);
+}
+
+/// Where they show it as they should it is named; where none of them shows it, too (unless the held-out frames, where it is not, happen to have more than noise left), and the sentence says that nothing checks it.
+TEST(Closing, WhatOneFrameTellsAloneIsNamedAndSaid) {
+  for (double elsewhere : {0.085, 0.0}) {
+    int named = 0;
+    for (unsigned seed = 1; seed <= 6; ++seed) {
+      const Report report = loop_on(Curves(seed).with_burst(elsewhere, true));
+      if (report.declared.misfit.held_out > report.declared.misfit.null_held_out) continue;
+      EXPECT_EQ(report.set, std::vector<int>{7}) << report.sentence;
+      EXPECT_EQ(report.sentence.find("Nothing that is fitted tells of burst but frame 125.") != std::string::npos, elsewhere == 0.0) << report.sentence;
+      ++named;
+    }
+    EXPECT_GE(named, 4);
+  }
+}
+
 /// Its course over the frames is that of the largest singular value of the whitened residual.
 TEST(Closing, TheRemaindersFirstModeIsTheLargest) {
   const Report report = loop_on(Curves(2, {}, 4.0));
