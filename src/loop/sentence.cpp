@@ -80,6 +80,20 @@ std::string told_by_one_frame(const Experiment& experiment, const Report& report
   return text;
 }
 
+/// Whether most of what a frame has left beyond noise (one a number) is in its force, where it has other numbers, too.
+bool in_its_force(const Experiment& experiment, const Model& model, int frame) {
+  double force = 0.0, other = 0.0;
+  int others = 0;
+  for (std::size_t i = 0; i < experiment.data().size(); ++i) {
+    const Datum& datum = experiment.data()[i];
+    if (datum.frame != frame) continue;
+    const double r = model.fit.residual[static_cast<Eigen::Index>(i)], excess = r * r - 1.0;
+    if (datum.channel == force_channel) force += excess;
+    else other += excess, ++others;
+  }
+  return others > 0 && force > 0.0 && force > other;
+}
+
 std::string verdict_in_words(const Experiment& experiment, const Report& report) {
   const Model &before = report.declared, &after = report.final;
   const bool is_held_out = std::any_of(report.held_out.begin(), report.held_out.end(), [](char out) { return out != 0; });
@@ -139,7 +153,7 @@ std::string verdict_in_words(const Experiment& experiment, const Report& report)
     }
     Eigen::Index worst = 0;
     (after.misfit.frames - after.misfit.null_frames).maxCoeff(&worst);
-    text += fmt::format(". It is largest in {}. ", experiment.frame_name(static_cast<int>(worst)));
+    text += fmt::format(". It is largest in {}{}. ", experiment.frame_name(static_cast<int>(worst)), in_its_force(experiment, after, static_cast<int>(worst)) ? ", in its force" : "");
   }
   return text + change + changes(experiment, before, after) + by_chance;
 }

@@ -92,6 +92,12 @@ class Curves final : public Experiment {
     return *this;
   }
 
+  /// The force of one frame is off.
+  Curves& with_force_off(int frame, double by) {
+    measured_[frame * (numbers + 1) + numbers] += by;
+    return *this;
+  }
+
   /// One more candidate, of size 1 in frame 25 as it is measured, and with a mark of the share `elsewhere` in all others that are fitted, where it is measured if `everywhere`.
   Curves& with_burst(double elsewhere, bool everywhere) {
     with_mark_of_noise(1);

@@ -591,6 +591,17 @@ TEST(Closing, WhatOneFrameTellsAloneIsNamedAndSaid) {
   }
 }
 
+TEST(Closing, AForceThatIsOffInOneFrameIsSaid) {
+  for (unsigned seed = 1; seed <= 4; ++seed) {
+    const Report report = loop_on(Curves(seed).with_force_off(25, 40.0));
+    EXPECT_EQ(report.verdict, Verdict::unexplained) << report.sentence;
+    EXPECT_NE(report.sentence.find("largest in frame 125, in its force."), std::string::npos) << report.sentence;
+  }
+  const Report report = loop_on(Curves(5, {}, 6.0));
+  EXPECT_EQ(report.verdict, Verdict::unexplained) << report.sentence;
+  EXPECT_EQ(report.sentence.find("in its force"), std::string::npos) << report.sentence;
+}
+
 /// Its course over the frames is that of the largest singular value of the whitened residual.
 TEST(Closing, TheRemaindersFirstModeIsTheLargest) {
   const Report report = loop_on(Curves(2, {}, 4.0));
