@@ -75,7 +75,7 @@ def main():
     def pushed(after, seed):
         name = f"pushed_after_{after}_{seed}"
         tables(folder / name, 1.0, 0.0, False, (0.0, 0.0), bump=bump, pushed_after=after, seed=seed)
-        return loop(name, "", 2)
+        return loop(name, "", 2 if "--pushes" in sys.argv else 1)
 
     if "--pushes" in sys.argv:
         verdicts = []

@@ -143,7 +143,7 @@ TEST(CurveExperimentNightly, TheNullKnowsThatTheScatterIsEstimated) {
 }
 
 /// Bars that differ in proportion to their stress, as far as it is small, do not differ where a cycle passes zero: no cubic of the way, and the energy of a group whose mean is off holds it.
-TEST(CurveExperiment, BarsDifferOtherwiseWhereTheStressIsSmall) {
+TEST(CurveExperimentNightly, BarsDifferOtherwiseWhereTheStressIsSmall) {
   material::BarHistory history;
   std::vector<double> strain;
   double at = 0.0;
