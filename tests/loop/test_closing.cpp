@@ -578,13 +578,15 @@ TEST(Closing, WhatOneFrameAsksForAgainstAllOthersIsNotNamed) {
 
 /// Where they show it as they should it is named; where none of them shows it, too (unless the held-out frames, where it is not, happen to have more than noise left), and the sentence says that nothing checks it.
 TEST(Closing, WhatOneFrameTellsAloneIsNamedAndSaid) {
-  for (double elsewhere : {0.085, 0.0}) {
+  for (double elsewhere : {0.085, 0.012, 0.0}) {  // the others show it at six standard deviations, at one, not at all
     int named = 0;
     for (unsigned seed = 1; seed <= 6; ++seed) {
       const Report report = loop_on(Curves(seed).with_burst(elsewhere, true));
       if (report.declared.misfit.held_out > report.declared.misfit.null_held_out) continue;
       EXPECT_EQ(report.set, std::vector<int>{7}) << report.sentence;
-      EXPECT_EQ(report.sentence.find("Nothing that is fitted tells of burst but frame 125.") != std::string::npos, elsewhere == 0.0) << report.sentence;
+      if (elsewhere != 0.012) {
+        EXPECT_EQ(report.sentence.find("Nothing that is fitted tells of burst but frame 125.") != std::string::npos, elsewhere == 0.0) << report.sentence;
+      }
       ++named;
     }
     EXPECT_GE(named, 4);

@@ -33,9 +33,13 @@ TEST(Effects, ADelayKnowsWhatItDoesNotKnowOfTheForce) {
         const double time = scene.time[t] - delay, off = std::abs(recorded[t] - (time < 0.0 ? 0.0 : force_at(time)));
         EXPECT_LE(off, 3.0 * unknown[t] + 1e-9) << "delay " << delay << ", frame " << t;
         const bool straight = time > 0.0 && time < 15.0 && std::abs(time - 3.5) > 1.5;
-        if (straight) EXPECT_LT(unknown[t], 3.0) << "delay " << delay << ", frame " << t << ": " << off;
+        if (straight) {
+          EXPECT_LT(unknown[t], 3.0) << "delay " << delay << ", frame " << t << ": " << off;
+        }
       }
-      if (delay < 0.0) EXPECT_GT(unknown[14], 4.0) << "beyond the last frame";
+      if (delay < 0.0) {
+        EXPECT_GT(unknown[14], 4.0) << "beyond the last frame";
+      }
     }
   }
 }
