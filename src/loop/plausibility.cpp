@@ -203,7 +203,7 @@ void weigh(Trial& trial, const Model& at, const Experiment& experiment, const Ap
     trial.disagrees = trial.plausible;
     object(torn);
   }
-  object(asked_for_by_one_frame(c, trial.candidate));
+  if (trial.plausible) object(asked_for_by_one_frame(c, trial.candidate));
 }
 
 }  // namespace imic3d::loop
