@@ -362,21 +362,23 @@ bool significant(const Model& model) {
   return omnibus_significant(model) || std::any_of(all.begin(), all.end(), [&](const Score& one) { return stands_out(model, one) && matters(model, one); });
 }
 
+Sizes sizes_of(const Experiment& experiment, const Fit& fit, int candidate) {
+  Sizes its;
+  std::vector<double> values;
+  for (int j : experiment.candidates()[static_cast<std::size_t>(candidate)].parameters) {
+    const auto& info = experiment.parameters()[static_cast<std::size_t>(j)].info;
+    const auto place = std::find(fit.free.begin(), fit.free.end(), j) - fit.free.begin();
+    if (info.shape || place == std::ssize(fit.free)) continue;
+    its.parameters.push_back(j), its.places.push_back(place), values.push_back(fit.values[static_cast<std::size_t>(j)] - info.null_value.value_or(0.0));
+  }
+  its.values = Eigen::Map<const Eigen::VectorXd>(values.data(), std::ssize(values));
+  return its;
+}
+
 std::optional<int> without_size(const Experiment& experiment, const Model& model) {
   if (model.added.size() < 2) return std::nullopt;
-  for (int k : model.added) {
-    std::vector<Eigen::Index> places;
-    std::vector<double> sizes;
-    for (int j : experiment.candidates()[static_cast<std::size_t>(k)].parameters) {
-      const auto& info = experiment.parameters()[static_cast<std::size_t>(j)].info;
-      const auto place = std::find(model.fit.free.begin(), model.fit.free.end(), j) - model.fit.free.begin();
-      if (info.shape || place == std::ssize(model.fit.free)) continue;
-      places.push_back(place), sizes.push_back(model.fit.values[static_cast<std::size_t>(j)] - info.null_value.value_or(0.0));
-    }
-    const Eigen::Map<const Eigen::VectorXd> size(sizes.data(), std::ssize(sizes));
-    const Eigen::MatrixXd covariance = model.covariance(places, places);
-    if (size.size() > 0 && chi_squared_tail(size.dot(least_squares(covariance, size).col(0)), static_cast<int>(size.size())) > 0.05) return k;
-  }
+  for (int k : model.added)
+    if (const Sizes its = sizes_of(experiment, model.fit, k); !its.places.empty() && !told_from_zero(its.values, model.covariance(its.places, its.places))) return k;
   return std::nullopt;
 }
 

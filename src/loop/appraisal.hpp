@@ -69,6 +69,13 @@ class Appraisal {
 [[nodiscard]] bool omnibus_significant(const Model& model);
 /// Whether the model leaves anything: energy, or a candidate that stands out and matters.
 [[nodiscard]] bool significant(const Model& model);
+/// Of an effect's parameters those that are free and no shape.
+struct Sizes {
+  std::vector<int> parameters;
+  std::vector<Eigen::Index> places;  ///< among the free parameters
+  Eigen::VectorXd values;            ///< beyond their null values
+};
+[[nodiscard]] Sizes sizes_of(const Experiment& experiment, const Fit& fit, int candidate);
 /// Of several effects together, one whose size is not told from its null value (95 %): whatever bends freely beside others leaves little of anything, and names nothing. None, if all are told.
 [[nodiscard]] std::optional<int> without_size(const Experiment& experiment, const Model& model);
 

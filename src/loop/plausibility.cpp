@@ -136,46 +136,39 @@ Objection thirds_disagree(const Comparison& c) {
 
 std::optional<LoneFrame> told_by_one_frame(const Experiment& experiment, const Model& model, int candidate, const std::vector<Eigen::Index>& rows) {
   const Fit& fit = model.fit;
-  const auto& its = experiment.candidates()[static_cast<std::size_t>(candidate)].parameters;
+  const Sizes its = sizes_of(experiment, fit, candidate);
+  if (its.places.empty()) return std::nullopt;
+  const auto& of_it = experiment.candidates()[static_cast<std::size_t>(candidate)].parameters;
   std::vector<Eigen::Index> columns, places;
-  std::vector<int> sizes;
-  for (std::size_t k = 0; k < fit.free.size(); ++k) {
-    const int j = fit.free[k];
-    const bool of_it = std::find(its.begin(), its.end(), j) != its.end();
-    if (of_it && experiment.parameters()[static_cast<std::size_t>(j)].info.shape) continue;
-    if (of_it) places.push_back(std::ssize(columns)), sizes.push_back(j);
-    columns.push_back(static_cast<Eigen::Index>(k));
+  for (Eigen::Index k = 0; k < std::ssize(fit.free); ++k) {
+    const int j = fit.free[static_cast<std::size_t>(k)];
+    if (std::find(of_it.begin(), of_it.end(), j) == of_it.end() || !experiment.parameters()[static_cast<std::size_t>(j)].info.shape) columns.push_back(k);
   }
-  if (sizes.empty()) return std::nullopt;
+  for (const auto place : its.places) places.push_back(std::lower_bound(columns.begin(), columns.end(), place) - columns.begin());
   const Eigen::MatrixXd J = fit.sensitivity(rows, columns);
   const Eigen::VectorXd scale = J.colwise().norm().cwiseMax(1e-300).cwiseInverse();
   const Eigen::MatrixXd S = J * scale.asDiagonal();
   const Eigen::VectorXd r = fit.residual(rows);
   const Eigen::MatrixXd all = S.transpose() * S;
   const Eigen::VectorXd gradient = S.transpose() * r;
-  Eigen::VectorXd found(std::ssize(sizes));
-  for (std::size_t k = 0; k < sizes.size(); ++k) found[static_cast<Eigen::Index>(k)] = fit.values[static_cast<std::size_t>(sizes[k])] - experiment.parameters()[static_cast<std::size_t>(sizes[k])].info.null_value.value_or(0.0);
-  const auto told = [&](const Eigen::VectorXd& size, const Eigen::MatrixXd& covariance) {
-    return chi_squared_tail(std::max(0.0, size.dot(solve_symmetric(covariance, size).col(0))), static_cast<int>(size.size())) <= 0.05;
-  };
   const Eigen::MatrixXd unit = Eigen::MatrixXd::Identity(all.rows(), all.cols());
   // A size that no frame is left to tell may be anything, a hundred thousand times as large.
   const auto covariance_of = [&](const Eigen::MatrixXd& information) { return Eigen::MatrixXd(scale.asDiagonal() * solve_symmetric(information + 1e-10 * unit, unit) * scale.asDiagonal()); };
-  if (!told(found, covariance_of(all)(places, places))) return std::nullopt;
+  if (!told_from_zero(its.values, covariance_of(all)(places, places))) return std::nullopt;
   std::map<int, std::vector<Eigen::Index>> of_frame;
   for (std::size_t i = 0; i < rows.size(); ++i) of_frame[experiment.data()[static_cast<std::size_t>(rows[i])].frame].push_back(static_cast<Eigen::Index>(i));
   for (const auto& [frame, its_rows] : of_frame) {
     const Eigen::MatrixXd own = S(its_rows, Eigen::all);
     const Eigen::MatrixXd covariance = covariance_of(all - own.transpose() * own);
     const Eigen::VectorXd step = covariance * scale.cwiseInverse().asDiagonal() * (gradient - own.transpose() * r(its_rows));
-    const Eigen::VectorXd without = found + step(places);
-    if (told(without, covariance(places, places))) continue;
+    const Eigen::VectorXd without = its.values + step(places);
+    if (told_from_zero(without, covariance(places, places))) continue;
     LoneFrame lone{.frame = frame};
     double most = -1.0;
-    for (std::size_t k = 0; k < sizes.size(); ++k) {
+    for (std::size_t k = 0; k < places.size(); ++k) {
       const auto at = static_cast<Eigen::Index>(k);
-      const double deviation = std::sqrt(covariance(places[k], places[k])), moved = std::abs(without[at] - found[at]) / std::max(1e-300, deviation);
-      if (moved > most) most = moved, lone.parameter = sizes[k], lone.size = without[at], lone.deviation = deviation;
+      const double deviation = std::sqrt(covariance(places[k], places[k])), moved = std::abs(step[places[k]]) / std::max(1e-300, deviation);
+      if (moved > most) most = moved, lone.parameter = its.parameters[k], lone.size = without[at], lone.deviation = deviation;
     }
     return lone;
   }

@@ -22,6 +22,10 @@ double log_chi_squared_tail(double value, int degrees) {
 
 double chi_squared_tail(double value, int degrees) { return std::exp(log_chi_squared_tail(value, degrees)); }
 
+bool told_from_zero(const Eigen::VectorXd& estimates, const Eigen::MatrixXd& covariance) {
+  return chi_squared_tail(estimates.dot(least_squares(covariance, estimates).col(0)), static_cast<int>(estimates.size())) <= 0.05;
+}
+
 double deviations(double log_p) {
   double low = 0.0, high = std::sqrt(std::max(1.0, -2.0 * log_p)) + 2.0;
   for (int i = 0; i < 60; ++i) {

@@ -10,6 +10,8 @@ namespace imic3d::loop {
 [[nodiscard]] double chi_squared_tail(double value, int degrees);
 /// Its logarithm, where the tail itself underflows too.
 [[nodiscard]] double log_chi_squared_tail(double value, int degrees);
+/// Whether estimates [n] of this covariance [n x n] are told from zero: x^T C^-1 x beyond the 95 % of chi^2 with n degrees.
+[[nodiscard]] bool told_from_zero(const Eigen::VectorXd& estimates, const Eigen::MatrixXd& covariance);
 /// z with P(|N(0,1)| > z) = p: a p-value as a number of standard deviations, from log p.
 [[nodiscard]] double deviations(double log_p);
 /// The standard normal number with the tail of Student's `t` with `freedom` degrees (Wallace 1959; to 1e-3 above 5).
