@@ -5,6 +5,7 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <tuple>
 #include <utility>
 
@@ -429,9 +430,13 @@ class Loop {
     judge_trial(trial, at);
     while (trial.sufficient)
       if (!leave_out_untold(trial, at)) break;
-    if (!trial.objection.empty()) say((trial.plausible ? "    " : "    not plausible: ") + trial.objection);
+    say_objection(trial);
     if (trial.sufficient && trial.plausible) round.set.push_back(trial.candidate);
     round.trials.push_back(std::move(trial));
+  }
+
+  void say_objection(const Trial& trial) const {
+    if (!trial.objection.empty()) say((trial.plausible ? "    " : "    not plausible: ") + trial.objection);
   }
 
   void judge_trial(Trial& trial, const Model& at) {
@@ -465,7 +470,10 @@ class Loop {
         say(fmt::format("    without {}: {}", info.name, error.what()));
         continue;
       }
-      if (!less.sufficient || !less.plausible) continue;
+      if (!less.sufficient || !less.plausible) {
+        say_objection(less);
+        continue;
+      }
       trial = std::move(less);
       return true;
     }
@@ -476,17 +484,14 @@ class Loop {
   std::vector<int> untold_sizes(const Trial& trial) const {
     const Model& model = trial.model;
     const auto& parameters = experiment_.parameters();
-    std::vector<int> sizes, untold;
-    for (int j : candidate(trial.candidate).parameters)
-      if (!parameters[static_cast<std::size_t>(j)].info.shape && std::count(model.fit.free.begin(), model.fit.free.end(), j) > 0) sizes.push_back(j);
+    const auto [sizes, places, values] = sizes_of(experiment_, model.fit, trial.candidate);
     if (sizes.size() < 2 || !candidate(trial.candidate).elsewhere.empty()) return {};
+    std::map<int, double> told;  // in standard deviations
+    for (std::size_t k = 0; k < sizes.size(); ++k) told[sizes[k]] = std::abs(values[static_cast<Eigen::Index>(k)]) / std::sqrt(std::max(model.covariance(places[k], places[k]), 1e-300));
+    std::vector<int> untold;
     std::copy_if(sizes.begin(), sizes.end(), std::back_inserter(untold), [&](int j) { return on_bound(parameters[static_cast<std::size_t>(j)], model.fit.values[static_cast<std::size_t>(j)]); });
     if (untold.empty()) untold = appraisal_.made_of_noise(model, sizes);
-    const auto told = [&](int j) {
-      const auto place = std::find(model.fit.free.begin(), model.fit.free.end(), j) - model.fit.free.begin();
-      return std::abs(model.fit.values[static_cast<std::size_t>(j)] - parameters[static_cast<std::size_t>(j)].info.null_value.value_or(0.0)) / std::sqrt(std::max(model.covariance(place, place), 1e-300));
-    };
-    std::stable_sort(untold.begin(), untold.end(), [&](int a, int b) { return told(a) < told(b); });
+    std::stable_sort(untold.begin(), untold.end(), [&](int a, int b) { return told[a] < told[b]; });
     return untold;
   }
 

@@ -5,21 +5,19 @@ mean strain, displacement of the hole's edge within 1 % of each component's larg
 Usage: calculix_plate.py EXECUTABLE        (the table was made by tools/calculix_plate.py)
 """
 import csv
-import pathlib
 import sys
-import tempfile
 
 import h5py
 import numpy
 
-from runs import SOURCE, end, gmsh, require, run
+from runs import SOURCE, end, gmsh, require, run, workspace
 
 
 def main():
     with open(SOURCE / "tests/cases/calculix/plate_history.csv") as file:
         table = list(csv.DictReader(line for line in file if not line.startswith("#")))
     column = lambda name: numpy.array([float(row[name]) for row in table])
-    folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_calculix_"))
+    folder = workspace("calculix")
     gmsh("plate_with_hole", folder / "plate.msh", length=24, size_hole=0.5, size_far=2.5)
     values = ", ".join(["0"] + [row["end_mm"] for row in table])
     (folder / "case.yaml").write_text(f"""

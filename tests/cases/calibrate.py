@@ -8,17 +8,15 @@ what the program must answer: status 2 on every rank, and the golden lines as th
 """
 import json
 import os
-import pathlib
 import re
 import shutil
 import subprocess
 import sys
-import tempfile
 
 import numpy
 from PIL import Image
 
-from runs import end, require, run
+from runs import end, require, run, workspace
 
 CASE = """title: Drawn rig
 target: {type: chessboard, rows: 6, columns: 8, spacing: 9, unit: mm}
@@ -134,7 +132,7 @@ def answer(program, folder, ranks=2):
 
 def main():
     program = os.path.abspath(sys.argv[1])
-    folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_calibrate_"))
+    folder = workspace("calibrate")
     good = folder / "good"
     for camera in ("left", "right"):
         for frame in range(FRAMES):
@@ -176,7 +174,6 @@ def main():
         said = lines[-len(golden):]
         same = len(said) == len(golden) and all(re.fullmatch(g[3:], s) if g.startswith("re:") else g == s for g, s in zip(golden, said))
         require(statuses == ["2", "2"] and same, f"{name}: {statuses} {said}")
-    shutil.rmtree(folder)
     end()
 
 

@@ -5,12 +5,10 @@ and quantised; the load record says 0 throughout. From 0.15 and 0.45; with 1 and
 Usage: equilibrium_gap.py EXECUTABLE
 """
 import json
-import pathlib
 import re
 import sys
-import tempfile
 
-from runs import end, gmsh, require, run
+from runs import end, gmsh, require, run, workspace
 
 NU = 0.3
 CASE = """
@@ -22,7 +20,7 @@ material: {{law: elastic, parameters: {{E: 70e3, nu: {nu}}}}}
 
 
 def main():
-    program, folder = sys.argv[1], pathlib.Path(tempfile.mkdtemp(prefix="imic3d_gap_"))
+    program, folder = sys.argv[1], workspace("gap")
     gmsh("plate_with_hole", folder / "fine.msh", length=28, size_hole=0.4, size_far=1.2)
     gmsh("plate_with_hole", folder / "coarse.msh", length=20, size_hole=0.8, size_far=2.0)
     (folder / "virtual.yaml").write_text(CASE.format(mesh="fine", element="quad4", more=", refine: 1", images="", nu=NU) + """

@@ -5,15 +5,13 @@ of a bar; imic3d explain names the effect and its size.
 Usage: explain.py EXECUTABLE
 """
 import json
-import pathlib
 import subprocess
 import sys
-import tempfile
 
 import numpy
 from scipy.optimize import least_squares
 
-from runs import SOURCE, end, left_behind, require, run
+from runs import SOURCE, end, left_behind, require, run, workspace
 
 # nu near 0.5, so that the driven ends contract as they should whatever share of the strain is plastic: the stress stays uniform.
 TRUTH = {"E": 198e3, "nu": 0.49, "S_y": 284.0, "H": 1480.0}
@@ -68,7 +66,7 @@ def identified(recorded):
 
 def main():
     program = sys.argv[1]
-    folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_explain_"))
+    folder = workspace("explain")
     subprocess.run([sys.executable, str(SOURCE / "tools/meshes/bar.py"), str(folder / "bar.msh")], check=True)
     (folder / "case.yaml").write_text(CASE)
 

@@ -3,17 +3,15 @@
 With nothing missing nothing is found; a magnification that drifts with the clock is named, in tables in pixels whose axes are turned; a thickness that was
 measured wrongly is found where E is known, and not told from the gain of the load cell.
 
-Usage: fields.py EXECUTABLE [--pushes]      --pushes: instead, a camera that is pushed at any moment, twice each, with noise of its own every time
+Usage: fields.py EXECUTABLE [--ranks 2] [--pushes]      --pushes: instead, a camera that is pushed at any moment, twice each, with noise of its own every time
 """
 import json
-import pathlib
 import shutil
 import sys
-import tempfile
 
 import numpy
 
-from runs import bar, end, figures, left_behind, require, run, same_page
+from runs import bar, end, figures, left_behind, ranks_of, require, run, same_page, workspace
 
 CASE = """
 title: Strip
@@ -61,11 +59,11 @@ def case(name, axes="", loads=True, free="E, nu", load_noise=LOAD_NOISE):
 
 
 def main():
-    program = sys.argv[1]
-    folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_fields_"))
+    program, ranks = sys.argv[1], ranks_of(sys.argv)
+    folder = workspace("fields")
     bar(folder / "strip.msh", -11.0, 11.0, 22, columns=6, half_width=3.5)
 
-    def loop(name, axes, ranks, loads=True, free="E, nu", load_noise=LOAD_NOISE):
+    def loop(name, axes, loads=True, free="E, nu", load_noise=LOAD_NOISE):
         (folder / f"{name}.yaml").write_text(case(name, axes, loads, free, load_noise))
         run(program, "loop", folder / f"{name}.yaml", ranks)
         return json.loads((folder / name / "run/result.json").read_text())
@@ -75,7 +73,7 @@ def main():
     def pushed(after, seed):
         name = f"pushed_after_{after}_{seed}"
         tables(folder / name, 1.0, 0.0, False, (0.0, 0.0), bump=bump, pushed_after=after, seed=seed)
-        return loop(name, "", 2 if "--pushes" in sys.argv else 1)
+        return loop(name, "")
 
     if "--pushes" in sys.argv:
         verdicts = []
@@ -89,7 +87,7 @@ def main():
         end()
 
     tables(folder / "nothing", 1.0, 0.0, False, (0.0, 0.0))
-    result = loop("nothing", "", 1)
+    result = loop("nothing", "")
     found = result["before"]["parameters"]
     require(all(one["name"] != "sub-pixel interpolation" for one in result["before"]["candidates"]) and "sub-pixel interpolation" not in result["invisible"], "another program's interpolation is no candidate")
     require(result["verdict"] == "nothing found", f"nothing is missing: {result['sentence']}")
@@ -120,12 +118,12 @@ def main():
         refused = run(program, "loop", folder / f"{name}.yaml", 2, status=2, errors=True)
         require("loads.force" in refused and f"{said} the forces that the declared parameters give" in refused, f"a force times {factor} is refused: {refused.strip()}")
     with_force("thirtieth", 1 / 30)
-    result = loop("thirtieth", "", 1, load_noise=LOAD_NOISE / 30)
+    result = loop("thirtieth", "", load_noise=LOAD_NOISE / 30)
     require(abs(result["before"]["parameters"]["E"]["value"] / E * 30 - 1) < 0.05 and len(result.get("doubts", [])) == 1 and "units" in result["doubts"][0], f"a thirtieth of the force is doubted: {result.get('doubts')}")
 
     drift = 1.5e-3
     tables(folder / "drift", 0.05, 12.0, True, (300.0, 410.0), drift, seed=2)
-    result = loop("drift", ", scale: 0.05, rotation: 12, y_down: true, origin: [300, 410]", 2)
+    result = loop("drift", ", scale: 0.05, rotation: 12, y_down: true, origin: [300, 410]")
     require(result["verdict"] in ("attributed", "ambiguous") and "magnification drift" in result["set"], f"{result['verdict']}: {result['set']}")
     size = next(t for t in result["rounds"][0]["trials"] if t["candidate"] == "magnification drift")["parameters"]["magnification_drift"]
     require(abs(size["value"] - drift) < 4 * size["standard_deviation"] + 0.02 * drift, f"drift {size['value']:.3g} +- {size['standard_deviation']:.1g}, planted {drift:g}")
@@ -145,14 +143,14 @@ def main():
     left = folder / "drift/run"
     left_behind(left, folder / "drift.yaml", "loop", ("loop/before/displacement", "loop/after/force", "loop/remainder/map"))
     waited = result["groups"]["simulations"]
-    require([group["ranks"] for group in waited] == [1, 1] and all(group["busy"]["value"] > 0 for group in waited) and "simulations: 2 groups" in (left / "log.txt").read_text(),
-            f"what two groups of ranks waited for each other: {[group['idle']['value'] for group in waited]} s")
+    require([group["ranks"] for group in waited] == [1] * ranks and all(group["busy"]["value"] > 0 for group in waited) and ("simulations: 2 groups" in (left / "log.txt").read_text()) == (ranks == 2),
+            f"what groups of ranks waited for each other: {[group['idle']['value'] for group in waited]} s")
     same_page(program, left)
     figures(left, ["chi.png", "force.png", "residual.png", "remainder.png"])
-    plan = run(program, "check", folder / "drift.yaml", 2)
+    plan = run(program, "check", folder / "drift.yaml", ranks)
     candidates = {one["name"] for kind in ("candidates", "not_tested") for one in result["before"][kind]} | set(result["invisible"])
     require({"large increments": "it changes nothing that was measured"}.items() <= {one["name"]: one["reason"] for one in result["before"]["not_tested"]}.items(), "more increments change nothing of an elastic strip")
-    require(f"{len(candidates)} candidates at most, 60 draws, left out: rate; series in 2 groups of 1, 1 ranks" in plan, plan.strip().splitlines()[-1])
+    require(f"{len(candidates)} candidates at most, 60 draws, left out: rate; series in {'2 groups of 1, 1 ranks' if ranks == 2 else '1 group of 1 rank'}" in plan, plan.strip().splitlines()[-1])
     (folder / "unknown.yaml").write_text((folder / "drift.yaml").read_text().replace("[rate]", "[rates]"))
     require("loop.leave_out: rates" in run(program, "check", folder / "unknown.yaml", status=2, errors=True), "check knows what can be left out")
 
@@ -161,7 +159,7 @@ def main():
     shutil.copytree(folder / "nothing", folder / "thicker", ignore=shutil.ignore_patterns("run"))
     declared = case("thicker").replace(f"thickness: {THICKNESS}", f"thickness: {THICKNESS / (1 + error)}").replace("E: 190e3", f"E: {E}")
     (folder / "thicker.yaml").write_text(declared.replace("leave_out: [rate]", "prior: {E: 1000}, leave_out: [stiff or soft region]"))  # all of it stiffer: the same thing
-    run(program, "loop", folder / "thicker.yaml", 1)
+    run(program, "loop", folder / "thicker.yaml", ranks)
     result = json.loads((folder / "thicker/run/result.json").read_text())
     require(result["verdict"] == "ambiguous" and result["set"] == ["force gain", "thickness"], f"a wrong thickness, E known: {result['sentence']}")
     trials = {one["candidate"]: one["parameters"] for one in result["rounds"][0]["trials"]}
@@ -177,7 +175,7 @@ def main():
     require(after / len(LEVELS) < onset["value"] < (after + 1) / len(LEVELS), f"at {onset['value']:.3f} of the test, between the frames where it was planted")
 
     shutil.copytree(folder / "nothing", folder / "no_force", ignore=shutil.ignore_patterns("loads.csv", "run"))
-    result = loop("no_force", "", 1, loads=False, free="nu")
+    result = loop("no_force", "", loads=False, free="nu")
     nu = result["before"]["parameters"]["nu"]
     require(result["verdict"] == "nothing found" and abs(nu["value"] - NU) < 4 * nu["standard_deviation"] < 0.1,
             f"without a load record nothing is missing, and nu {nu['value']:.4f} +- {nu['standard_deviation']:.1g}, true {NU}")

@@ -6,13 +6,10 @@ The parameters agree to 1e-9: the split over ranks changes the order of sums onl
 frame, and Gauss-Newton the stage, far below their tolerances, and differences over perturbations of 1e-3 keep 12 digits.
 """
 import json
-import pathlib
-import shutil
 import sys
-import tempfile
 
 import restart_case
-from runs import end, require, run
+from runs import end, require, run, workspace
 
 RUNS = {1: ("1", "7"), 2: ("1", "2", "auto"), 3: ("1", "2", "3", "7"), 5: ("2", "3", "7", "auto")}
 FEW = {1: ("7",), 2: ("auto",), 3: ("2",)}
@@ -20,7 +17,7 @@ FEW = {1: ("7",), 2: ("auto",), 3: ("2",)}
 
 def main():
     program = sys.argv[1]
-    folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_groups_"))
+    folder = workspace("groups")
     restart_case.make(program, folder)
     truth = None
     for ranks, splits in (FEW if "--few" in sys.argv else RUNS).items():
@@ -42,7 +39,6 @@ def main():
             for what, of in measured.items():
                 whole = [group["busy"]["value"] + group["idle"]["value"] for group in of]
                 require(min(whole) > 0.0 and max(whole) - min(whole) < 0.1 * max(whole) + 0.05, f"{what}: busy and idle make the same time in every group {[round(x, 3) for x in whole]}")
-    shutil.rmtree(folder)
     end()
 
 

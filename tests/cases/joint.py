@@ -5,14 +5,12 @@ formulas with noise. The load cell of the first strip reads 6 % too much: that s
 Usage: joint.py EXECUTABLE [--ranks 2]
 """
 import json
-import pathlib
 import sys
-import tempfile
 
 import numpy
 
 import fields
-from runs import bar, end, figures, left_behind, ranks_of, require, run, same_page
+from runs import bar, end, figures, left_behind, ranks_of, require, run, same_page, workspace
 
 GAIN = 1.06
 LAW = "{law: j2, hardening: voce, parameters: {E: 190e3, nu: 0.28, S_y: 2000, S_inf: 2100, b: 10, H: 0}}"  # nothing yields
@@ -36,7 +34,7 @@ output: all
 
 def main():
     program = sys.argv[1]
-    folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_joint_"))
+    folder = workspace("joint")
     bar(folder / "strip.msh", -11.0, 11.0, 22, columns=6, half_width=3.5)
     for name, seed in (("first", 5), ("second", 6)):
         fields.tables(folder / name, 1.0, 0.0, False, (0.0, 0.0), seed=seed)

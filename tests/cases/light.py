@@ -6,14 +6,12 @@ Usage: light.py EXECUTABLE [--few]      --few: without over-exposure and lamp
 """
 import io
 import json
-import pathlib
 import sys
-import tempfile
 
 import numpy
 from PIL import Image
 
-from runs import bar, end, require, run
+from runs import bar, end, require, run, workspace
 
 CASE = """
 title: Strip, {name}
@@ -62,7 +60,7 @@ def photograph(texture, strain):
 
 def main():
     program = sys.argv[1]
-    folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_light_"))
+    folder = workspace("light")
     bar(folder / "strip.msh", -9.0, 9.0, 18, columns=7, half_width=3.5)
     strains = STRAIN * numpy.linspace(0, 1, FRAMES + 1)[1:]
     texture = speckle(1)

@@ -6,14 +6,12 @@ mesh, other elements, noise, 8 bits.
 Usage: loop_faces.py EXECUTABLE [--stereo] [--few] [--ranks 2]      --stereo: two pinhole cameras on the back; --few: without the drift
 """
 import json
-import pathlib
 import sys
-import tempfile
 
 import h5py
 import numpy
 
-from runs import bar, end, ranks_of, require, run
+from runs import bar, end, ranks_of, require, run, workspace
 
 CAMERAS = {
     "front": "{{name: mono, pixel_size: 0.08, place: {{origin: [65, 170]}}, size: [131, 341]{mono}}}",
@@ -49,7 +47,7 @@ E, NU = 200e3, 0.3
 
 def main():
     program, stereo, ranks = sys.argv[1], "--stereo" in sys.argv, ranks_of(sys.argv)
-    folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_loop_faces_"))
+    folder = workspace("loop_faces")
     bar(folder / "long.msh", -16.0, 16.0, 40, columns=10)
     bar(folder / "bar.msh", -11.0, 11.0, 15, columns=6)
     seen = ["front", "left", "right"] if stereo else ["front", "back"]

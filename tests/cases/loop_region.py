@@ -5,11 +5,9 @@ is pushed at one moment or another. Images of imic3d virtual: longer plate, fine
 Usage: loop_region.py EXECUTABLE
 """
 import json
-import pathlib
 import sys
-import tempfile
 
-from runs import end, gmsh, require, run
+from runs import end, gmsh, require, run, workspace
 
 LAW = "{{law: j2, hardening: power_linear, tie_initial_modulus: true, parameters: {{E: {}, nu: 0.25, S_y: {}, H: {}, delta: 0.042}}}}"
 TRUE, DECLARED = LAW.format(198e3, 284, 1480), LAW.format(190e3, 278, 1420)
@@ -41,7 +39,7 @@ def main():
     program = sys.argv[1]
 
     def trial(effect, planted, seed):
-        folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_loop_region_"))
+        folder = workspace("loop_region")
         gmsh("plate_with_hole", folder / "long.msh", length=40, size_hole=1.6, size_far=2.5)
         gmsh("plate_with_hole", folder / "plate.msh", length=24, size_hole=1.6, size_far=4.0)
         (folder / "virtual.yaml").write_text(VIRTUAL.replace("SEED", str(seed)).replace("EFFECTS", json.dumps({effect.replace(" ", "_"): planted})))

@@ -5,11 +5,9 @@ converges, and the parameters of a plate made on finer hex20 are found.
 Usage: one_point.py EXECUTABLE
 """
 import json
-import pathlib
 import sys
-import tempfile
 
-from runs import end, gmsh, require, run
+from runs import end, gmsh, require, run, workspace
 
 CASE = """
 title: One point, held by the images
@@ -39,7 +37,7 @@ output: identified
 
 def main():
     program = sys.argv[1]
-    folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_one_point_"))
+    folder = workspace("one_point")
     gmsh("plate_with_hole", folder / "fine.msh", length=28, size_hole=0.6, size_far=1.6)
     gmsh("plate_with_hole", folder / "coarse.msh", length=20, size_hole=0.8, size_far=2.0)
     (folder / "virtual.yaml").write_text(CASE.format(mesh="fine", element="hex20", images="", E=198e3, S_y=284, H=1480) + VIRTUAL)

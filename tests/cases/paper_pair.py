@@ -8,16 +8,15 @@ import json
 import pathlib
 import shutil
 import sys
-import tempfile
 
-from runs import end, require, run
+from runs import end, require, run, workspace
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 
 
 def main():
     program, case = sys.argv[1], sys.argv[2] if len(sys.argv) > 2 else "paper_pair"
-    folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_pair_"))
+    folder = workspace("pair")
     for name in {case, "plate_with_hole"}:
         shutil.copytree(ROOT / "inputs" / name, folder / "inputs" / name)
     run(program, "virtual", folder / "inputs" / case / "virtual.yaml", 1)

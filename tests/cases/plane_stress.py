@@ -6,15 +6,13 @@ Usage: plane_stress.py EXECUTABLE        (the table was made by tools/calculix_p
 """
 import csv
 import json
-import pathlib
 import sys
-import tempfile
 import xml.etree.ElementTree
 
 import h5py
 import numpy
 
-from runs import SOURCE, end, gmsh, require, run
+from runs import SOURCE, end, gmsh, require, run, workspace
 
 TRUTH = {"E": 198e3, "S_y": 284, "H": 1480, "delta": 0.042}
 CASE = """
@@ -118,7 +116,7 @@ def thin_plate(program, folder):
 
 
 def main():
-    folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_plane_stress_"))
+    folder = workspace("plane_stress")
     thin_plate(sys.argv[1], folder)
     virtual_test(sys.argv[1], folder)
     end()

@@ -5,16 +5,14 @@ Usage: planted.py EXECUTABLE
 """
 import csv
 import json
-import pathlib
 import sys
-import tempfile
 
 import h5py
 import numpy
 import scipy.interpolate
 from PIL import Image
 
-from runs import bar, end, gmsh, require, run
+from runs import bar, end, gmsh, require, run, workspace
 
 PLATE = """
 title: Plate with effects
@@ -62,7 +60,7 @@ def hole_radius(image):
 
 def main():
     program = sys.argv[1]
-    folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_planted_"))
+    folder = workspace("planted")
     gmsh("plate_with_hole", folder / "fine.msh", length=28, size_hole=0.8, size_far=2.0)
     gmsh("plate_with_hole", folder / "coarse.msh", length=20, size_hole=1.0, size_far=2.5)
 

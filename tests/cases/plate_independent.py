@@ -5,12 +5,10 @@ each from 90 % of its true value with the others true (Sec. 4.2).
 Usage: plate_independent.py EXECUTABLE
 """
 import csv
-import pathlib
 import subprocess
 import sys
-import tempfile
 
-from runs import SOURCE, data, end, gmsh, require
+from runs import SOURCE, data, end, gmsh, require, workspace
 
 # The paper's, 3D [%]; that of E is 0.07, but E moves by 0.12 with the frames that are used (docs/verification.md).
 LIMITS = {"E": 0.2, "S_y": 0.16, "H": 1.9, "delta": 1.3}
@@ -20,7 +18,7 @@ def main():
     if data() is None or not (data() / "plate_independent").is_dir():
         print("SKIPPED: no plate_independent in IMIC3D_DATA")
         return
-    folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_plate_"))
+    folder = workspace("plate")
     gmsh("plate_with_hole", folder / "plate.msh", length=24, size_hole=1.0, size_far=2.5)
     case = (SOURCE / "inputs/plate_independent/case.yaml").read_text()
     (folder / "case.yaml").write_text(case.replace("../../runs/data", str(data())))

@@ -13,7 +13,6 @@ import resource
 import shutil
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 import xml.etree.ElementTree
@@ -24,7 +23,7 @@ from PIL import Image
 
 import fields
 import restart_case
-from runs import bar, end, require
+from runs import bar, end, require, workspace
 
 CLOSE = 2e-9  # relative, of every parameter; 6e-9 where images are judged in single precision
 
@@ -367,7 +366,7 @@ def main():
     options.add_argument("--keep", action="store_true")
     options.add_argument("--only", help="one of kills, signals, image, dead_rank, disk, full_disk, variants, broken, loop")
     given = options.parse_args()
-    folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_restart_"))
+    folder = workspace("restart")
     if given.only in (None, "loop"):
         loop(given.executable, folder, given.kills > 0)
     if given.only != "loop":
@@ -375,11 +374,7 @@ def main():
         trials = Trials(given.executable, folder)
         for name in [given.only] if given.only else ["broken", "kills", "signals", "image", "dead_rank", "disk", "full_disk", "variants"]:
             trials.kills(given.kills) if name == "kills" else getattr(trials, name)()
-    if not given.keep and not require.failed:
-        shutil.rmtree(folder)
-    else:
-        print(folder)
-    end()
+    end(given.keep)
 
 
 main()

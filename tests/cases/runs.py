@@ -2,8 +2,10 @@
 import json
 import os
 import pathlib
+import shutil
 import subprocess
 import sys
+import tempfile
 
 import h5py
 
@@ -102,7 +104,21 @@ def require(condition, message):
 require.failed = False
 
 
-def end():
+def workspace(name):
+    """A new folder, which end() removes where nothing failed."""
+    workspaces.append(pathlib.Path(tempfile.mkdtemp(prefix=f"imic3d_{name}_")))
+    return workspaces[-1]
+
+
+workspaces = []
+
+
+def end(keep=False):
+    for folder in workspaces:
+        if keep or require.failed:
+            print(folder)
+        else:
+            shutil.rmtree(folder, ignore_errors=True)
     sys.exit(1 if require.failed else 0)
 
 

@@ -16,7 +16,7 @@ import tempfile
 import time
 
 import restart_case
-from runs import SOURCE, end, require
+from runs import SOURCE, end, require, workspace
 
 NEEDED = ["munged", "mungekey", "slurmctld", "slurmd", "sbatch", "squeue", "sinfo", "scontrol"]
 CONF = """
@@ -203,7 +203,7 @@ def main():
     if missing or os.getuid() != 0:
         print("SKIPPED the SLURM test: " + (f"not installed: {', '.join(missing)} (Debian's slurmctld, slurmd, slurm-client, munge)" if missing else "it needs root"))
         sys.exit(77)
-    folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_slurm_"))
+    folder = workspace("slurm")
     folder.chmod(0o755)
     slurm = Slurm(folder)
     try:
@@ -220,8 +220,6 @@ def main():
         slurm.stop()
         left = [daemon.args[0] for daemon in slurm.daemons if daemon.poll() is None]
         require(not left, f"all daemons have ended {left}")
-        if not require.failed:
-            shutil.rmtree(folder, ignore_errors=True)
     end()
 
 

@@ -4,15 +4,13 @@
 Usage: smoke.py EXECUTABLE
 """
 import json
-import pathlib
 import sys
-import tempfile
 
 import h5py
 import numpy
 from PIL import Image
 
-from runs import SMALL_PLATE as CASE, SMALL_TEST as GENERATE, end, gmsh, left_behind, require, run, same_page
+from runs import SMALL_PLATE as CASE, SMALL_TEST as GENERATE, end, gmsh, left_behind, require, run, same_page, workspace
 
 IDENTIFY = """
 loads: {{file: made/loads.csv, noise: 5}}
@@ -29,7 +27,7 @@ output: {output}
 
 def main():
     program = sys.argv[1]
-    folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_smoke_"))
+    folder = workspace("smoke")
     gmsh("plate_with_hole", folder / "fine.msh", length=28, size_hole=0.6, size_far=1.6)
     gmsh("plate_with_hole", folder / "coarse.msh", length=20, size_hole=0.8, size_far=2.0)
     origin = "{origin: [149.5, 164.5]}"

@@ -3,17 +3,16 @@
 turns and stretches, made here with the cameras' formulas and nothing of the program's."""
 import csv
 import json
-import pathlib
 import subprocess
 import sys
-import tempfile
 
 import numpy
 
 from plane_scene import placement, turned, write_images
+from runs import end, workspace
 
 program = sys.argv[1]
-folder = pathlib.Path(tempfile.mkdtemp())
+folder = workspace("stereo")
 flat = numpy.eye(3)[:, :2]
 frames = [(flat, numpy.zeros(3))]
 truth = []
@@ -64,3 +63,4 @@ for name in ("results.xdmf", "mesh_on_left.png", "residual_right_frame_0002.png"
 refused = subprocess.run([program, "identify", "case.yaml"], cwd=folder, capture_output=True, text=True)
 assert refused.returncode == 2
 print("passed")
+end()

@@ -6,15 +6,13 @@ Usage: two_rigs.py EXECUTABLE [--ranks 2]
 """
 import json
 import math
-import pathlib
 import sys
-import tempfile
 
 import h5py
 import numpy
 from scipy.interpolate import griddata
 
-from runs import end, gmsh, ranks_of, require, run
+from runs import end, gmsh, ranks_of, require, run, workspace
 
 SIZE, FOCAL = (420, 440), 7000.0
 VIEWS = {"front_left": ("front", [-85, 0, 391], [0, 0, 0], 0.0), "front_right": ("front", [85, 4, 391], [0, 0, 0], 1.0),
@@ -70,7 +68,7 @@ def calibration(names):
 
 def main():
     program, ranks = sys.argv[1], ranks_of(sys.argv)
-    folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_two_rigs_"))
+    folder = workspace("two_rigs")
     gmsh("plate_with_hole", folder / "fine.msh", length=28, size_hole=0.7, size_far=1.8)
     gmsh("plate_with_hole", folder / "coarse.msh", length=20, size_hole=1.4, size_far=3.2)
     views = "".join(f"  - {{name: {name}, model: pinhole, face: {face}, size: {list(SIZE)}, view: {{focal: {FOCAL}, from: {origin}, at: {at}, roll: {roll}}}}}\n"

@@ -5,16 +5,14 @@ paper's, at most 7 iterations. E, of five frames with less than a pixel of displ
 Usage: virtual_study.py EXECUTABLE [virtual_study_plane_stress]        (default: virtual_study, 3D)
 """
 import csv
-import pathlib
 import re
 import shutil
 import subprocess
 import sys
-import tempfile
 
 import numpy as np
 
-from runs import SOURCE, end, gmsh, require, run
+from runs import SOURCE, end, gmsh, require, run, workspace
 
 DRAWS = 5
 OF_E = {"virtual_study": 0.07, "virtual_study_plane_stress": 0.15}  # the paper's [%]
@@ -33,7 +31,7 @@ def study(folder, name, program, *arguments):
 
 def main():
     program, which = sys.argv[1], sys.argv[2] if len(sys.argv) > 2 else "virtual_study"
-    folder = pathlib.Path(tempfile.mkdtemp(prefix="imic3d_study_"))
+    folder = workspace("study")
     for name, sizes in (("generate", dict(length=40, size_hole=0.6, size_far=1.6)), ("identify", dict(length=24, size_hole=1.0, size_far=2.5))):
         gmsh("plate_with_hole", folder / f"{name}.msh", **sizes)
     for name in ("virtual", "case"):
