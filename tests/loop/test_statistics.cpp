@@ -21,6 +21,17 @@ TEST(Statistics, TailsOfChiSquared) {
   EXPECT_NEAR(deviations(log_chi_squared_tail(1e5, 1)), std::sqrt(1e5), 1e-3);
 }
 
+TEST(Statistics, EstimatesAreToldFromZeroAt95Percent) {
+  const auto alone = [](double x) { return told_from_zero(Eigen::VectorXd::Constant(1, x), Eigen::MatrixXd::Constant(1, 1, 4.0)); };
+  EXPECT_TRUE(alone(3.93) && alone(-3.93));
+  EXPECT_FALSE(alone(3.91) || alone(-3.91));
+  const Eigen::Matrix2d correlated{{1.0, 0.9}, {0.9, 1.0}};  // along (1, 1) nine tenths of the noise is common
+  EXPECT_TRUE(told_from_zero(Eigen::Vector2d(0.55, -0.55), correlated));
+  EXPECT_FALSE(told_from_zero(Eigen::Vector2d(0.54, -0.54), correlated));
+  EXPECT_TRUE(told_from_zero(Eigen::Vector2d(2.39, 2.39), correlated));
+  EXPECT_FALSE(told_from_zero(Eigen::Vector2d(2.38, 2.38), correlated));
+}
+
 TEST(Statistics, StudentsTails) {
   EXPECT_NEAR(student_as_normal(2.228, 10.0), 1.960, 3e-3);  // 2.5 %
   EXPECT_NEAR(student_as_normal(4.144, 10.0), 3.090, 5e-3);  // 0.1 %
