@@ -1,5 +1,8 @@
 #include <gtest/gtest.h>
 
+#include <csignal>
+#include <utility>
+
 #include "imic3d/core/interrupt.hpp"
 
 namespace imic3d {
@@ -20,23 +23,44 @@ TEST(Interrupt, ASignalOnOneRankStopsAll) {
   }
 }
 
-TEST(Interrupt, TheSignalIsNamedAndForgottenAfterwards) {
+TEST(Interrupt, EachSignalIsNamedAndForgottenAfterwards) {
   const Communicator world;
+  for (const auto& [signal, name] : {std::pair{SIGTERM, "SIGTERM"}, {SIGUSR1, "SIGUSR1"}, {SIGINT, "SIGINT"}, {SIGHUP, "SIGHUP"}}) {
+    {
+      const SignalWatch watch;
+      std::raise(signal);
+      try {
+        stop_if_asked(world);
+        FAIL() << name;
+      } catch (const Interrupted& stopped) {
+        EXPECT_STREQ(stopped.what(), name);
+      }
+    }
+    struct sigaction now {};
+    sigaction(signal, nullptr, &now);
+    EXPECT_EQ(now.sa_handler, SIG_DFL) << name;
+    const SignalWatch watch;
+    EXPECT_NO_THROW(stop_if_asked(world)) << name;
+  }
+}
+
+TEST(Interrupt, TheSecondOfTheKeyboardEndsTheProcess) {
+  const SignalWatch watch;
+  std::raise(SIGINT);
+  struct sigaction now {};
+  sigaction(SIGINT, nullptr, &now);
+  EXPECT_EQ(now.sa_handler, SIG_DFL);
+}
+
+TEST(Interrupt, WhatNohupIgnoresStaysIgnored) {
+  const Communicator world;
+  const auto before = std::signal(SIGHUP, SIG_IGN);
   {
     const SignalWatch watch;
-    std::raise(SIGUSR1);
-    try {
-      stop_if_asked(world);
-      FAIL();
-    } catch (const Interrupted& stopped) {
-      EXPECT_STREQ(stopped.what(), "SIGUSR1");
-    }
+    std::raise(SIGHUP);
+    EXPECT_NO_THROW(stop_if_asked(world));
   }
-  struct sigaction now {};
-  sigaction(SIGUSR1, nullptr, &now);
-  EXPECT_EQ(now.sa_handler, SIG_DFL);
-  const SignalWatch watch;
-  EXPECT_NO_THROW(stop_if_asked(world));
+  EXPECT_EQ(std::signal(SIGHUP, before), SIG_IGN);
 }
 
 TEST(Interrupt, KeepsItsTypeOnEveryRank) {
