@@ -43,7 +43,7 @@ id::Curve make_curve(const io::ExperimentCase& experiment, std::size_t file) {
     const Eigen::VectorXd force = curve.engineering
                                       ? curve.stress
                                       : Eigen::VectorXd(curve.stress.array() * (-curve.history.strain.array()).exp());
-    force.maxCoeff(&largest);
+    force.cwiseAbs().maxCoeff(&largest);
     rows = largest + 1;
     curve.stress.conservativeResize(rows);
     curve.history.strain.conservativeResize(rows);
@@ -176,7 +176,7 @@ double first_slope(const id::Curve& curve) {
     n += 1.0, x += strain, y += stress, xx += strain * strain, xy += strain * stress;
   }
   const double variance = xx - x * x / n;
-  return n >= 3.0 && variance > 0.0 ? (xy - x * y / n) / variance : std::nan("");
+  return n >= 2.0 && variance > 0.0 ? (xy - x * y / n) / variance : std::nan("");
 }
 }  // namespace
 
@@ -199,10 +199,23 @@ std::vector<std::string> unlikely_units(const io::Case& test, const std::vector<
   return doubts;
 }
 
+namespace {
+constexpr int most_weighings = 4;
+
+bool alike(const std::vector<double>& a, const std::vector<double>& b) {
+  return std::equal(a.begin(), a.end(), b.begin(), [](double x, double y) { return std::abs(x - y) <= 0.02 * std::max(x, y); });
+}
+
+void say_strain_noise(const id::CurveSet& set, const std::vector<double>& noise) {
+  for (std::size_t k = 0; k < noise.size(); ++k)
+    if (noise[k] > 0.0) spdlog::info("  {}: a noise of the strain of {:.2g} is seen where the curve is steep, and weighs there", set.curves()[k].name, noise[k]);
+}
+}  // namespace
+
 void identify_curves(const Communicator& world, const CommandOptions& options, const io::Case& test) {
   const auto start = std::chrono::steady_clock::now();
   Material material = make_material(test);
-  const id::CurveSet set(material.law, make_curves(test));
+  id::CurveSet set(material.law, make_curves(test));
   const auto folder = output_folder(test, options, world);
   const std::vector<double> first = material.values;
   spdlog::info("{}: {} curves, {} rows, law {}", test.title, set.curves().size(), set.measured().size(),
@@ -211,6 +224,7 @@ void identify_curves(const Communicator& world, const CommandOptions& options, c
   io::CurveRun run;
   run.doubts = unlikely_units(test, set.curves());
   std::set<int> all_free, at_bounds;
+  std::vector<double> strain_noise(set.curves().size(), 0.0);
   const auto n = static_cast<Eigen::Index>(material.values.size());
   Eigen::VectorXd deviation = Eigen::VectorXd::Constant(n, std::nan("")), noise_deviation = deviation;
   for (std::size_t k = 0; k < test.identify.stages.size(); ++k) {
@@ -218,17 +232,23 @@ void identify_curves(const Communicator& world, const CommandOptions& options, c
     std::vector<int> free;
     for (const auto& name : names) free.push_back(material.index(name));
     spdlog::info("stage {}: {}", k + 1, fmt::join(names, ", "));
-    const auto fit = id::fit(
-        set, material.information, material.values, free,
-        {.max_iterations = test.identify.max_iterations, .eta = test.identify.eta}, [&](const id::CurveIterate& at) {
-          std::string values;
-          for (const int j : free)
-            values += fmt::format("{} {:.6g}  ", material.information[static_cast<std::size_t>(j)].name,
-                                  at.parameters[static_cast<std::size_t>(j)]);
-          spdlog::info("  {}eta {:.1e}  chi {:.4g}", values, at.eta, at.chi);
-          run.iterations.push_back(at.parameters);
-          run.chi.push_back(at.chi);
-        });
+    const auto report = [&](const id::CurveIterate& at) {
+      std::string values;
+      for (const int j : free)
+        values += fmt::format("{} {:.6g}  ", material.information[static_cast<std::size_t>(j)].name,
+                              at.parameters[static_cast<std::size_t>(j)]);
+      spdlog::info("  {}eta {:.1e}  chi {:.4g}", values, at.eta, at.chi);
+      run.iterations.push_back(at.parameters);
+      run.chi.push_back(at.chi);
+    };
+    const id::CurveFitOptions solver{.max_iterations = test.identify.max_iterations, .eta = test.identify.eta};
+    auto fit = id::fit(set, material.information, material.values, free, solver, report);
+    for (int pass = 0; pass < most_weighings; ++pass) {
+      const auto before = std::exchange(strain_noise, set.weigh(set.predict(fit.parameters)));
+      if (alike(before, strain_noise)) break;
+      say_strain_noise(set, strain_noise);
+      fit = id::fit(set, material.information, fit.parameters, free, solver, report);
+    }
     if (!fit.converged) {
       run.doubts.push_back(fmt::format("stage {} did not converge in {} iterations: eta is still {:.2e}", k + 1, fit.iterates.size() - 1, fit.iterates.back().eta));
       spdlog::warn("  {}", run.doubts.back());

@@ -84,6 +84,7 @@ Observation observe(const io::Case& test, const identification::Specimen& specim
   for (const Face& face : specimen.faces) {
     ObservedFace seen;
     seen.rig = std::make_shared<Rig>(make_rig(test, face.back, face.surface.mesh));
+    seen.ends = nodes_of_ends(specimen, face);
     std::vector<correlation::View> views = seen.rig->views;
     if (views.size() == 1) views.front().noise = 0.0;  // a weight of one, exactly
     seen.dic = std::make_unique<correlation::GlobalDic>(
@@ -94,7 +95,7 @@ Observation observe(const io::Case& test, const identification::Specimen& specim
                                 .regularisation = test.dic.regularisation.value_or(0.0),
                                 .low_pass = test.dic.low_pass,
                                 .border = test.dic.border,
-                                .cut_nodes = nodes_of_ends(specimen, face),
+                                .cut_nodes = seen.ends,
                                 .brightness = test.dic.brightness,
                                 .local_brightness = test.dic.local_brightness,
                                 .groups = test.dic.groups});
@@ -111,12 +112,10 @@ Observation observe(const io::Case& test, const identification::Specimen& specim
 }
 
 /// What helps where elements have too few pixels for the speckle in them to tell how each of their nodes moves; else empty.
-std::string small_elements(const std::vector<correlation::DicFrame>& frames) {
+std::string small_elements(double pixels) {
   constexpr double enough = 36.0;  // six on a side
-  if (frames.empty() || frames.front().element_rms.size() == 0) return {};
-  const double pixels = (frames.front().pixels + frames.front().dropped) / static_cast<double>(frames.front().element_rms.size());
   if (pixels >= enough) return {};
-  return fmt::format("; an element of the surface has {:.0f} pixels in the mean, where {:g} and more are wanted: a coarser mesh, or dic.regularisation (waves shorter than some elements) helps", pixels, enough);
+  return fmt::format("an element of the surface has {:.0f} pixels in the mean, where {:g} and more are wanted: a coarser mesh, or dic.regularisation (waves shorter than some elements) helps", pixels, enough);
 }
 
 namespace {
@@ -137,6 +136,66 @@ void noise_of_best_frames(Observation& observation) {
   }
   observation.noise = joint(observation.camera_noise);
 }
+
+/// How far the ends of the mesh lie outside all images of their face, the farthest node of them [px].
+double ends_outside(const Observation& observation, const correlation::DicFrame& frame) {
+  double farthest = 0.0;
+  Eigen::Index first = 0;
+  for (const auto& face : observation.faces) {
+    const auto& cameras = face.dic->cameras();
+    Eigen::VectorXd least = Eigen::VectorXd::Constant(static_cast<Eigen::Index>(face.ends.size()), INFINITY);
+    for (int c = 0; c < cameras.size(); ++c) {
+      const auto& image = face.rig->views[static_cast<std::size_t>(c)].reference;
+      const correlation::InImage at = cameras[c].positions() + cameras[c].pixel_displacement(frame.displacement.segment(first, cameras.unknowns()));
+      for (Eigen::Index i = 0; i < least.size(); ++i) {
+        const double column = at(face.ends[static_cast<std::size_t>(i)], 0), row = at(face.ends[static_cast<std::size_t>(i)], 1);
+        least[i] = std::min(least[i], std::max({0.0, -column, column - (image.width - 1), -row, row - (image.height - 1)}));
+      }
+    }
+    if (least.size() > 0) farthest = std::max(farthest, least.maxCoeff());
+    first += cameras.unknowns();
+  }
+  return farthest;
+}
+
+/// The images of a frame that have one grey level throughout.
+std::vector<std::string> pictures_of_nothing(const io::Case& test, int place) {
+  std::vector<std::string> files;
+  for (const auto& camera : test.cameras) {
+    const auto& file = camera.images[static_cast<std::size_t>(place)];
+    try {
+      if (imaging::of_one_level(imaging::read_image(file))) files.push_back(file.filename().string());
+    } catch (const InputError&) {  // an image that has become unreadable says nothing, and takes no results away
+    }
+  }
+  return files;
+}
+
+/// What is said of the frames whose displacement is not known, and why it may be so.
+struct Unknown {
+  io::Frames lost, outside, leaving;
+  double farthest = 0.0, left = 0.0;  // of an end [px]; of the mesh's pixels
+  std::vector<std::string> of_one_level;
+  double pixels_of_element = INFINITY;
+
+  void see(int number, const correlation::DicFrame& frame) {
+    constexpr double many = 0.01;
+    const double all = frame.pixels + frame.dropped;
+    pixels_of_element = std::min(pixels_of_element, all / static_cast<double>(std::max<Eigen::Index>(1, frame.element_rms.size())));
+    if (frame.dropped <= many * all || (frame.lost && frame.dropped <= 0.5 * all)) return;  // where a lost frame's mesh lies means nothing
+    leaving.push_back(number), left = std::max(left, frame.dropped / all);
+  }
+
+  [[nodiscard]] std::string said(std::size_t frames) const {
+    std::vector<std::string> parts;
+    if (!lost.empty()) parts.push_back(fmt::format("{} of {} frames take no part, their correlation was lost or did not converge: {}", lost.size(), frames, io::to_text(lost)));
+    if (!outside.empty()) parts.push_back(fmt::format("{} of {} frames take no part, an end of the mesh, whose motion drives the simulation, lies up to {:.1f} px outside the image: {}", outside.size(), frames, farthest, io::to_text(outside)));
+    if (!leaving.empty()) parts.push_back(fmt::format("up to {:.0f} % of the mesh's pixels have left the image in the frames {}", 100.0 * left, io::to_text(leaving)));
+    if (!of_one_level.empty()) parts.push_back(fmt::format("of one grey level throughout: {}", fmt::join(of_one_level, ", ")));
+    if (const std::string small = small_elements(pixels_of_element); !lost.empty() && !small.empty()) parts.push_back(small);
+    return fmt::format("{}", fmt::join(parts, "; "));
+  }
+};
 
 }  // namespace
 
@@ -194,25 +253,27 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
     if (done && faces.size() > 1) done(observation.places[t], observation.frames.back());
   }
   // A frame whose displacement is not known drives no simulation and judges none.
+  constexpr double outside = 1.0;  // [px]
   std::vector<int> kept;
   std::vector<correlation::DicFrame> known;
-  io::Frames left_out;
-  for (std::size_t t = 0; t < observation.frames.size(); ++t) {
-    if (observation.frames[t].converged && !observation.frames[t].lost) {
-      kept.push_back(observation.places[t]);
-      known.push_back(std::move(observation.frames[t]));
+  Unknown unknown;
+  for (std::size_t t = 0; t < frames; ++t) {
+    auto& frame = observation.frames[t];
+    const int place = observation.places[t], number = test.frames[static_cast<std::size_t>(place)];
+    unknown.see(number, frame);
+    if (!frame.converged || frame.lost) {
+      unknown.lost.push_back(number);
+      for (auto& file : pictures_of_nothing(test, place)) unknown.of_one_level.push_back(std::move(file));
+    } else if (const double by = ends_outside(observation, frame); by > outside) {
+      unknown.outside.push_back(number), unknown.farthest = std::max(unknown.farthest, by);
     } else {
-      left_out.push_back(test.frames[static_cast<std::size_t>(observation.places[t])]);
+      kept.push_back(place);
+      known.push_back(std::move(frame));
     }
   }
-  const std::string small = small_elements(observation.frames);
-  if (known.empty()) throw ConvergenceError(fmt::format("no frame could be correlated with the reference: the correlation of {} was lost, that of {} did not converge{}",
-                                                        std::count_if(observation.frames.begin(), observation.frames.end(), [](const auto& frame) { return frame.lost; }),
-                                                        std::count_if(observation.frames.begin(), observation.frames.end(), [](const auto& frame) { return !frame.lost; }), small));
-  if (!left_out.empty()) {
-    observation.left_out = fmt::format("{} of {} frames take no part, their correlation was lost or did not converge: {}{}", left_out.size(), observation.frames.size(), io::to_text(left_out), small);
-    spdlog::warn("{}", observation.left_out);
-  }
+  if (known.empty()) throw ConvergenceError("no frame could be correlated with the reference: " + unknown.said(frames));
+  observation.left_out = unknown.said(frames);
+  if (!observation.left_out.empty()) spdlog::warn("{}", observation.left_out);
   observation.places = std::move(kept);
   observation.frames = std::move(known);
   if (!observation.noise_is_measured) noise_of_best_frames(observation);
@@ -345,7 +406,7 @@ identification::Record make_record(Observation& observation, const io::Case& tes
       const Face& face = specimen.faces[k];
       auto& seen = observation.faces[k];
       seen.driving_cut_off = correlation::undersmoothed(
-          correlation::cut_offs_of_least_error(measure_of(seen), record.driving.middleRows(face.first_unknown, face.unknowns()), nodes_of_ends(specimen, face), noise_of_face(observation, seen) * of_frames, longest), longest);
+          correlation::cut_offs_of_least_error(measure_of(seen), record.driving.middleRows(face.first_unknown, face.unknowns()), seen.ends, noise_of_face(observation, seen) * of_frames, longest), longest);
       cut_offs.insert(cut_offs.end(), seen.driving_cut_off.begin(), seen.driving_cut_off.end());
     }
     record.driving = driving_displacement(observation, record.driving);

@@ -22,6 +22,7 @@ namespace imic3d::app {
 namespace {
 
 constexpr double unlikely_force = 2.0;   // of the noise, left by a model
+constexpr double wrong_force = 50.0;     // the same, where it is rather the data
 constexpr double unlikely_change = 2.0;  // in standard deviations
 constexpr double unlikely_residual = 2.0;  // of pure DIC, over that of noise: what few pixels an element and large strains add is less
 constexpr double unlikely_light = 1.1;     // the same where a gain and an offset are most of what is beyond noise
@@ -279,9 +280,10 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
   }
   for (auto& doubt : unlikely_values(test_, material, material.values)) doubts.push_back(std::move(doubt));
   if (force_left > unlikely_force) {
-    doubts.push_back(fmt::format("the model leaves {:.3g} {} of the force (rms of the fitted frames), {:.1f} times its noise: what it lacks (a finer mesh{}, an effect that imic3d loop finds{}) may move the parameters by more than their standard deviations, which are those of noise alone",
+    doubts.push_back(fmt::format("the model leaves {:.3g} {} of the force (rms of the fitted frames), {:.1f} times its noise: what it lacks (a finer mesh{}, an effect that imic3d loop finds{}) may move the parameters by more than their standard deviations, which are those of noise alone{}",
                                  json["/fitted/force_rms_difference/value"_json_pointer].get<double>(), test_.units.force, force_left, test_.identify.steps_per_frame > 0 ? ", more load increments between frames: identify.steps_per_frame: auto" : "",
-                                 test_.identify.functional != "force_driven" ? "; or a mesh that is turned against the specimen by a tenth of a degree, which driven ends take for shear" : ""));
+                                 test_.identify.functional != "force_driven" ? "; or a mesh that is turned against the specimen by a tenth of a degree, which driven ends take for shear" : "",
+                                 force_left > wrong_force ? ". So much is left where images belong to other forces (their order, the clocks, a frame that is missing), the mesh lies elsewhere on the image, or a unit is another one" : ""));
     spdlog::warn("{}", doubts.back());
   }
   for (std::size_t k = 0; k < stages.size(); ++k)

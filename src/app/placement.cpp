@@ -15,11 +15,15 @@ namespace {
 
 constexpr double unlikely_points = 0.3;       // rms that careful picking does not leave [px]
 constexpr double unlikely_pixel_size = 0.03;  // relative difference
+constexpr double unlikely_eccentricity = 0.03;
+constexpr double least_extent = 30.0;  // of the mesh in the image, the longer side [px]
 
 std::vector<std::string> doubts_of(const io::CameraCase& declared, const imaging::Placement& found) {
   std::vector<std::string> doubts;
   if (found.rms > unlikely_points)
     doubts.push_back(fmt::format("cameras.{}.place.points: they lie {:.2f} px (rms) off the affine map that fits them best: one of them may be in a wrong place of the specimen or of the image", declared.name, found.rms));
+  if (found.eccentricity > unlikely_eccentricity)
+    doubts.push_back(fmt::format("cameras.{}.place.points make the image {:.0f} % larger in one direction than across it: one of them may be in a wrong place of the specimen or of the image", declared.name, 100.0 * found.eccentricity));
   if (declared.pixel_size > 0.0 && std::abs(declared.pixel_size / found.pixel_size - 1.0) > unlikely_pixel_size)
     doubts.push_back(fmt::format("cameras.{}.pixel_size is {:.4g} where the points make it {:.4g}, which is what is used: are they and the mesh in the units of the case file?", declared.name, declared.pixel_size, found.pixel_size));
   for (const auto& doubt : doubts) spdlog::warn("{}", doubt);
@@ -49,8 +53,8 @@ PlacedCamera place_camera(const io::CameraCase& declared, const mesh::Mesh& surf
     camera = found.camera;
   } else if (!place.points.empty()) {
     const auto found = imaging::place_by_points(place.points, flip);
-    spdlog::info("placed by {} points, rms {:.2f} px; {:.6g} per pixel, turned by {:.3f} degrees", place.points.size(),
-                 found.rms, found.pixel_size, found.rotation);
+    spdlog::info("placed by {} points, rms {:.2f} px; {:.6g} per pixel, {:.2g} % more in one direction than across it, turned by {:.3f} degrees", place.points.size(),
+                 found.rms, found.pixel_size, 100.0 * found.eccentricity, found.rotation);
     doubts = doubts_of(declared, found);
     camera = found.camera;
   } else {
@@ -59,6 +63,12 @@ PlacedCamera place_camera(const io::CameraCase& declared, const mesh::Mesh& surf
   }
   std::vector<Eigen::Vector3d> nodes;
   for (Eigen::Index i = 0; i < surface.nodes.rows(); ++i) nodes.push_back(surface.nodes.row(i).transpose());
+  Eigen::MatrixX2d positions(surface.nodes.rows(), 2);
+  for (Eigen::Index i = 0; i < positions.rows(); ++i) positions.row(i) = camera.project(surface.nodes.row(i).transpose()).transpose();
+  const Eigen::Vector2d extent = (positions.colwise().maxCoeff() - positions.colwise().minCoeff()).transpose();
+  if (extent.maxCoeff() < least_extent)
+    throw InputError(fmt::format("cameras.{}.place", declared.name), fmt::format("a mesh that covers {:.2g} x {:.2g} px of an image of {} x {}", extent.x(), extent.y(), reference.width, reference.height),
+                     fmt::format("{:g} px and more on its longer side: are the mesh and pixel_size in the units of the case file?", least_extent));
   if (auto mistakes = imaging::check_on_image(camera, nodes, reference.header(), "cameras.place"); !mistakes.empty())
     throw InputError(std::move(mistakes));
   return {camera, std::move(doubts)};

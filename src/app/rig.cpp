@@ -63,6 +63,16 @@ void place_specimen(Rig& rig, const io::Case& test, const std::vector<correlatio
 
 }  // namespace
 
+std::vector<imaging::Image> references_of(const io::Case& test, const io::CameraCase& camera) {
+  std::vector<imaging::Image> images;
+  for (int number : camera.reference) {
+    const auto& file = camera.images[static_cast<std::size_t>(test.index_of(number))];
+    images.push_back(imaging::read_image(file));
+    if (imaging::of_one_level(images.back())) throw InputError(file.string(), "one grey level throughout", fmt::format("a picture of the specimen, as a reference of cameras.{}", camera.name));
+  }
+  return images;
+}
+
 mesh::Mesh surface_of(const io::Case& test, bool back) {
   mesh::Mesh mesh = mesh::read(test.specimen.mesh);
   for (int i = 0; i < test.specimen.refine; ++i) mesh = mesh::refine(mesh);
@@ -118,8 +128,7 @@ Rig make_rig(const io::Case& test, bool back, mesh::Mesh surface) {
   correlation::PoseOptions options;
   for (const int c : rig.cameras) {
     const auto& declared = test.cameras[static_cast<std::size_t>(c)];
-    auto& images = rig.statics.emplace_back();
-    for (int number : declared.reference) images.push_back(imaging::read_image(declared.images[static_cast<std::size_t>(test.index_of(number))]));
+    const auto& images = rig.statics.emplace_back(references_of(test, declared));
     correlation::View view{.camera = nullptr, .reference = imaging::average(images), .noise = declared.noise.value_or(0.0),
                            .place = test.cameras.size() == 1 && declared.model != "pinhole" ? "cameras.place" : "cameras." + declared.name};
     if (declared.model != "pinhole") {

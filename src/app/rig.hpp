@@ -23,6 +23,8 @@ struct Rig {
   std::vector<std::string> doubts;  ///< of the telecentric cameras' places and of pictures that are saturated
   [[nodiscard]] int references(std::size_t view) const { return static_cast<int>(statics[view].size()); }
 };
+/// The reference frames of a camera. Throws InputError where one cannot be read, or has one grey level throughout.
+[[nodiscard]] std::vector<imaging::Image> references_of(const io::Case& test, const io::CameraCase& camera);
 /// Reads the references of the face's cameras, places them; `surface` is the face, counter-clockwise in x and y. With several
 /// views their noise is measured, for their weights. Throws InputError.
 [[nodiscard]] Rig make_rig(const io::Case& test, bool back, mesh::Mesh surface);

@@ -42,6 +42,24 @@ bool CurveSet::is_fitted(Eigen::Index i) const {
   return curves_[static_cast<std::size_t>(place.curve)].use[static_cast<std::size_t>(place.row)] == Curve::fitted;
 }
 
+std::vector<double> CurveSet::weigh(const Eigen::VectorXd& predicted) {
+  std::vector<double> of_strain(curves_.size(), 0.0);
+  for (std::size_t k = 0; k < curves_.size(); ++k) {
+    const auto repeated = std::count_if(curves_.begin(), curves_.end(), [&](const Curve& other) { return other.group == curves_[k].group; }) > 1;
+    const Eigen::Index first = first_[k], size = (k + 1 < curves_.size() ? first_[k + 1] : measured_.size()) - first;
+    if (repeated || size < 3) continue;
+    Eigen::VectorXd strain(size);
+    for (Eigen::Index i = 0; i < size; ++i) strain[i] = curves_[k].history.strain[places_[static_cast<std::size_t>(first + i)].row];
+    const Eigen::VectorXd slope = slopes(strain, predicted.segment(first, size));
+    const PointNoise noise = point_noise(strain, measured_.segment(first, size) - predicted.segment(first, size), slope, curves_[k].estimated ? 0.0 : curves_[k].deviation);
+    const double stress = noise.strain > 0.0 ? noise.stress : curves_[k].deviation;
+    const double freedom = std::max(3.0, noise.steep_freedom), as_student_says = std::sqrt(freedom / (freedom - 2.0));  // few rows tell of it
+    for (Eigen::Index i = 0; i < size; ++i) deviation_[first + i] = std::hypot(stress, as_student_says * slope[i] * noise.strain);
+    of_strain[k] = noise.strain;
+  }
+  return of_strain;
+}
+
 Eigen::VectorXd CurveSet::predict(const std::vector<double>& parameters) const {
   Eigen::MatrixXd none;
   return predict(parameters, {}, none);
@@ -87,15 +105,22 @@ double robust_deviation(std::vector<double>& sizes) {
 
 double point_noise(const Curve& curve) { return point_noise(curve.history.strain, curve.stress); }
 
-double point_noise(const Eigen::VectorXd& x, const Eigen::VectorXd& y) {
+namespace {
+/// Distance of each row that `counts` to the line through its neighbours, over that of independent values of deviation one.
+std::vector<double> distances(const Eigen::VectorXd& x, const Eigen::VectorXd& y, const std::function<bool(Eigen::Index)>& counts) {
   std::vector<double> distance;
   for (Eigen::Index i = 1; i + 1 < x.size(); ++i) {
     const double before = x[i] - x[i - 1], after = x[i + 1] - x[i];
-    if (!(before * after > 0.0)) continue;  // at a turning point there is no line
+    if (!(before * after > 0.0) || !counts(i)) continue;  // at a turning point there is no line
     const double w = before / (before + after);
     distance.push_back(std::abs(y[i] - (1.0 - w) * y[i - 1] - w * y[i + 1]) /
                        std::sqrt(1.0 + w * w + (1.0 - w) * (1.0 - w)));
   }
+  return distance;
+}
+
+/// Huber's proposal 2.
+double clipped_deviation(std::vector<double> distance) {
   double deviation = robust_deviation(distance);
   constexpr double far = 3.0, expected = 0.99500;  // E min(z^2, 9) of a standard normal number
   for (int iteration = 0; iteration < 20; ++iteration) {
@@ -104,6 +129,62 @@ double point_noise(const Eigen::VectorXd& x, const Eigen::VectorXd& y) {
     deviation = std::sqrt(square / (expected * std::max(1.0, static_cast<double>(distance.size()))));
   }
   return deviation;
+}
+}  // namespace
+
+double point_noise(const Eigen::VectorXd& x, const Eigen::VectorXd& y) {
+  return clipped_deviation(distances(x, y, [](Eigen::Index) { return true; }));
+}
+
+Eigen::VectorXd slopes(const Eigen::VectorXd& strain, const Eigen::VectorXd& stress) {
+  Eigen::VectorXd slope = Eigen::VectorXd::Zero(strain.size());
+  if (strain.size() < 2) return slope;
+  std::vector<double> steps;
+  for (Eigen::Index i = 1; i < strain.size(); ++i) steps.push_back(std::abs(strain[i] - strain[i - 1]));
+  const double least = 0.1 * median(steps);
+  for (Eigen::Index i = 1; i < strain.size(); ++i) {
+    const double step = strain[i] - strain[i - 1];
+    slope[i] = std::abs(step) > least ? (stress[i] - stress[i - 1]) / step : slope[i - 1];
+  }
+  slope[0] = slope[1];
+  return slope;
+}
+
+PointNoise point_noise(const Eigen::VectorXd& strain, const Eigen::VectorXd& residual, const Eigen::VectorXd& slope, double stress) {
+  const double half = 0.5 * slope.cwiseAbs().maxCoeff();
+  // A steep course of less rows is hardly resolved: what the law errs by at its ends would be taken for noise.
+  constexpr Eigen::Index resolved = 5;
+  std::vector<Eigen::Index> course(static_cast<std::size_t>(slope.size()), 0);  // length of the steep course that a row belongs to; 0: none
+  for (Eigen::Index i = 0, from = 0; i <= slope.size(); ++i) {
+    if (i < slope.size() && std::abs(slope[i]) > half) continue;
+    std::fill(course.begin() + from, course.begin() + i, i - from);
+    from = i + 1;
+  }
+  const auto of = [&](const auto& counts) {
+    return distances(strain, residual, [&](Eigen::Index i) { return std::all_of(course.begin() + i - 1, course.begin() + i + 2, counts); });
+  };
+  const auto steep = of([](Eigen::Index length) { return length >= resolved; }), flat = of([](Eigen::Index length) { return length == 0; });
+  constexpr std::size_t enough = 3, known = 10;
+  const auto freedom = [](const std::vector<double>& distance) { return freedom_of_point_noise(static_cast<Eigen::Index>(distance.size())); };
+  const bool given = stress > 0.0;
+  PointNoise noise{.stress = given ? stress : point_noise(strain, residual), .strain = 0.0, .steep_freedom = freedom(steep)};
+  if (steep.size() < enough || (flat.size() < known && !given)) return noise;
+  const double of_flat = given ? stress : clipped_deviation(flat), more = std::pow(clipped_deviation(steep), 2) - of_flat * of_flat;
+  const double by_chance = of_flat * of_flat * std::sqrt(2.0 / freedom(steep) + (given ? 0.0 : 2.0 / freedom(flat)));
+  if (more < 1.5 * by_chance) return noise;
+  // What the law errs by goes on from row to row, noise does not (von Neumann's ratio: 2 for noise).
+  double change = 0.0, size = 0.0;
+  for (Eigen::Index i = 1; i < residual.size(); ++i) {
+    if (course[static_cast<std::size_t>(i)] < resolved || course[static_cast<std::size_t>(i) - 1] < resolved) continue;
+    change += std::pow(residual[i] - residual[i - 1], 2), size += 0.5 * (residual[i] * residual[i] + residual[i - 1] * residual[i - 1]);
+  }
+  if (change < size) return noise;
+  noise.stress = of_flat;
+  double square = 0.0, rows = 0.0;
+  for (const double s : slope)
+    if (std::abs(s) > half) square += s * s, rows += 1.0;
+  noise.strain = std::sqrt(more / (square / rows));
+  return noise;
 }
 
 double scatter(const std::vector<const Curve*>& repetitions) {

@@ -183,6 +183,10 @@ void write_image(const Image& image, const fs::path& file, std::optional<int> de
                      "an existing folder with write permission and the extension .tif, .png or .bmp (8 bits only)");
 }
 
+bool of_one_level(const Image& image) {
+  return std::all_of(image.grey.begin(), image.grey.end(), [&](float level) { return level == image.grey.front(); });
+}
+
 Image average(std::span<const Image> images) {
   if (images.empty()) throw InputError("reference image", "no frames", "at least one frame");
   Image mean = images.front();

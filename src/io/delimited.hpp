@@ -5,6 +5,7 @@
 #include <charconv>
 #include <map>
 #include <optional>
+#include <set>
 #include <string>
 #include <utility>
 #include <vector>
@@ -79,10 +80,13 @@ inline std::optional<double> number_in(std::string text, char separator) {
   return parsed<double>(std::move(text));
 }
 
-/// A row below the header that gives units: all fields that are not empty are in brackets.
-inline bool are_units(const std::vector<std::string>& fields) {
+/// A row below the header that gives units: fields that are not empty are all in brackets, or none is a number and one is a unit of what tests record.
+inline bool are_units(const std::vector<std::string>& fields, char separator) {
+  static const std::set<std::string> units = {"s", "ms", "min", "N", "kN", "MN", "lbf", "mm", "m", "in", "MPa", "Pa", "GPa", "kPa", "psi", "ksi", "%"};
   const auto in_brackets = [](const std::string& f) { return f.size() > 1 && ((f.front() == '(' && f.back() == ')') || (f.front() == '[' && f.back() == ']')); };
-  return std::any_of(fields.begin(), fields.end(), in_brackets) && std::all_of(fields.begin(), fields.end(), [&](const std::string& f) { return f.empty() || in_brackets(f); });
+  const auto all = [&](const auto& are) { return std::all_of(fields.begin(), fields.end(), [&](const std::string& f) { return f.empty() || are(f); }); };
+  if (std::any_of(fields.begin(), fields.end(), in_brackets) && all(in_brackets)) return true;
+  return std::any_of(fields.begin(), fields.end(), [&](const std::string& f) { return units.contains(f); }) && all([&](const std::string& f) { return !number_in(f, separator); });
 }
 
 }  // namespace imic3d::io

@@ -40,7 +40,7 @@ class Bytes {
 
   [[nodiscard]] std::uint64_t size() const { return size_; }
   [[noreturn]] void incomplete() const { throw InputError(file_.string(), "an incomplete file", "a whole image"); }
-  [[noreturn]] void unknown() const { throw InputError(file_.string(), "not an image", "a PNG, TIFF or BMP image"); }
+  [[noreturn]] void unknown(const std::string& what = "not an image") const { throw InputError(file_.string(), what, "a PNG, TIFF or BMP image"); }
 
  private:
   std::filesystem::path file_;
@@ -207,6 +207,8 @@ ImageHeader read_image_header(const std::filesystem::path& file) {
   if (bytes.number(0, 2, true) == 0x424d) return read_bmp(bytes);
   if (bytes.number(0, 4, true) == 0x49492a00) return read_tiff(bytes, false);
   if (bytes.number(0, 4, true) == 0x4d4d002a) return read_tiff(bytes, true);
+  if (bytes.number(0, 3, true) == 0xffd8ff) bytes.unknown("a JPEG image, which has lost noise and gained patterns");
+  if (const auto magic = bytes.number(0, 2, true); magic >= 0x5031 && magic <= 0x5036) bytes.unknown("a portable anymap");
   bytes.unknown();
 }
 

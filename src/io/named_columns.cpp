@@ -92,7 +92,7 @@ NamedColumns read_named_columns(const std::filesystem::path& file, const std::ve
       table.mistakes.push_back({fmt::format("{}:{}", file.string(), number), "a quote that is not closed", ""});
     } else if (std::ssize(*fields) > columns && std::any_of(fields->begin() + columns, fields->end(), [](const std::string& field) { return !field.empty(); })) {
       table.mistakes.push_back({fmt::format("{}:{}", file.string(), number), fmt::format("{} fields", fields->size()), fmt::format("{} as in the header{}", columns, table.separator == ',' ? " (where a comma parts fields, the decimal sign is the point)" : "")});
-    } else if (!table.rows.empty() || !table.mistakes.empty() || !are_units(*fields)) {
+    } else if (!table.rows.empty() || !table.mistakes.empty() || !are_units(*fields, table.separator)) {
       auto& row = table.rows.emplace_back(NamedColumns::Row{number, {}});
       for (const auto at : place) row.text.push_back(at < named.size() && at < fields->size() ? (*fields)[at] : "");
     }

@@ -162,7 +162,8 @@ void CurveExperiment::make_bins(const CurveLoopOptions& options) {
   }
   if (data_.empty()) throw InputError("experiments", "no row that is judged", "rows beyond `from`");
   of_points_ = Eigen::Map<const Eigen::VectorXd>(of_points.data(), static_cast<Eigen::Index>(of_points.size()));
-  scatter_.noise = of_points_;
+  scatter_.noise = of_points_, scatter_.freedom = known_noise();
+  slope_ = Eigen::VectorXd::Zero(of_points_.size());
 }
 
 std::vector<int> CurveExperiment::frame_numbers() const {
@@ -374,6 +375,12 @@ double CurveExperiment::round_off() const {
 void CurveExperiment::learn_bias(const std::vector<double>& values) {
   const auto predicted = predict(values);
   if (predicted.empty()) throw ConvergenceError("the law cannot follow the curves");
+  for (std::size_t k = 0; k < bars_.size(); ++k) {
+    const auto [first, size] = bars_[k];
+    if (repeated_.contains(curves_[k].group)) continue;
+    const Eigen::VectorXd slope = id::slopes(curves_[k].history.strain, predicted[k]);
+    for (Eigen::Index i = first; i < first + size; ++i) slope_[i] = slope[bins_[static_cast<std::size_t>(i)].rows.front()];
+  }
   scatter_ = scatter_of(binned(predicted));
   whitening_ = whitening_of(scatter_);
 }

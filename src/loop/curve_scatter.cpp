@@ -58,7 +58,11 @@ double CurveExperiment::bin_noise(int curve) const {
 Eigen::VectorXd CurveExperiment::freedom() const {
   const auto N = static_cast<Eigen::Index>(bins_.size());
   if (freedom_ > 0.0) return Eigen::VectorXd::Constant(N, std::max(3.0, freedom_ - coefficients_that_differ() + 1.0));
-  Eigen::VectorXd all = Eigen::VectorXd::Constant(N, std::numeric_limits<double>::infinity());
+  return scatter_.freedom;
+}
+
+Eigen::VectorXd CurveExperiment::known_noise() const {
+  Eigen::VectorXd all = Eigen::VectorXd::Constant(static_cast<Eigen::Index>(bins_.size()), std::numeric_limits<double>::infinity());
   for (std::size_t k = 0; k < bars_.size(); ++k)
     if (noise_is_estimated(k)) all.segment(bars_[k].first, bars_[k].second).setConstant(std::max(3.0, id::freedom_of_point_noise(bars_[k].second)));
   return all;
@@ -89,13 +93,19 @@ void CurveExperiment::find_repetitions() {
 /// Random-effects model of the deviations from the groups' means, by expectation-maximisation: bars that end early are in it with
 /// what they have. What is left of the cubics in a bin has one variance in a group; the noise of the points comes on top. `raw`: measured - predicted [N].
 CurveExperiment::Scatter CurveExperiment::scatter_of(const Eigen::VectorXd& raw) const {
-  Scatter result{.covariance = {}, .noise = of_points_, .deviations = {}, .coefficients = {}};
+  Scatter result{.covariance = {}, .noise = of_points_, .freedom = known_noise(), .deviations = {}, .coefficients = {}};
   for (std::size_t k = 0; k < bars_.size(); ++k) {
     const auto [first, size] = bars_[k];
-    if (!noise_is_estimated(k) || size < 3) continue;
+    if (repeated_.contains(curves_[k].group) || size < 3) continue;
     Eigen::VectorXd strain(size);  // every row that is judged is a bin
     for (Eigen::Index i = 0; i < size; ++i) strain[i] = curves_[k].history.strain[bins_[static_cast<std::size_t>(first + i)].rows.front()];
-    result.noise.segment(first, size).setConstant(std::max(1e-3 * curves_[k].deviation, id::point_noise(strain, raw.segment(first, size))));
+    const auto noise = id::point_noise(strain, raw.segment(first, size), slope_.segment(first, size), curves_[k].estimated ? 0.0 : curves_[k].deviation);
+    const double least = std::max(1e-3 * curves_[k].deviation, noise.stress);
+    for (Eigen::Index i = first; i < first + size; ++i) {
+      const double of_strain = std::abs(slope_[i]) * noise.strain;
+      result.noise[i] = std::hypot(least, of_strain);
+      if (of_strain > least) result.freedom[i] = std::max(3.0, noise.steep_freedom);
+    }
   }
   double square = 0.0, count = 0.0;
   for (const auto& [group, bars] : repeated_) {

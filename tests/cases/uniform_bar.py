@@ -8,6 +8,7 @@ Usage: uniform_bar.py EXECUTABLE [--anisotropic]
 """
 import json
 import pathlib
+import re
 import sys
 import tempfile
 
@@ -126,6 +127,21 @@ def main(program):
         expected = nodes[:, :2] * (numpy.exp([response(LARGE)[1][-1], LARGE[-1]]) - 1)
         error = numpy.sqrt(numpy.mean((moved[:, :2] - expected) ** 2)) / PIXEL
         require(error < 0.025, f"nodes {error:.4f} px off at 18 % strain (rms)")
+        # Images whose upper edge the loaded end passes by 3.5 px and more in the last three frames: smoothing continues what is not seen of it, wrongly; without, nothing converges there.
+        cut = 55
+        for file in sorted((folder / "images").glob("*.png")):
+            Image.open(file).crop((0, cut, *SIZE)).save(file)
+        for name, dic in (("smoothed", "regularisation: 2"), ("not_smoothed", "pyramid_levels: 2")):
+            case = case_of(folder, name, "displacement_driven", last)
+            row = f"{(SIZE[1] - 1) / 2}]"
+            case.write_text(case.read_text().replace(row, f"{(SIZE[1] - 1) / 2 - cut}]") + f"dic: {{{dic}}}\n")
+            run(program, "identify", case)
+            result = json.loads((folder / name / "result.json").read_text())
+            said = "".join(doubt for doubt in result.get("doubts", []) if "take no part" in doubt)
+            left_out = [int(number) for numbers in re.findall(r"take no part,[^;]*: ([\d,-]+)", said) for part in numbers.split(",") for number in range(int(part.split("-")[0]), int(part.split("-")[-1]) + 1)]
+            off = result["parameters"]["S_y"]["value"] / TRUTH["S_y"] - 1
+            require({12, 13, 14} <= set(left_out) <= {11, 12, 13, 14} and "an end of the mesh, whose motion drives the simulation, lies up to" in said and "mesh's pixels have left the image in the frames 12-14" in said and abs(off) < 2e-3,
+                    f"an end that leaves the images, {name}: {left_out} left out, S_y {100 * off:+.2f} % off: {said}")
         # Under uniform tension pressure and anisotropy show in nothing but what the noise of the driven ends makes of them.
         last = make_test(folder := pathlib.Path(made) / "turned", SMALL, 1, (5, 6), turn=25.0, half_length=4.0)
         run(program, "identify", case_of(folder, "turned", "force_driven", last))
@@ -198,8 +214,8 @@ def main(program):
         for command, where in (("identify", "driven"), ("loop", "loop")):
             run(program, command, folder / f"{where}.yaml")
             result = json.loads((folder / where / "result.json").read_text())
-            require(any("1 of 10 frames take no part" in doubt and doubt.endswith(": 8") for doubt in result.get("doubts", [])), f"{command}: a frame that cannot be correlated is doubted: {result.get('doubts')}")
-        require("1 of 10 frames take no part, their correlation was lost or did not converge: 8." in result["sentence"], f"the loop's sentence says which frames it has not seen: {result['sentence']}")
+            require(any("1 of 10 frames take no part" in doubt and doubt.endswith(": 8; of one grey level throughout: 08.png") for doubt in result.get("doubts", [])), f"{command}: a frame that cannot be correlated is doubted: {result.get('doubts')}")
+        require("1 of 10 frames take no part, their correlation was lost or did not converge: 8; of one grey level throughout: 08.png." in result["sentence"], f"the loop's sentence says which frames it has not seen: {result['sentence']}")
         # A reference that is cut at both ends.
         image = numpy.asarray(Image.open(folder / "images/00.png"))
         Image.fromarray(numpy.clip(image, 70, 195)).save(folder / "images/00.png")

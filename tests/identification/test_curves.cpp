@@ -152,6 +152,41 @@ TEST(Curves, NoiseIsReadFromThePointsAndFromRepetitions) {
   EXPECT_EQ(scatter({&curves[0]}), 0.0);
 }
 
+/// An extensometer's noise is E times as much stress where the bar is elastic, and next to nothing where it flows.
+TEST(Curves, NoiseOfTheStrainWeighsWhereTheCurveIsSteep) {
+  constexpr double of_stress = 1.0, of_strain = 3e-5;
+  double without = 0.0, with = 0.0, seen = 0.0;
+  constexpr int count = 60;
+  for (int seed = 0; seed < count; ++seed) {
+    for (const double noise : {0.0, of_strain}) {
+      std::mt19937 engine(static_cast<unsigned>(seed) + 100U);
+      std::normal_distribution<double> normal;
+      Curve curve{.name = "bar", .group = "bar", .history = {}, .stress = {}, .engineering = true, .deviation = of_stress, .estimated = true, .use = std::vector<char>(400, Curve::fitted)};
+      curve.history.strain = Eigen::VectorXd::LinSpaced(400, 0.0, 0.05), curve.history.time = curve.history.strain / 1e-3;
+      const CurveSet exact(voce({}), {curve = [&] { Curve c = curve; c.stress = Eigen::VectorXd::Zero(400); return c; }()});
+      curve.stress = exact.predict({truth.begin(), truth.begin() + 6});
+      for (Eigen::Index row = 1; row < 400; ++row) curve.stress[row] += of_stress * normal(engine), curve.history.strain[row] += noise * normal(engine);
+      CurveSet set(voce({}), {curve});
+      const std::vector<int> free = {0, 2, 3, 4};
+      CurveFit result = fit(set, set.parameters(), {190e3, 0.3, 230, 470, 14, 0}, free);
+      const auto off = [&] { return std::pow((result.parameters[0] - truth[0]), 2) / result.covariance(0, 0); };
+      const double z = off();
+      const double of_this = set.weigh(set.predict(result.parameters)).front();
+      if (noise == 0.0) {
+        EXPECT_LT(of_this, 1.5e-5);  // chance
+        continue;
+      }
+      without += z / count, seen += of_this / count;
+      result = fit(set, set.parameters(), result.parameters, free);
+      with += off() / count;
+    }
+  }
+  EXPECT_NEAR(seen, of_strain, 0.15 * of_strain);
+  EXPECT_GT(std::sqrt(without), 3.0);
+  EXPECT_LT(std::sqrt(with), 1.6);
+  std::printf("E off by %.2f standard deviations, %.2f with the strain's noise, which is seen as %.2g\n", std::sqrt(without), std::sqrt(with), seen);
+}
+
 TEST(Curves, NoiseOfThePointsVariesAsItsFreedomSays) {
   std::mt19937 engine(1);
   std::normal_distribution<double> normal;

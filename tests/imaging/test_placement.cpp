@@ -95,13 +95,14 @@ TEST(Placement, PointsGiveASimilarityOrAnAffineMap) {
       EXPECT_NEAR(found.pixel_size, 0.02, 1e-12);
       EXPECT_LT(found.rms, 1e-9);
     }
+    EXPECT_THROW((void)place_by_points({points.data(), 3}, !flip), InputError);  // mirrored, or not
     points[3][2] += 4.0;  // a point that is off by four pixels
     EXPECT_GT(place_by_points(points, flip).rms, 0.5);
     points[1] = points[0];
     EXPECT_THROW((void)place_by_points({points.data(), 1}), InputError);
     EXPECT_THROW((void)place_by_points({points.data(), 2}), InputError);
     points[2] = points[0];
-    EXPECT_THROW((void)place_by_points({points.data(), 3}), InputError);
+    EXPECT_THROW((void)place_by_points({points.data(), 3}, flip), InputError);
   }
 }
 

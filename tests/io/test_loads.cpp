@@ -1,3 +1,4 @@
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
 #include <cstdlib>
@@ -47,6 +48,8 @@ TEST(Loads, DecimalCommasAndARowOfUnits) {
     EXPECT_EQ(records[1].time, 0.5);
     EXPECT_EQ(records[1].force, -2500.0);
   }
+  EXPECT_EQ(read_loads(folder.write("loads.csv", "frame;time_s;force_N\nBild;s;N\n0;0,0;1,5\n"))[0].force, 1.5);
+  for (const char* no_units : {"first;soon;none", "1;s;N"}) EXPECT_NE(mistakes_in(fmt::format("frame;time_s;force_N\n{}\n1;0;1\n", no_units)), "") << no_units;
   EXPECT_EQ(mistakes_in("frame,time_s,force_N\n0,0,\"1,5\"\n"), "loads.csv:2 column \"force_N\": 1,5; allowed: a finite number");
   EXPECT_EQ(mistakes_in("frame;time_s;force_N\n0;0;1.234,5\n"), "loads.csv:2 column \"force_N\": 1.234,5; allowed: a finite number");
   EXPECT_EQ(mistakes_in("frame;time_s;force_N\n0;0;1\n;[s];[N]\n"), "loads.csv:3 column \"frame\": nothing; allowed: a frame number (an integer from 0)\nloads.csv:3 column \"time_s\": [s]; allowed: a finite number\nloads.csv:3 column \"force_N\": [N]; allowed: a finite number");

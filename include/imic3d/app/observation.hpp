@@ -18,6 +18,7 @@ struct Rig;
 struct ObservedFace {
   std::shared_ptr<Rig> rig;
   std::unique_ptr<correlation::GlobalDic> dic;
+  std::vector<int> ends;             ///< nodes whose motion drives the simulation, ascending; none if none is declared
   std::vector<double> driving_cut_off;  ///< waves that the displacement on the ends has lost in each frame [length]
 };
 
@@ -30,11 +31,14 @@ struct Observation {
   double noise = 0.0;                ///< of one image; several cameras: 1/noise^2 is the mean of theirs [grey level]
   bool noise_is_measured = false;    ///< from static frames or given; else estimated from the residual of the DIC
   std::vector<correlation::DicFrame> frames;  ///< one per place, after `correlate`; residuals of all faces together
-  std::string left_out;              ///< after `correlate`: which frames could not be correlated, in words; empty: none
+  std::string left_out;              ///< after `correlate`: which frames could not be correlated or show no more of an end, and which the mesh has left, in words; empty: none
 };
 
 /// Places the cameras on the reference images and sets up the correlation of each face. Throws InputError.
 [[nodiscard]] Observation observe(const io::Case& test, const identification::Specimen& specimen);
+
+/// What is said of elements with too few pixels in the mean; empty: they have enough.
+[[nodiscard]] std::string small_elements(double pixels);
 
 /// What is doubted of the case, of the cameras' places and of the frames that could not be correlated.
 [[nodiscard]] std::vector<std::string> doubts_of(const io::Case& test, const Observation& seen);

@@ -3,6 +3,7 @@
 // them.
 
 #include <Eigen/Core>
+#include <cmath>
 #include <functional>
 #include <memory>
 #include <string>
@@ -50,6 +51,9 @@ class CurveSet {
   [[nodiscard]] const Eigen::VectorXd& standard_deviation() const { return deviation_; }
   [[nodiscard]] const std::vector<CurvePlace>& places() const { return places_; }
   [[nodiscard]] bool is_fitted(Eigen::Index i) const;
+  /// Weighs the rows of curves that have no repetition by what their strain's noise, if any is seen about `predicted` [rows], makes of the stress.
+  /// Returns the standard deviation of the strain of each curve; 0 where none is seen.
+  std::vector<double> weigh(const Eigen::VectorXd& predicted);
   [[nodiscard]] const std::vector<Curve>& curves() const { return curves_; }
   [[nodiscard]] const std::vector<ParameterInfo>& parameters() const { return law_->parameters(); }
   [[nodiscard]] const material::FiniteStrainLaw& law() const { return *law_; }
@@ -72,6 +76,20 @@ class CurveSet {
 [[nodiscard]] double point_noise(const Curve& curve);
 /// The same of values y at strains x [points].
 [[nodiscard]] double point_noise(const Eigen::VectorXd& x, const Eigen::VectorXd& y);
+/// How a curve's stress rises with its strain from the row before, d(stress)/d(strain) [rows, stress]; where the strain stands still as in the row before.
+[[nodiscard]] Eigen::VectorXd slopes(const Eigen::VectorXd& strain, const Eigen::VectorXd& stress);
+
+/// Noise of the points of a curve, of its stress and of its strain, which moves the stress by d(stress)/d(strain) times as much: almost only where the curve is steep.
+struct PointNoise {
+  double stress = 0.0, strain = 0.0;  ///< standard deviations; strain: 0 where the steep rows scatter no more than chance lets them
+  double steep_freedom = 0.0;         ///< degrees of freedom of the square of the noise where the curve is steep
+  /// Of a row [stress].
+  [[nodiscard]] double at(double slope) const { return std::hypot(stress, slope * strain); }
+};
+/// From the distances of the residual (measured - predicted) to the line through its neighbours, on the rows that are steeper than half of the steepest and on
+/// the others; `slope` is that of the prediction [rows]. `stress`: what is known of the stress's noise; 0: nothing.
+[[nodiscard]] PointNoise point_noise(const Eigen::VectorXd& strain, const Eigen::VectorXd& residual, const Eigen::VectorXd& slope, double stress = 0.0);
+
 /// Degrees of freedom of its square, of so many points: neighbouring distances share points (their squares are correlated by 4/9 and
 /// 1/36), and 0.96 is the efficiency of the clipped mean.
 [[nodiscard]] inline double freedom_of_point_noise(Eigen::Index points) { return 0.96 * static_cast<double>(points) / 1.944; }

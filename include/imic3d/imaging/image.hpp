@@ -58,6 +58,9 @@ struct Image {
 /// the format is the extension's (.tif, .png, .bmp). Throws InputError (depth, folder that cannot be written to).
 void write_image(const Image& image, const std::filesystem::path& file, std::optional<int> depth = {});
 
+/// Whether all pixels have the same grey level: no picture.
+[[nodiscard]] bool of_one_level(const Image& image);
+
 /// Pixel-wise average of images of one size; keeps the depth and the path of the first. Throws InputError.
 [[nodiscard]] Image average(std::span<const Image> images);
 

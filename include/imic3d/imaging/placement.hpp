@@ -35,7 +35,8 @@ struct Placement {
                                                  double rotation = 0.0, bool flip = false);
 
 /// From points x, y [length], column, row [px]: two points give a similarity (mirrored if `flip`), three or more an
-/// affine map by least squares. Throws InputError (fewer than two, points that coincide or lie on one line).
+/// affine map by least squares. Throws InputError (fewer than two, points that coincide or lie on one line, three or more
+/// that are mirrored where `flip` says they are not, or the other way round).
 [[nodiscard]] Placement place_by_points(std::span<const std::array<double, 4>> points, bool flip = false);
 
 struct OutlineOptions {

@@ -38,7 +38,8 @@ struct CurveLoopOptions {
 /// of their group (expectation-maximisation), and by the mean noise of the points in the bin. Where the stress is small (a bar starts, a cycle passes zero) bars do not differ as they do elsewhere: bin by bin they may be
 /// off by as much as their cubics are. The null are bars that differ so, one half of their covariance being that of the deviations themselves, whatever
 /// their course, grown by what few bars tell of it; see `freedom`. A curve without repetitions
-/// has the noise of its points: what is declared, or their scatter about the prediction from point to point, which is an estimate, too. Whitened with that.
+/// has the noise of its points: what is declared, or their scatter about the prediction from point to point, which is an estimate, too; where it is steep more, if
+/// its points scatter more there (noise of the strain). Whitened with that.
 class CurveExperiment final : public Experiment {
  public:
   CurveExperiment(Communicator world, std::vector<identification::Curve> curves, CurveModel model, const CurveLoopOptions& options = {});
@@ -102,9 +103,11 @@ class CurveExperiment final : public Experiment {
   struct Scatter {
     Eigen::MatrixXd covariance;  // of the bars' coefficients [degree + 1 square]; empty: none
     Eigen::VectorXd noise;       // of each number beyond them [N, stress]
+    Eigen::VectorXd freedom;     // of the square of that where nothing is repeated [N]
     std::map<std::string, std::vector<Eigen::VectorXd>> deviations, coefficients;  // of the repeated bars of each group, from its mean: in bins; of the cubics
   };
   void find_repetitions();
+  [[nodiscard]] Eigen::VectorXd known_noise() const;  // freedom of the noise of the points before any is seen in the strain
   [[nodiscard]] double coefficients_that_differ() const;
   [[nodiscard]] double correlation_beyond_cubics(const std::string& group) const;
   /// Bars that differ as `scatter_` says, `grown` times as much [N x draws, stress].
@@ -131,6 +134,7 @@ class CurveExperiment final : public Experiment {
   std::vector<Bin> bins_;
   std::vector<std::pair<Eigen::Index, Eigen::Index>> bars_;  // first bin, bins of each curve
   Eigen::VectorXd of_points_;  // noise of the mean of a bin's points [N, stress]
+  Eigen::VectorXd slope_;      // of the prediction where nothing is repeated, d(stress)/d(strain) [N, stress]
   /// A bar that has repetitions: its bins that others of the group have too.
   struct Repeated {
     std::size_t curve = 0;
