@@ -102,7 +102,7 @@ void check_case(const Communicator& world, const io::Case& test, bool loop) {
   if (!test.specimen.unused.empty()) fmt::print("  not used     {}\n", fmt::join(test.specimen.unused, ", "));
   fmt::print("  correlation  {} elements, {} unknowns\n", specimen.surface.mesh.cells.rows(), specimen.projection.rows());
   if (!several) fmt::print("  images       {}\n", images);
-  if (const std::string small = small_elements(mesh_pixels > 0.0 ? mesh_pixels / static_cast<double>(specimen.surface.mesh.cells.rows()) : INFINITY); !several && !small.empty()) spdlog::warn("{}", small);
+  if (const std::string small = small_elements(mesh_pixels > 0.0 ? mesh_pixels / static_cast<double>(specimen.surface.mesh.cells.rows()) : INFINITY); !several && !small.empty() && test.dic.regularisation.value_or(0.0) == 0.0) spdlog::warn("{}", small);
   for (std::size_t k = 0; k < test.identify.stages.size(); ++k)
     fmt::print("  stage {}      {} from frames {}\n", k + 1, fmt::join(test.identify.stages[k].free, ", "), io::to_text(test.identify.stages[k].frames));
   for (const auto& [effect, quantities] : test.effects)

@@ -288,14 +288,15 @@ void identify_curves(const Communicator& world, const CommandOptions& options, c
   }
   for (const auto& experiment : test.experiments) {
     const auto members = of_group(set.curves(), experiment.name);
-    double sum = 0.0;
-    for (const auto* curve : members) sum += curve->deviation;
+    double sum = 0.0, of_strain = 0.0;
+    for (std::size_t k = 0; k < set.curves().size(); ++k)
+      if (set.curves()[k].group == experiment.name) sum += set.curves()[k].deviation, of_strain += strain_noise[k] / static_cast<double>(members.size());
     const auto of = [&](bool fitted) {
       const auto m = id::misfit(set, predicted, experiment.name, fitted);
       return io::CurveRun::Misfit{m.rows, m.stress, m.chi, m.typical};
     };
     run.groups.push_back({experiment.name, deviation_from(experiment), static_cast<int>(members.size()),
-                          sum / static_cast<double>(members.size()),
+                          sum / static_cast<double>(members.size()), of_strain,
                           members.size() > 1 ? id::scatter(members) : std::nan(""), of(true), of(false)});
   }
   for (const auto& curve : set.curves()) {

@@ -48,6 +48,7 @@ nlohmann::json to_json(const CurveRun& run) {
     out["experiments"][g.name] = {{"curves", g.curves},
                                   {"standard_deviation", quantity(g.deviation, run.stress_unit)},
                                   {"standard_deviation_from", g.deviation_from},
+                                  {"standard_deviation_of_strain", quantity(g.strain_deviation, "-")},
                                   {"scatter_between_repetitions", quantity(g.floor, run.stress_unit)},
                                   {"fitted", to_json(g.fitted, run.stress_unit)},
                                   {"held_out", to_json(g.held_out, run.stress_unit)}};
@@ -149,7 +150,7 @@ std::string page(const CurveRun& run) {
                         : std::string("<td></td><td></td><td></td>");
     };
     out += fmt::format("<tr><td>{}</td><td>{}</td><td>{}</td><td class=\"left\">{}</td><td>{}</td>{}{}</tr>\n",
-                       escaped(g.name), g.curves, shown(g.deviation, 3), escaped(g.deviation_from), shown(g.floor, 3),
+                       escaped(g.name), g.curves, shown(g.deviation, 3), escaped(g.deviation_from + (g.strain_deviation > 0.0 ? fmt::format("; of the strain {}", shown(g.strain_deviation, 2)) : "")), shown(g.floor, 3),
                        of(g.fitted), of(g.held_out));
   }
   out +=

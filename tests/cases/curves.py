@@ -108,14 +108,23 @@ def main():
         strains = [2e-4 * i for i in range(6)] + [0.002 + 1e-3 * i for i in range(40)]
         draw = random.Random(5)
         rows = [f"{i}; {100 * strain}; {min(E * strain, 250 + 2000 * strain) + draw.gauss(0, 1)}" for i, strain in enumerate(strains)]
-        (folder / "percent.csv").write_text("clock; strain; stress\n" + "\n".join(rows) + "\n")
-        for scale, doubted in ((0.01, False), (1, True)):
+        for scale, doubted, left in ((0.01, False, rows), (1, True, rows), (1, True, rows[::2])):  # of every other row two lie below 30 % of the largest stress
+            (folder / "percent.csv").write_text("clock; strain; stress\n" + "\n".join(left) + "\n")
             case = folder / "percent.yaml"
             case.write_text("title: bar\nmaterial: {hardening: linear, parameters: {E: 190e3, nu: 0.3, S_y: 230, H: 1500}}\n"
                             f"experiments: [{{name: bar, file: percent.csv, time: clock, strain: strain, stress: stress, strain_scale: {scale}}}]\n"
                             "identify: {stages: [{free: [E, S_y, H]}]}\noutput: percent\n")
             said = run(program, "check", case, errors=True)
             require(("strain in percent (strain_scale: 0.01)" in said) == doubted, f"strain in per cent, strain_scale {scale}: {'doubted' if doubted else 'not doubted'}")
+        # In compression the largest force is the most negative one; what comes after it is left out.
+        (folder / "compressed.csv").write_text("clock; strain; stress\ns; mm/mm; MPa\n" + "\n".join(f"{i}; {-strain}; {-min(E * strain, 250 + 2000 * strain) - draw.gauss(0, 1)}" for i, strain in enumerate(strains)) + "\n100; -0.05; -20\n101; -0.06; -10\n")
+        compressed = folder / "compressed.yaml"
+        compressed.write_text(case.read_text().replace("strain_scale: 1", "until: maximum_force").replace("percent", "compressed"))
+        run(program, "identify", compressed)
+        found, rows_left = json.loads((folder / "compressed/result.json").read_text()), len((folder / "compressed/curves.csv").read_text().splitlines()) - 1
+        require(rows_left == len(strains) and abs(found["parameters"]["S_y"]["value"] / 250 - 1) < 0.03 and found["experiments"]["bar"]["standard_deviation_of_strain"]["value"] == 0,
+                f"a bar in compression up to its largest force: {rows_left} of {len(strains) + 2} rows, S_y {found['parameters']['S_y']['value']:.1f} MPa")
+        (folder / "percent.csv").write_text("clock; strain; stress\n" + "\n".join(rows) + "\n")
         case.write_text(case.read_text().replace("strain_scale: 1", "strain_scale: 0.01").replace("identify: {", "identify: {max_iterations: 1, "))
         said = run(program, "identify", case, status=3, errors=True)
         result = json.loads((folder / "percent/result.json").read_text())

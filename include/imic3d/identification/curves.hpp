@@ -3,7 +3,6 @@
 // them.
 
 #include <Eigen/Core>
-#include <cmath>
 #include <functional>
 #include <memory>
 #include <string>
@@ -83,8 +82,6 @@ class CurveSet {
 struct PointNoise {
   double stress = 0.0, strain = 0.0;  ///< standard deviations; strain: 0 where the steep rows scatter no more than chance lets them
   double steep_freedom = 0.0;         ///< degrees of freedom of the square of the noise where the curve is steep
-  /// Of a row [stress].
-  [[nodiscard]] double at(double slope) const { return std::hypot(stress, slope * strain); }
 };
 /// From the distances of the residual (measured - predicted) to the line through its neighbours, on the rows that are steeper than half of the steepest and on
 /// the others; `slope` is that of the prediction [rows]. `stress`: what is known of the stress's noise; 0: nothing.

@@ -26,6 +26,7 @@ struct CurveRun {
     std::string name, deviation_from;  ///< `given`, the scatter of `repetitions` or `points`
     int curves = 0;
     double deviation = 0.0;  ///< of a row [stress], mean of the curves
+    double strain_deviation = 0.0;  ///< of a row's strain, mean of the curves, which weighs where they are steep; 0: none is seen
     double floor =
         0.0;  ///< scatter between repetitions [stress]: no law can do better on all of them; NaN if there is one
     Misfit fitted, held_out;
