@@ -161,9 +161,9 @@ TEST(Curves, NoiseOfTheStrainWeighsWhereTheCurveIsSteep) {
     for (const double noise : {0.0, of_strain}) {
       std::mt19937 engine(static_cast<unsigned>(seed) + 100U);
       std::normal_distribution<double> normal;
-      Curve curve{.name = "bar", .group = "bar", .history = {}, .stress = {}, .engineering = true, .deviation = of_stress, .estimated = true, .use = std::vector<char>(400, Curve::fitted)};
+      Curve curve{.name = "bar", .group = "bar", .history = {}, .stress = Eigen::VectorXd::Zero(400), .engineering = true, .deviation = of_stress, .estimated = true, .use = std::vector<char>(400, Curve::fitted)};
       curve.history.strain = Eigen::VectorXd::LinSpaced(400, 0.0, 0.05), curve.history.time = curve.history.strain / 1e-3;
-      const CurveSet exact(voce({}), {curve = [&] { Curve c = curve; c.stress = Eigen::VectorXd::Zero(400); return c; }()});
+      const CurveSet exact(voce({}), {curve});
       curve.stress = exact.predict({truth.begin(), truth.begin() + 6});
       for (Eigen::Index row = 1; row < 400; ++row) curve.stress[row] += of_stress * normal(engine), curve.history.strain[row] += noise * normal(engine);
       CurveSet set(voce({}), {curve});

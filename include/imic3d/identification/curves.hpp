@@ -80,7 +80,7 @@ class CurveSet {
 
 /// Noise of the points of a curve, of its stress and of its strain, which moves the stress by d(stress)/d(strain) times as much: almost only where the curve is steep.
 struct PointNoise {
-  double stress = 0.0, strain = 0.0;  ///< standard deviations; strain: 0 where the steep rows scatter no more than chance lets them
+  double stress = 0.0, strain = 0.0;  ///< standard deviations; strain: 0 where the steep rows scatter no more than chance lets them, or as an error of the law does
   double steep_freedom = 0.0;         ///< degrees of freedom of the square of the noise where the curve is steep
 };
 /// From the distances of the residual (measured - predicted) to the line through its neighbours, on the rows that are steeper than half of the steepest and on
