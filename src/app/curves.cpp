@@ -59,7 +59,7 @@ id::Curve make_curve(const io::ExperimentCase& experiment, std::size_t file) {
       throw InputError(place(row),
                        fmt::format("time {} after {}", curve.history.time[row], curve.history.time[row - 1]),
                        "a time that does not decrease");
-  if (!experiment.monotonic) curve.history.turns = material::unseen_turns(curve.history.time, curve.history.strain, curve.stress);
+  if (!experiment.monotonic) id::read_gauge(curve, table.time.size() > 0);
 
   bool reached = false;
   double largest_strain = 0.0;
@@ -244,7 +244,7 @@ void identify_curves(const Communicator& world, const CommandOptions& options, c
     const id::CurveFitOptions solver{.max_iterations = test.identify.max_iterations, .eta = test.identify.eta};
     auto fit = id::fit(set, material.information, material.values, free, solver, report);
     for (int pass = 0; pass < most_weighings; ++pass) {
-      const auto before = std::exchange(strain_noise, set.weigh(set.predict(fit.parameters)));
+      const auto before = std::exchange(strain_noise, set.weigh(fit.parameters));
       if (alike(before, strain_noise)) break;
       say_strain_noise(set, strain_noise);
       fit = id::fit(set, material.information, fit.parameters, free, solver, report);

@@ -11,8 +11,16 @@
 #include "imic3d/core/error.hpp"
 #include "imic3d/core/linear.hpp"
 #include "imic3d/core/median.hpp"
+#include "imic3d/identification/gauge.hpp"
 
 namespace imic3d::identification {
+
+void read_gauge(Curve& curve, bool timed) {
+  auto& [time, strain, direction, turns] = curve.history;
+  curve.strain_noise = timed ? strain_noise(time, strain, curve.stress) : 0.0;
+  turns = find_turns(time, strain, curve.stress, curve.strain_noise);
+  strain = smooth_strain(time, strain, turns, curve.strain_noise);
+}
 
 CurveSet::CurveSet(std::shared_ptr<const material::FiniteStrainLaw> law, std::vector<Curve> curves,
                    material::BarOptions options)
@@ -25,13 +33,17 @@ CurveSet::CurveSet(std::shared_ptr<const material::FiniteStrainLaw> law, std::ve
     if (curve.history.strain.size() != rows || curve.history.time.size() != rows ||
         static_cast<Eigen::Index>(curve.use.size()) != rows)
       throw std::invalid_argument("curve " + curve.name + ": columns of different lengths");
-    first_.push_back(static_cast<Eigen::Index>(places_.size()));
+    const auto first = static_cast<Eigen::Index>(places_.size());
+    std::vector<Eigen::Index> fitted;
     for (Eigen::Index row = 0; row < rows; ++row) {
       if (curve.use[static_cast<std::size_t>(row)] == Curve::not_judged) continue;
+      if (curve.use[static_cast<std::size_t>(row)] == Curve::fitted) fitted.push_back(static_cast<Eigen::Index>(places_.size()) - first);
       places_.push_back({static_cast<int>(k), row});
       measured.push_back(curve.stress[row]);
       deviation.push_back(curve.deviation);
     }
+    Whitening independent(Eigen::VectorXd::Constant(static_cast<Eigen::Index>(fitted.size()), curve.deviation), Eigen::MatrixXd(static_cast<Eigen::Index>(fitted.size()), 0));
+    spans_.push_back({first, static_cast<Eigen::Index>(places_.size()) - first, std::move(fitted), std::move(independent)});
   }
   measured_ = Eigen::Map<const Eigen::VectorXd>(measured.data(), static_cast<Eigen::Index>(measured.size()));
   deviation_ = Eigen::Map<const Eigen::VectorXd>(deviation.data(), static_cast<Eigen::Index>(deviation.size()));
@@ -42,20 +54,43 @@ bool CurveSet::is_fitted(Eigen::Index i) const {
   return curves_[static_cast<std::size_t>(place.curve)].use[static_cast<std::size_t>(place.row)] == Curve::fitted;
 }
 
-std::vector<double> CurveSet::weigh(const Eigen::VectorXd& predicted) {
+Eigen::MatrixXd CurveSet::whitened(const Eigen::MatrixXd& values) const {
+  Eigen::Index count = 0;
+  for (const Span& span : spans_) count += static_cast<Eigen::Index>(span.fitted.size());
+  Eigen::MatrixXd result(count, values.cols());
+  Eigen::Index first = 0;
+  for (const Span& span : spans_) {
+    const auto size = static_cast<Eigen::Index>(span.fitted.size());
+    result.middleRows(first, size) = span.whitening(values.middleRows(span.first, span.size)(span.fitted, Eigen::all));
+    first += size;
+  }
+  return result;
+}
+
+std::vector<double> CurveSet::weigh(const std::vector<double>& parameters) {
+  const Eigen::VectorXd predicted = predict(parameters);
   std::vector<double> of_strain(curves_.size(), 0.0);
   for (std::size_t k = 0; k < curves_.size(); ++k) {
-    const auto repeated = std::count_if(curves_.begin(), curves_.end(), [&](const Curve& other) { return other.group == curves_[k].group; }) > 1;
-    const Eigen::Index first = first_[k], size = (k + 1 < curves_.size() ? first_[k + 1] : measured_.size()) - first;
-    if (repeated || size < 3) continue;
-    Eigen::VectorXd strain(size);
-    for (Eigen::Index i = 0; i < size; ++i) strain[i] = curves_[k].history.strain[places_[static_cast<std::size_t>(first + i)].row];
-    const Eigen::VectorXd slope = slopes(strain, predicted.segment(first, size));
-    const PointNoise noise = point_noise(strain, measured_.segment(first, size) - predicted.segment(first, size), slope, curves_[k].estimated ? 0.0 : curves_[k].deviation);
-    const double stress = noise.strain > 0.0 ? noise.stress : curves_[k].deviation;
-    const double freedom = std::max(3.0, noise.steep_freedom), as_student_says = std::sqrt(freedom / (freedom - 2.0));  // few rows tell of it
-    for (Eigen::Index i = 0; i < size; ++i) deviation_[first + i] = std::hypot(stress, as_student_says * slope[i] * noise.strain);
+    const Curve& curve = curves_[k];
+    Span& span = spans_[k];
+    const auto repeated = std::count_if(curves_.begin(), curves_.end(), [&](const Curve& other) { return other.group == curve.group; }) > 1;
+    if (repeated || span.size < 3) continue;
+    std::vector<Eigen::Index> rows;
+    for (Eigen::Index i = span.first; i < span.first + span.size; ++i) rows.push_back(places_[static_cast<std::size_t>(i)].row);
+    const auto stress_of = [&](const material::BarHistory& history) -> Eigen::VectorXd {
+      const auto response = material::pull_bar(*law_, parameters, history, {}, options_);
+      return response.rows < curve.stress.size() ? Eigen::VectorXd() : curve.engineering ? response.engineering : response.kirchhoff;
+    };
+    const Eigen::VectorXd strain = curve.history.strain(rows), slope = slopes(curve.history, stress_of(curve.history))(rows);
+    const PointNoise noise = point_noise(strain, (measured_ - predicted).segment(span.first, span.size), slope, curve.estimated ? 0.0 : curve.deviation, curve.strain_noise);
     of_strain[k] = noise.strain;
+    const double stress = noise.strain > 0.0 ? noise.stress : curve.deviation;
+    const double freedom = std::max(3.0, noise.steep_freedom), in_strain = std::sqrt(freedom / (freedom - 2.0)) * noise.strain;  // few rows tell of it, as Student says
+    const auto memory = memory_of_turns(curve.history, noise.strain, stress_of);
+    const Eigen::MatrixXd remembered = memory.errors(in_strain)(rows, Eigen::all);
+    const Eigen::VectorXd own = (stress * stress + (in_strain * slope).array().square()).sqrt();
+    deviation_.segment(span.first, span.size) = (own.array().square() + remembered.rowwise().squaredNorm().array()).sqrt();
+    span.whitening = Whitening(own(span.fitted), remembered(span.fitted, Eigen::all));
   }
   return of_strain;
 }
@@ -81,7 +116,7 @@ Eigen::VectorXd CurveSet::predict(const std::vector<double>& parameters, const s
       if (k < failed) failed = k, failed_row = response.rows;
       continue;
     }
-    Eigen::Index i = first_[static_cast<std::size_t>(k)];
+    Eigen::Index i = spans_[static_cast<std::size_t>(k)].first;
     for (Eigen::Index row = 0; row < curve.stress.size(); ++row) {
       if (curve.use[static_cast<std::size_t>(row)] == Curve::not_judged) continue;
       predicted[i] = curve.engineering ? response.engineering[row] : response.kirchhoff[row];
@@ -136,7 +171,8 @@ double point_noise(const Eigen::VectorXd& x, const Eigen::VectorXd& y) {
   return clipped_deviation(distances(x, y, [](Eigen::Index) { return true; }));
 }
 
-Eigen::VectorXd slopes(const Eigen::VectorXd& strain, const Eigen::VectorXd& stress) {
+Eigen::VectorXd slopes(const material::BarHistory& history, const Eigen::VectorXd& stress) {
+  const Eigen::VectorXd& strain = history.strain;
   Eigen::VectorXd slope = Eigen::VectorXd::Zero(strain.size());
   if (strain.size() < 2) return slope;
   std::vector<double> steps;
@@ -147,10 +183,15 @@ Eigen::VectorXd slopes(const Eigen::VectorXd& strain, const Eigen::VectorXd& str
     slope[i] = std::abs(step) > least ? (stress[i] - stress[i - 1]) / step : slope[i - 1];
   }
   slope[0] = slope[1];
+  for (const auto& turn : history.turns)
+    if (turn.between && turn.row + 1 < slope.size()) slope[turn.row] = slope[turn.row + 1];
   return slope;
 }
 
-PointNoise point_noise(const Eigen::VectorXd& strain, const Eigen::VectorXd& residual, const Eigen::VectorXd& slope, double stress) {
+namespace {
+
+/// And the noise of the stress where the curve is flat.
+std::pair<PointNoise, double> noise_in(const Eigen::VectorXd& strain, const Eigen::VectorXd& residual, const Eigen::VectorXd& slope, double stress) {
   const double half = 0.5 * slope.cwiseAbs().maxCoeff();
   // A steep course of less rows is hardly resolved: what the law errs by at its ends would be taken for noise.
   constexpr Eigen::Index resolved = 5;
@@ -168,22 +209,32 @@ PointNoise point_noise(const Eigen::VectorXd& strain, const Eigen::VectorXd& res
   const auto freedom = [](const std::vector<double>& distance) { return freedom_of_point_noise(static_cast<Eigen::Index>(distance.size())); };
   const bool given = stress > 0.0;
   PointNoise noise{.stress = given ? stress : point_noise(strain, residual), .strain = 0.0, .steep_freedom = freedom(steep)};
-  if (steep.size() < enough || (flat.size() < known && !given)) return noise;
-  const double of_flat = given ? stress : clipped_deviation(flat), more = std::pow(clipped_deviation(steep), 2) - of_flat * of_flat;
+  const double of_flat = given ? stress : flat.size() < known ? noise.stress : clipped_deviation(flat);
+  if (steep.size() < enough || (flat.size() < known && !given)) return {noise, of_flat};
+  const double more = std::pow(clipped_deviation(steep), 2) - of_flat * of_flat;
   const double by_chance = of_flat * of_flat * std::sqrt(2.0 / freedom(steep) + (given ? 0.0 : 2.0 / freedom(flat)));
-  if (more < 1.5 * by_chance) return noise;
+  if (more < 1.5 * by_chance) return {noise, of_flat};
   // What the law errs by goes on from row to row, noise does not: von Neumann's ratio is 2 for noise, in one of a hundred tests 2.33 of its standard deviations less.
   double change = 0.0, size = 0.0, pairs = 0.0;
   for (Eigen::Index i = 1; i < residual.size(); ++i) {
     if (course[static_cast<std::size_t>(i)] < resolved || course[static_cast<std::size_t>(i) - 1] < resolved) continue;
     change += std::pow(residual[i] - residual[i - 1], 2), size += 0.5 * (residual[i] * residual[i] + residual[i - 1] * residual[i - 1]), pairs += 1.0;
   }
-  if (change < (2.0 - 2.33 * 2.0 * std::sqrt((pairs - 1.0) / (pairs * (pairs + 2.0)))) * size) return noise;
+  if (change < (2.0 - 2.33 * 2.0 * std::sqrt((pairs - 1.0) / (pairs * (pairs + 2.0)))) * size) return {noise, of_flat};
   noise.stress = of_flat;
   double square = 0.0, rows = 0.0;
   for (const double s : slope)
     if (std::abs(s) > half) square += s * s, rows += 1.0;
   noise.strain = std::sqrt(more / (square / rows));
+  return {noise, of_flat};
+}
+
+}  // namespace
+
+PointNoise point_noise(const Eigen::VectorXd& strain, const Eigen::VectorXd& residual, const Eigen::VectorXd& slope, double stress, double of_strain) {
+  auto [noise, of_flat] = noise_in(strain, residual, slope, stress);
+  // The course through many rows hardly scatters from one to the next; what it is off by goes together in all rows of a line, as much as noise does in independent ones.
+  if (of_strain > noise.strain) noise = {.stress = of_flat, .strain = of_strain, .steep_freedom = freedom_of_point_noise(strain.size())};
   return noise;
 }
 
@@ -240,12 +291,10 @@ Weighted weighted(const CurveSet& set, const std::vector<double>& parameters, co
   Eigen::MatrixXd derivatives;
   const Eigen::VectorXd predicted = set.predict(parameters, with_derivatives ? free : std::vector<int>{}, derivatives);
   Weighted result;
-  std::vector<Eigen::Index> rows;
   for (Eigen::Index i = 0; i < predicted.size(); ++i)
-    if (set.is_fitted(i)) rows.push_back(i), result.curve.push_back(set.places()[static_cast<std::size_t>(i)].curve);
-  const Eigen::ArrayXd weight = set.standard_deviation()(rows).array().inverse();
-  result.residual = ((set.measured() - predicted)(rows).array() * weight).matrix();
-  if (with_derivatives) result.derivatives = weight.matrix().asDiagonal() * derivatives(rows, Eigen::all);
+    if (set.is_fitted(i)) result.curve.push_back(set.places()[static_cast<std::size_t>(i)].curve);
+  result.residual = set.whitened(set.measured() - predicted);
+  if (with_derivatives) result.derivatives = set.whitened(derivatives);
   result.squares = result.residual.squaredNorm();
   return result;
 }

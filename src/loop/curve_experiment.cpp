@@ -82,6 +82,7 @@ CurveExperiment::CurveExperiment(Communicator world, std::vector<id::Curve> curv
   candidates_.insert(candidates_.end(), law.begin(), law.end());
   make_bins(options);
   find_repetitions();
+  scatter_.turns.resize(bars_.size());
   whitening_ = whitening_of(scatter_);
 }
 
@@ -231,16 +232,21 @@ Eigen::VectorXd CurveExperiment::true_strain(std::size_t curve, const std::vecto
   return strain;
 }
 
-Eigen::MatrixXd CurveExperiment::follow(std::size_t curve, const Law& law, const std::vector<double>& values, std::span<const int> free) const {
-  const id::Curve& one = curves_[curve];
-  material::BarHistory history = one.history;
+material::BarHistory CurveExperiment::true_history(std::size_t curve, const std::vector<double>& values) const {
+  material::BarHistory history = curves_[curve].history;
+  const Eigen::VectorXd& recorded = curves_[curve].history.strain;
   history.strain = true_strain(curve, values);
   // What a gauge errs by at a turn goes on from the two rows before it.
-  const Eigen::VectorXd &recorded = one.history.strain, shift = history.strain - recorded;
+  const Eigen::VectorXd shift = history.strain - recorded;
   for (auto& turn : history.turns) {
     const Eigen::Index last = turn.row - 1;
     turn.strain += shift[last] + (turn.strain - recorded[last]) * (shift[last] - shift[last - 1]) / (recorded[last] - recorded[last - 1]);
   }
+  return history;
+}
+
+Eigen::MatrixXd CurveExperiment::follow(std::size_t curve, const Law& law, const material::BarHistory& history, std::span<const int> free) const {
+  const id::Curve& one = curves_[curve];
   const auto response = material::pull_bar(*law.law, law.values, history, free);
   if (response.rows < one.stress.size()) return {};
   Eigen::MatrixXd all(response.rows, 1 + static_cast<Eigen::Index>(free.size()));
@@ -263,7 +269,7 @@ std::vector<Eigen::VectorXd> CurveExperiment::predict(const std::vector<double>&
   ++simulations_;
   const Law law = law_of(values);
   for (std::size_t k = 0; k < curves_.size(); ++k) {
-    const auto stress = follow(k, law, values);
+    const auto stress = follow(k, law, true_history(k, values));
     if (stress.size() == 0) return {};
     all[k] = recorded(k, values, stress.col(0));
     if (!all[k].allFinite()) return {};
@@ -281,11 +287,11 @@ Eigen::VectorXd CurveExperiment::binned(const std::vector<Eigen::VectorXd>& pred
   return raw;
 }
 
-Eigen::VectorXd CurveExperiment::whitened(const Eigen::VectorXd& raw, const std::vector<Eigen::MatrixXd>& whitening) const {
+Eigen::VectorXd CurveExperiment::whitened(const Eigen::VectorXd& raw, const std::vector<Whitening>& whitening) const {
   Eigen::VectorXd result(raw.size());
   for (std::size_t k = 0; k < bars_.size(); ++k) {
     const auto [first, size] = bars_[k];
-    result.segment(first, size) = whitening[k] * raw.segment(first, size);
+    result.segment(first, size) = whitening[k](raw.segment(first, size));
   }
   return result;
 }
@@ -339,7 +345,7 @@ std::vector<Eigen::VectorXd> CurveExperiment::residuals_near(const std::vector<d
   collectively(world_, [&] {
     for (std::size_t k = 0; k < curves_.size(); ++k) {
       if (static_cast<int>(k) % world_.size() != world_.rank()) continue;
-      if (auto path = follow(k, law, values, free); path.size() > 0) paths[k] = std::move(path), good[k] = 1.0;
+      if (auto path = follow(k, law, true_history(k, values), free); path.size() > 0) paths[k] = std::move(path), good[k] = 1.0;
     }
   });
   for (auto& path : paths) world_.sum(std::span(path.data(), static_cast<std::size_t>(path.size())));
@@ -378,10 +384,24 @@ void CurveExperiment::learn_bias(const std::vector<double>& values) {
   for (std::size_t k = 0; k < bars_.size(); ++k) {
     const auto [first, size] = bars_[k];
     if (repeated_.contains(curves_[k].group)) continue;
-    const Eigen::VectorXd slope = id::slopes(curves_[k].history.strain, predicted[k]);
+    const Eigen::VectorXd slope = id::slopes(curves_[k].history, predicted[k]);
     for (Eigen::Index i = first; i < first + size; ++i) slope_[i] = slope[bins_[static_cast<std::size_t>(i)].rows.front()];
   }
-  scatter_ = scatter_of(binned(predicted));
+  const Eigen::VectorXd raw = binned(predicted);
+  const Law law = law_of(values);
+  turns_.assign(curves_.size(), {});
+  for (std::size_t k = 0; k < bars_.size(); ++k) {
+    const auto [first, size] = bars_[k];
+    if (repeated_.contains(curves_[k].group) || size == 0) continue;
+    turns_[k] = id::memory_of_turns(true_history(k, values), points_of(k, raw).strain, [&](const material::BarHistory& history) -> Eigen::VectorXd {
+      const auto stress = follow(k, law, history);
+      return stress.size() > 0 ? recorded(k, values, stress.col(0)) : Eigen::VectorXd();
+    });
+    std::vector<Eigen::Index> rows;
+    for (Eigen::Index i = first; i < first + size; ++i) rows.push_back(bins_[static_cast<std::size_t>(i)].rows.front());
+    turns_[k].slopes = Eigen::MatrixXd(turns_[k].slopes(rows, Eigen::all));
+  }
+  scatter_ = scatter_of(raw);
   whitening_ = whitening_of(scatter_);
 }
 

@@ -31,19 +31,19 @@ Eigen::MatrixXd CurveExperiment::basis(Eigen::Index first, Eigen::Index count) c
   return B;
 }
 
-std::vector<Eigen::MatrixXd> CurveExperiment::whitening_of(const Scatter& scatter) const {
-  std::vector<Eigen::MatrixXd> all;
+std::vector<Whitening> CurveExperiment::whitening_of(const Scatter& scatter) const {
+  std::vector<Whitening> all;
+  const Eigen::MatrixXd root = scatter.covariance.size() > 0 ? cholesky(scatter.covariance) : Eigen::MatrixXd();
   for (std::size_t k = 0; k < bars_.size(); ++k) {
     const auto [first, size] = bars_[k];
-    Eigen::MatrixXd covariance = scatter.noise.segment(first, size).array().square().matrix().asDiagonal();
-    if (scatter.covariance.size() > 0) {
-      const Eigen::MatrixXd B = basis(first, size);
-      covariance += B * scatter.covariance * B.transpose();
-    }
-    std::vector<int> last;
+    const Eigen::MatrixXd& turns = scatter.turns[k];
+    Eigen::MatrixXd shared(size, root.cols() + turns.cols());
+    if (root.size() > 0) shared.leftCols(root.cols()) = basis(first, size) * root;
+    if (turns.size() > 0) shared.rightCols(turns.cols()) = turns;
+    std::vector<Eigen::Index> last;
     for (Eigen::Index i = 0; i < size; ++i)
-      if (bins_[static_cast<std::size_t>(first + i)].held_out) last.push_back(static_cast<int>(i));
-    all.emplace_back(whitening(covariance, last));
+      if (bins_[static_cast<std::size_t>(first + i)].held_out) last.push_back(i);
+    all.emplace_back(scatter.noise.segment(first, size), shared, last);
   }
   return all;
 }
@@ -90,17 +90,23 @@ void CurveExperiment::find_repetitions() {
   for (const auto& [group, count] : members) freedom_ += count - 1.0;
 }
 
+id::PointNoise CurveExperiment::points_of(std::size_t curve, const Eigen::VectorXd& raw) const {
+  const auto [first, size] = bars_[curve];
+  Eigen::VectorXd strain(size);  // every row that is judged is a bin
+  for (Eigen::Index i = 0; i < size; ++i) strain[i] = curves_[curve].history.strain[bins_[static_cast<std::size_t>(first + i)].rows.front()];
+  return id::point_noise(strain, raw.segment(first, size), slope_.segment(first, size), curves_[curve].estimated ? 0.0 : curves_[curve].deviation, curves_[curve].strain_noise);
+}
+
 /// Random-effects model of the deviations from the groups' means, by expectation-maximisation: bars that end early are in it with
 /// what they have. What is left of the cubics in a bin has one variance in a group; the noise of the points comes on top. `raw`: measured - predicted [N].
 CurveExperiment::Scatter CurveExperiment::scatter_of(const Eigen::VectorXd& raw) const {
-  Scatter result{.covariance = {}, .noise = of_points_, .freedom = known_noise(), .deviations = {}, .coefficients = {}};
+  Scatter result{.covariance = {}, .noise = of_points_, .freedom = known_noise(), .turns = std::vector<Eigen::MatrixXd>(bars_.size()), .deviations = {}, .coefficients = {}};
   for (std::size_t k = 0; k < bars_.size(); ++k) {
     const auto [first, size] = bars_[k];
     if (repeated_.contains(curves_[k].group) || size < 3) continue;
-    Eigen::VectorXd strain(size);  // every row that is judged is a bin
-    for (Eigen::Index i = 0; i < size; ++i) strain[i] = curves_[k].history.strain[bins_[static_cast<std::size_t>(first + i)].rows.front()];
-    const auto noise = id::point_noise(strain, raw.segment(first, size), slope_.segment(first, size), curves_[k].estimated ? 0.0 : curves_[k].deviation);
+    const id::PointNoise noise = points_of(k, raw);
     const double least = std::max(1e-3 * curves_[k].deviation, noise.stress);
+    if (!turns_.empty()) result.turns[k] = turns_[k].errors(noise.strain);
     for (Eigen::Index i = first; i < first + size; ++i) {
       const double of_strain = std::abs(slope_[i]) * noise.strain;
       result.noise[i] = std::hypot(least, of_strain);
@@ -216,6 +222,7 @@ Eigen::MatrixXd CurveExperiment::bars_like_these(int draws, double grown, unsign
       const auto [first, size] = bars_[k];
       raw.segment(first, size) = scatter_.noise.segment(first, size).cwiseProduct(drawn(size));
       if (root.size() > 0) raw.segment(first, size) += basis(first, size) * (root * drawn(root.cols()));
+      if (const auto& turns = scatter_.turns[k]; turns.size() > 0) raw.segment(first, size) += turns * drawn(turns.cols());
     }
     if (scatter_.deviations.empty()) continue;  // nothing is learned yet
     for (const auto& [group, bars] : repeated_) {

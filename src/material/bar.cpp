@@ -179,9 +179,10 @@ BarResponse in_steps(const FiniteStrainLaw& law, std::span<const double> paramet
   auto turn = history.turns.begin();
   for (Eigen::Index row = 0; row < n; ++row) {
     double since = row > 0 ? history.time[row - 1] : history.time[0];
-    if (turn != history.turns.end() && turn->row == row) {
+    for (; turn != history.turns.end() && turn->row == row; ++turn) {
+      if (!turn->between) continue;
       if (!reach(turn->strain, turn->time - since)) return response;
-      since = turn++->time;
+      since = turn->time;
     }
     if (!reach(history.strain[row], history.time[row] - since)) return response;
     response.kirchhoff[row] = bar.stress();
@@ -195,24 +196,6 @@ BarResponse in_steps(const FiniteStrainLaw& law, std::span<const double> paramet
 }
 
 }  // namespace
-
-std::vector<BarTurn> unseen_turns(const Eigen::VectorXd& time, const Eigen::VectorXd& strain, const Eigen::VectorXd& stress) {
-  constexpr double like = 0.05, of_row = 0.02;
-  std::vector<BarTurn> turns;
-  const auto rate = [&](Eigen::Index row) { return (strain[row] - strain[row - 1]) / (time[row] - time[row - 1]); };
-  const auto alike = [&](double a, double b) { return std::abs(a - b) < like * std::min(std::abs(a), std::abs(b)); };
-  for (Eigen::Index row = 3; row + 2 < strain.size(); ++row) {
-    const double before = rate(row - 1), after = rate(row + 1);
-    if (!(before * after < 0.0) || !alike(rate(row - 2), before) || !alike(rate(row + 2), after)) continue;
-    const double span = time[row] - time[row - 1], share = ((strain[row] - strain[row - 1]) / span - after) / (before - after);
-    if (!(share > of_row && share < 1.0 - of_row)) continue;
-    const auto slope = [&](Eigen::Index at) { return (stress[at] - stress[at - 1]) / (strain[at] - strain[at - 1]); };
-    const double way = share * span * before, back = strain[row] - strain[row - 1] - way, change = stress[row] - stress[row - 1];
-    const double turned = slope(row - 1) * way + slope(row + 1) * back, straight = (way + back) * ((way + back) * before > 0.0 ? slope(row - 1) : slope(row + 1));
-    if (std::abs(change - turned) < std::abs(change - straight)) turns.push_back({row, time[row - 1] + share * span, strain[row - 1] + way});
-  }
-  return turns;
-}
 
 BarResponse pull_bar(const FiniteStrainLaw& law, std::span<const double> parameters, const BarHistory& history,
                      std::span<const int> free, const BarOptions& options) {

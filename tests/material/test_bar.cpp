@@ -92,44 +92,6 @@ TEST(Bar, BackStressesNeedNoNarrowRows) {
   EXPECT_LT(slope, 0.02);
 }
 
-TEST(Bar, TurnsBetweenRowsAreWhereTheLinesMeet) {
-  const auto triangle = [](double t) { return 0.01 * (1.0 - std::abs(std::fmod(t + 1.0, 4.0) - 2.0)); };  // turns at 1, 3, 5 ...
-  const auto sampled = [](double spacing, double until, const auto& course) {
-    BarHistory history{.time = Eigen::VectorXd::LinSpaced(static_cast<Eigen::Index>(until / spacing) + 1, 0.0, std::floor(until / spacing) * spacing), .strain = {}};
-    history.strain = history.time.unaryExpr([&](double t) { return course(t); });
-    return history;
-  };
-  BarHistory rows = sampled(0.07, 6.0, triangle);
-  const auto c = testing::with_effects("kinematic", {"kinematic"}, {20e3, 150});
-  const auto stress_of = [&](const BarHistory& history) { return pull_bar(*c.made().law, c.parameters, history).kirchhoff; };
-  const BarHistory all = sampled(0.01, 6.0, triangle), met = sampled(0.05, 6.0, triangle);
-  const Eigen::VectorXd full = stress_of(all)(Eigen::seqN(0, rows.strain.size(), 7));
-  EXPECT_TRUE(unseen_turns(met.time, met.strain, stress_of(met)).empty());  // each turn is a row
-  EXPECT_TRUE(unseen_turns(rows.time, rows.strain, stress_of(rows)).empty());  // the stress is that of a bar that turned at a row
-  // Where the rate changes the lines do not meet where the test turned.
-  const auto wave = [](double t) { return 0.01 * std::sin(t); };
-  const BarHistory fine = sampled(0.01, 12.0, wave);
-  const Eigen::VectorXd of_wave = stress_of(fine);
-  for (int apart = 10; apart <= 45; ++apart) {
-    const BarHistory few = sampled(0.01 * apart, 12.0, wave);
-    EXPECT_TRUE(unseen_turns(few.time, few.strain, of_wave(Eigen::seqN(0, few.strain.size(), apart))).empty()) << apart;
-  }
-  rows.turns = unseen_turns(rows.time, rows.strain, full);
-  ASSERT_EQ(rows.turns.size(), 3U);
-  for (std::size_t k = 0; k < 3; ++k) {
-    EXPECT_NEAR(rows.turns[k].time, 1.0 + 2.0 * static_cast<double>(k), 1e-9);
-    EXPECT_NEAR(rows.turns[k].strain, k % 2 == 0 ? 0.01 : -0.01, 1e-11);
-    EXPECT_EQ(rows.turns[k].row, static_cast<Eigen::Index>(std::ceil(rows.turns[k].time / 0.07)));
-  }
-  const Eigen::VectorXd known = stress_of(rows);
-  rows.turns.clear();
-  const Eigen::VectorXd straight = stress_of(rows);
-  const auto off = [&](const Eigen::VectorXd& stress) { return (stress - full).cwiseAbs().maxCoeff() / full.maxCoeff(); };
-  std::cout << "[          ] stress off by " << off(known) << " of the largest, without turns " << off(straight) << "\n";
-  EXPECT_LT(off(known), 1e-3);
-  EXPECT_GT(off(straight), 0.05);
-}
-
 TEST(Bar, DirectionOfTheBarIsTheAngleOfTheMaterialAxisTheOtherWay) {
   auto turned = testing::with_effects("hill", {"hill"}, {1.2, 0.85, 1.1, -35}),
        straight = testing::with_effects("hill", {"hill"}, {1.2, 0.85, 1.1, 0});

@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "imic3d/core/whitening.hpp"
 #include "imic3d/material/bar.hpp"
 #include "imic3d/material/finite_strain_law.hpp"
 
@@ -21,9 +22,13 @@ struct Curve {
   bool engineering = true;       ///< the stress is force over the first section; else that times length/length_0
   double deviation = 1.0;        ///< standard deviation of a row [stress]
   bool estimated = false;        ///< that is the point_noise of this curve
+  double strain_noise = 0.0;     ///< standard deviation of the recorded strain, of which `history` has the smooth course; 0: not known
   std::vector<char> use;         ///< of each row: not_judged, fitted, held_out
   enum Use : char { not_judged, fitted, held_out };
 };
+
+/// From the recorded strain of `history` its noise, its turns and the smooth course between (gauge.hpp). Without recorded times (`timed`) the noise is not sought.
+void read_gauge(Curve& curve, bool timed = true);
 
 /// Row `row` of curve `curve`.
 struct CurvePlace {
@@ -47,12 +52,15 @@ class CurveSet {
                                         Eigen::MatrixXd& derivatives) const;
 
   [[nodiscard]] const Eigen::VectorXd& measured() const { return measured_; }
+  /// Of each row, with all that it is off by.
   [[nodiscard]] const Eigen::VectorXd& standard_deviation() const { return deviation_; }
+  /// Of `values` of all rows [rows x k] those of the fitted ones, which become independent with a standard deviation of one [fitted x k].
+  [[nodiscard]] Eigen::MatrixXd whitened(const Eigen::MatrixXd& values) const;
   [[nodiscard]] const std::vector<CurvePlace>& places() const { return places_; }
   [[nodiscard]] bool is_fitted(Eigen::Index i) const;
-  /// Weighs the rows of curves that have no repetition by what their strain's noise, if any is seen about `predicted` [rows], makes of the stress.
-  /// Returns the standard deviation of the strain of each curve; 0 where none is seen.
-  std::vector<double> weigh(const Eigen::VectorXd& predicted);
+  /// Weighs the rows of curves that have no repetition by what their strain's noise, if any is seen about the prediction at `parameters`, makes of the stress: of each row's own, and
+  /// by what is not known of a turn of all rows that remember it (`memory_of_turns`). Returns the standard deviation of the strain of each curve; 0 where none is seen.
+  std::vector<double> weigh(const std::vector<double>& parameters);
   [[nodiscard]] const std::vector<Curve>& curves() const { return curves_; }
   [[nodiscard]] const std::vector<ParameterInfo>& parameters() const { return law_->parameters(); }
   [[nodiscard]] const material::FiniteStrainLaw& law() const { return *law_; }
@@ -66,7 +74,13 @@ class CurveSet {
   std::vector<Curve> curves_;
   material::BarOptions options_;
   std::vector<CurvePlace> places_;
-  std::vector<Eigen::Index> first_;  // of each curve in the vectors
+  /// Rows of a curve in the vectors, and what they are off by.
+  struct Span {
+    Eigen::Index first = 0, size = 0;
+    std::vector<Eigen::Index> fitted;  // of its own rows
+    Whitening whitening;               // of these
+  };
+  std::vector<Span> spans_;
   Eigen::VectorXd measured_, deviation_;
 };
 
@@ -75,8 +89,8 @@ class CurveSet {
 [[nodiscard]] double point_noise(const Curve& curve);
 /// The same of values y at strains x [points].
 [[nodiscard]] double point_noise(const Eigen::VectorXd& x, const Eigen::VectorXd& y);
-/// How a curve's stress rises with its strain from the row before, d(stress)/d(strain) [rows, stress]; where the strain stands still as in the row before.
-[[nodiscard]] Eigen::VectorXd slopes(const Eigen::VectorXd& strain, const Eigen::VectorXd& stress);
+/// How a bar's stress rises with its strain from the row before, d(stress)/d(strain) [rows, stress]; where the strain stands still as in the row before, and as in the row after where it turned back between the two.
+[[nodiscard]] Eigen::VectorXd slopes(const material::BarHistory& history, const Eigen::VectorXd& stress);
 
 /// Noise of the points of a curve, of its stress and of its strain, which moves the stress by d(stress)/d(strain) times as much: almost only where the curve is steep.
 struct PointNoise {
@@ -84,8 +98,8 @@ struct PointNoise {
   double steep_freedom = 0.0;         ///< degrees of freedom of the square of the noise where the curve is steep
 };
 /// From the distances of the residual (measured - predicted) to the line through its neighbours, on the rows that are steeper than half of the steepest and on
-/// the others; `slope` is that of the prediction [rows]. `stress`: what is known of the stress's noise; 0: nothing.
-[[nodiscard]] PointNoise point_noise(const Eigen::VectorXd& strain, const Eigen::VectorXd& residual, const Eigen::VectorXd& slope, double stress = 0.0);
+/// the others; `slope` is that of the prediction [rows]. `stress`: what is known of the stress's noise, `of_strain`: of the strain's; 0: nothing.
+[[nodiscard]] PointNoise point_noise(const Eigen::VectorXd& strain, const Eigen::VectorXd& residual, const Eigen::VectorXd& slope, double stress = 0.0, double of_strain = 0.0);
 
 /// Degrees of freedom of its square, of so many points: neighbouring distances share points (their squares are correlated by 4/9 and
 /// 1/36), and 0.96 is the efficiency of the clipped mean.

@@ -6,7 +6,9 @@
 #include <memory>
 
 #include "imic3d/core/parallel.hpp"
+#include "imic3d/core/whitening.hpp"
 #include "imic3d/identification/curves.hpp"
+#include "imic3d/identification/gauge.hpp"
 #include "imic3d/loop/effect.hpp"
 #include "imic3d/loop/experiment.hpp"
 
@@ -39,7 +41,7 @@ struct CurveLoopOptions {
 /// off by as much as their cubics are. The null are bars that differ so, one half of their covariance being that of the deviations themselves, whatever
 /// their course, grown by what few bars tell of it; see `freedom`. A curve without repetitions
 /// has the noise of its points: what is declared, or their scatter about the prediction from point to point, which is an estimate, too; where it is steep more, if
-/// its points scatter more there (noise of the strain). Whitened with that.
+/// its points scatter more there (noise of the strain), and a branch is off as a whole by what is not known of the turn that it began with. Whitened with that.
 class CurveExperiment final : public Experiment {
  public:
   CurveExperiment(Communicator world, std::vector<identification::Curve> curves, CurveModel model, const CurveLoopOptions& options = {});
@@ -94,8 +96,10 @@ class CurveExperiment final : public Experiment {
   [[nodiscard]] Law law_of(const std::vector<double>& values) const;
   /// The strain that the extensometer did not show [rows].
   [[nodiscard]] Eigen::VectorXd true_strain(std::size_t curve, const std::vector<double>& values) const;
+  /// What the gauge of a curve is taken for to have gone through.
+  [[nodiscard]] material::BarHistory true_history(std::size_t curve, const std::vector<double>& values) const;
   /// Stress at the rows of a curve before it is recorded, and its derivatives by `free` parameters of the law [rows x 1 + free]; empty if the law cannot follow.
-  [[nodiscard]] Eigen::MatrixXd follow(std::size_t curve, const Law& law, const std::vector<double>& values, std::span<const int> free = {}) const;
+  [[nodiscard]] Eigen::MatrixXd follow(std::size_t curve, const Law& law, const material::BarHistory& history, std::span<const int> free = {}) const;
   /// What load cell and group make of it.
   [[nodiscard]] Eigen::VectorXd recorded(std::size_t curve, const std::vector<double>& values, Eigen::VectorXd stress) const;
   void make_bins(const CurveLoopOptions& options);
@@ -104,6 +108,7 @@ class CurveExperiment final : public Experiment {
     Eigen::MatrixXd covariance;  // of the bars' coefficients [degree + 1 square]; empty: none
     Eigen::VectorXd noise;       // of each number beyond them [N, stress]
     Eigen::VectorXd freedom;     // of the square of that where nothing is repeated [N]
+    std::vector<Eigen::MatrixXd> turns;  // what the numbers of each curve are off by where a turn that they remember was elsewhere [its numbers x turns, stress]
     std::map<std::string, std::vector<Eigen::VectorXd>> deviations, coefficients;  // of the repeated bars of each group, from its mean: in bins; of the cubics
   };
   void find_repetitions();
@@ -113,10 +118,11 @@ class CurveExperiment final : public Experiment {
   /// Bars that differ as `scatter_` says, `grown` times as much [N x draws, stress].
   [[nodiscard]] Eigen::MatrixXd bars_like_these(int draws, double grown, unsigned seed) const;
   [[nodiscard]] Scatter scatter_of(const Eigen::VectorXd& raw) const;
+  [[nodiscard]] identification::PointNoise points_of(std::size_t curve, const Eigen::VectorXd& raw) const;  // of one that has no repetition
   [[nodiscard]] bool noise_is_estimated(std::size_t curve) const;  // from the points of this curve
-  [[nodiscard]] std::vector<Eigen::MatrixXd> whitening_of(const Scatter& scatter) const;
+  [[nodiscard]] std::vector<Whitening> whitening_of(const Scatter& scatter) const;
   [[nodiscard]] Eigen::VectorXd binned(const std::vector<Eigen::VectorXd>& predicted) const;  // measured - predicted [N, stress]
-  [[nodiscard]] Eigen::VectorXd whitened(const Eigen::VectorXd& raw, const std::vector<Eigen::MatrixXd>& whitening) const;
+  [[nodiscard]] Eigen::VectorXd whitened(const Eigen::VectorXd& raw, const std::vector<Whitening>& whitening) const;
   [[nodiscard]] Eigen::VectorXd whitened(const Eigen::VectorXd& raw) const { return whitened(raw, whitening_); }
   [[nodiscard]] Eigen::MatrixXd basis(Eigen::Index first, Eigen::Index count) const;
   [[nodiscard]] std::span<const double> values_of(std::size_t effect, const std::vector<double>& values) const;
@@ -135,6 +141,7 @@ class CurveExperiment final : public Experiment {
   std::vector<std::pair<Eigen::Index, Eigen::Index>> bars_;  // first bin, bins of each curve
   Eigen::VectorXd of_points_;  // noise of the mean of a bin's points [N, stress]
   Eigen::VectorXd slope_;      // of the prediction where nothing is repeated, d(stress)/d(strain) [N, stress]
+  std::vector<identification::TurnMemory> turns_;  // of each curve that has no repetition, at its numbers
   /// A bar that has repetitions: its bins that others of the group have too.
   struct Repeated {
     std::size_t curve = 0;
@@ -145,7 +152,7 @@ class CurveExperiment final : public Experiment {
   std::map<std::string, std::vector<Repeated>> repeated_;  // by group
   Scatter scatter_;
   double freedom_ = 0.0;                                     // bars beyond one of each group
-  std::vector<Eigen::MatrixXd> whitening_;                   // inverse Cholesky factor of each bar
+  std::vector<Whitening> whitening_;                         // of each bar
   mutable int simulations_ = 0;
 };
 

@@ -9,10 +9,12 @@
 
 namespace imic3d::material {
 
-/// Where the strain turned back between two rows.
+/// Where the strain turned back.
 struct BarTurn {
-  Eigen::Index row;  ///< the one after it
+  Eigen::Index row;        ///< that of the turn, or the one after it
+  bool between;            ///< it lies between that row and the one before it, and is passed through
   double time, strain;
+  double deviation = 0.0;  ///< standard deviation of what it went further by than `strain`, beside the noise of a row
 };
 
 /// What is prescribed: the logarithmic strain of the gauge at times, from the virgin state at time[0].
@@ -20,14 +22,8 @@ struct BarHistory {
   Eigen::VectorXd time;    ///< [rows, time], not descending
   Eigen::VectorXd strain;  ///< ln(length / length_0) [rows, -]
   double direction = 0.0;  ///< of the bar in the plane of the law's axes x, y, counter-clockwise from x [degree]
-  std::vector<BarTurn> turns = {};  ///< in order, one between two rows at most
+  std::vector<BarTurn> turns = {};  ///< in order
 };
-
-/// Turns between rows of a test whose strain went at one rate before and at one after: there the two lines meet. A bar that turned
-/// unseen has its yield surface elsewhere: all of the branch after it is off by Young's modulus times what the strain went on.
-/// Where a turn is a row, or the rate changes near it by more than 5 %, there is none; nor where the stress between the two rows
-/// changes rather as on a straight way, with the slopes of the rows before and after.
-[[nodiscard]] std::vector<BarTurn> unseen_turns(const Eigen::VectorXd& time, const Eigen::VectorXd& strain, const Eigen::VectorXd& stress);
 
 struct BarOptions {
   double largest_step = 2e-3;  ///< of the strain; longer ones are divided

@@ -1,0 +1,179 @@
+#include "imic3d/identification/gauge.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <optional>
+
+#include "imic3d/identification/curves.hpp"
+
+namespace imic3d::identification {
+
+using Eigen::Index;
+using Eigen::VectorXd;
+
+std::vector<Index> turning_rows(const VectorXd& strain, double play) {
+  std::vector<Index> turns;
+  Index last = 0;
+  double way = 0.0;  // that the strain goes
+  for (Index row = 1; row < strain.size(); ++row) {
+    const double further = strain[row] - strain[last];
+    const bool turned = std::abs(further) > play && way * further <= 0.0;
+    if (turned && way != 0.0) turns.push_back(last);
+    if (turned || way * further > 0.0) last = row, way = std::copysign(1.0, further);
+  }
+  return turns;
+}
+
+namespace {
+
+/// Least squares y = mean + slope (x - centre).
+struct Line {
+  double centre, mean, slope, squares;  // squares: sum of (x - centre)^2
+  double count;
+  Line(const VectorXd& x, const VectorXd& y)
+      : centre(x.mean()), mean(y.mean()), slope((x.array() - centre).matrix().dot(y) / (x.array() - centre).square().sum()), squares((x.array() - centre).square().sum()), count(static_cast<double>(x.size())) {}
+  [[nodiscard]] double at(double x) const { return mean + slope * (x - centre); }
+  [[nodiscard]] double variance(double x, double noise) const { return noise * noise * (1.0 / count + (x - centre) * (x - centre) / squares); }
+};
+
+/// Of the rows [from, from + count), if they go at one rate.
+std::optional<Line> steady(const VectorXd& x, const VectorXd& y, Index from, Index count, double noise) {
+  constexpr double alike = 0.05;
+  if (count < 3 || !(x[from + count - 1] > x[from])) return std::nullopt;
+  const auto of = [&](Index first, Index size) { return Line(x.segment(first, size), y.segment(first, size)); };
+  const Line line = of(from, count);
+  const Index half = count / 2 + 1, last = from + count;
+  const Line first = of(from, half), second = of(last - half, half);
+  const double by_noise = noise * std::sqrt(1.0 / first.squares + 1.0 / second.squares);  // of the difference of the two rates
+  if (!(std::abs(first.slope - second.slope) < alike * std::abs(line.slope) + 3.0 * by_noise)) return std::nullopt;
+  return line;
+}
+
+/// Rows, rounded down, whose mean is known to a `part` of what the strain goes in them, if it goes by `step` from one to the next.
+Index enough(double step, double noise, double part, Index most) {
+  return step > 0.0 ? std::min(most, static_cast<Index>(std::pow(noise / (part * step), 2.0 / 3.0))) : most;
+}
+
+}  // namespace
+
+double strain_noise(const VectorXd& time, const VectorXd& strain, const VectorXd& stress) {
+  const double of_strain = point_noise(time, strain), of_stress = point_noise(time, stress);
+  if (of_strain <= 1e-12 * strain.cwiseAbs().maxCoeff()) return 0.0;  // of round-off
+  double square = 0.0, against = 0.0, of_the_stress = 0.0, together = 0.0, last = 0.0;
+  for (Index i = 1; i + 1 < strain.size(); ++i) {
+    const double span = time[i + 1] - time[i - 1], w = span > 0.0 ? (time[i] - time[i - 1]) / span : 0.5, size = std::sqrt(1.0 + w * w + (1.0 - w) * (1.0 - w));
+    const auto distance = [&](const VectorXd& y, double noise) { return std::clamp((y[i] - (1.0 - w) * y[i - 1] - w * y[i + 1]) / (size * noise), -3.0, 3.0); };
+    const double d = distance(strain, of_strain), s = of_stress > 0.0 ? distance(stress, of_stress) : 0.0;
+    square += d * d, against -= 1.5 * d * last, of_the_stress += s * s, together += d * s;
+    last = d;
+  }
+  if (together > 0.5 * std::sqrt(square * of_the_stress)) return 0.0;
+  return of_strain * std::sqrt(std::clamp(against / square, 0.0, 1.0));
+}
+
+std::vector<material::BarTurn> find_turns(const VectorXd& time, const VectorXd& strain, const VectorXd& stress, double noise) {
+  constexpr double rounded = 0.1, of_row = 0.02;
+  const double of_stress = point_noise(strain, stress);
+  const std::vector<Index> rows = turning_rows(strain, 8.0 * noise);
+  std::vector<material::BarTurn> turns;
+  for (std::size_t k = 0; k < rows.size(); ++k) {
+    // The extreme rows of the neighbouring turns may lie beyond these.
+    const Index row = rows[k], first = k > 0 ? rows[k - 1] + 1 : 0, last = k + 1 < rows.size() ? rows[k + 1] - 1 : strain.size() - 1;
+    const double up = std::abs(strain[row] - strain[row - 1]), down = std::abs(strain[row] - strain[row + 1]);
+    const double corner = 0.5 * std::abs(up - down), parabola = up + down > 0.0 ? 0.5 * corner * corner / (up + down) : 0.0;
+    turns.push_back({row, false, time[row], strain[row], 0.5 * corner});
+    if (first >= row || last <= row) continue;
+    const double step_to = std::abs(strain[row] - strain[first]) / static_cast<double>(row - first), step_back = std::abs(strain[row] - strain[last]) / static_cast<double>(last - row);
+    // Among rows closer than the noise the largest one is some rows from the turn.
+    const Index beside_to = 1 + enough(step_to, noise, 0.5, row - first), beside_back = 1 + enough(step_back, noise, 0.5, last - row);
+    const Index before = std::min(std::max<Index>(5, enough(step_to, noise, 0.05, row - first)), row - beside_to - first + 1), after = std::min(std::max<Index>(5, enough(step_back, noise, 0.05, last - row)), last - row - beside_back + 1);
+    const Index from = row - beside_to - before + 1, until = row + beside_back;
+    if (before < 3 || after < 3) continue;
+    material::BarTurn& turn = turns.back();
+    turn.deviation = parabola;
+    const auto to = steady(time, strain, from, before, noise), back = steady(time, strain, until, after, noise);
+    if (!to || !back || !(to->slope * back->slope < 0.0)) continue;
+    const double apart = to->slope - back->slope, meet = (back->at(0.0) - to->at(0.0)) / apart, there = to->at(meet);
+    if (!(meet > time[row - beside_to] && meet < time[until])) continue;
+    const Index next = std::upper_bound(time.begin() + row - beside_to, time.begin() + until, meet) - time.begin();
+    const bool later = meet - time[next - 1] < time[next] - meet;  // than the nearer row
+    const double on_line = later ? to->at(time[next - 1]) : back->at(time[next]), further = std::abs(there - on_line);
+    const double of_lines = std::sqrt((back->slope * back->slope * to->variance(meet, noise) + to->slope * to->slope * back->variance(meet, noise)) / (apart * apart));
+    const Index nearer = later ? next - 1 : next;
+    turn = {nearer, false, time[nearer], noise > 0.0 ? there : strain[nearer], of_lines};
+    if (further < of_row * std::abs(to->slope) * (time[next] - time[next - 1])) continue;
+    const auto slope = [&](Index first_row, Index count) { return Line(strain.segment(first_row, count), stress.segment(first_row, count)).slope; };
+    const Index near_to = std::max<Index>(3, enough(step_to, noise, 0.05, before)), near_back = std::max<Index>(3, enough(step_back, noise, 0.05, after));  // before a corner of the curve, where it can be
+    const double slope_to = slope(from + before - near_to, near_to), slope_back = slope(until, near_back), change = stress[next] - stress[next - 1];
+    const double at_last = to->at(time[next - 1]), at_next = back->at(time[next]);
+    const double turned = slope_to * (there - at_last) + slope_back * (at_next - there), straight = (later ? slope_back : slope_to) * (at_next - at_last);
+    const double better = std::abs(change - straight) - std::abs(change - turned), told = 3.0 * std::sqrt(2.0) * of_stress;  // by a row's noise
+    if (better < -told) continue;
+    turn = {next, true, meet, there, std::hypot(of_lines, (better > told ? rounded : 0.5) * further)};
+  }
+  return turns;
+}
+
+VectorXd smooth_strain(const VectorXd& time, const VectorXd& strain, const std::vector<material::BarTurn>& turns, double noise) {
+  VectorXd smooth = strain;
+  if (noise == 0.0) return smooth;
+  constexpr double part = 1.0 / 12.0;
+  constexpr Index most = 201;
+  const auto branch = [&](Index from, Index until) {  // rows [from, until)
+    for (Index row = from; row < until; ++row) {
+      const Index before = std::max(from, row - 1), after = std::min(until - 1, row + 1);
+      if (after > before && std::abs(strain[after] - strain[before]) >= static_cast<double>(after - before) * noise / part) continue;
+      for (Index count = 3; count <= std::min(most, until - from); count += 2) {
+        const Index first = std::clamp(row - count / 2, from, until - count);
+        const double span = time[first + count - 1] - time[first];
+        if (!(span > 0.0)) continue;
+        const Line line(time.segment(first, count), strain.segment(first, count));
+        smooth[row] = line.at(time[row]);
+        if (std::abs(line.slope) * span >= noise / (part * std::sqrt(static_cast<double>(count)))) break;
+      }
+    }
+  };
+  Index from = 0;
+  for (std::size_t k = 0; k <= turns.size(); ++k) {
+    const Index until = k == turns.size() ? strain.size() : turns[k].between ? turns[k].row : turns[k].row + 1;
+    branch(from, until);
+    if (k < turns.size() && !turns[k].between) smooth[until - 1] = turns[k].strain;
+    for (Index row = from; row < until; ++row) {  // nothing goes beyond the turns
+      if (k < turns.size()) smooth[row] = turns[k].strain > strain[from] ? std::min(smooth[row], turns[k].strain) : std::max(smooth[row], turns[k].strain);
+      if (k > 0) smooth[row] = turns[k - 1].strain > strain[until - 1] ? std::min(smooth[row], turns[k - 1].strain) : std::max(smooth[row], turns[k - 1].strain);
+    }
+    from = until;
+  }
+  return smooth;
+}
+
+Eigen::MatrixXd TurnMemory::errors(double noise) const { return slopes * (deviation.array().square() + noise * noise).sqrt().matrix().asDiagonal(); }
+
+TurnMemory memory_of_turns(const material::BarHistory& history, double noise, const std::function<VectorXd(const material::BarHistory&)>& stress) {
+  VectorXd course(static_cast<Index>(history.turns.size()) + 2);
+  course[0] = history.strain[0], course.tail(1) = history.strain.tail(1);
+  for (std::size_t k = 0; k < history.turns.size(); ++k) course[static_cast<Index>(k) + 1] = history.turns[k].strain;
+  std::vector<std::size_t> turns;
+  for (const Index at : turning_rows(course, 4.0 * noise))
+    if (const auto turn = static_cast<std::size_t>(at) - 1; noise > 0.0 || history.turns[turn].deviation > 0.0) turns.push_back(turn);
+  const auto count = static_cast<Index>(turns.size());
+  TurnMemory memory{.slopes = Eigen::MatrixXd::Zero(history.strain.size(), count), .deviation = VectorXd::Zero(count)};
+  if (turns.empty()) return memory;
+  const VectorXd nominal = stress(history);
+  for (Index k = 0; k < count; ++k) {
+    material::BarHistory moved = history;
+    material::BarTurn& turn = moved.turns[turns[static_cast<std::size_t>(k)]];
+    memory.deviation[k] = turn.deviation;
+    const double step = std::max(1e-6, std::hypot(noise, turn.deviation));
+    const Index after = turn.between ? turn.row : turn.row + 1;
+    const Index at = static_cast<Index>(turns[static_cast<std::size_t>(k)]) + 1;
+    (turn.between ? turn.strain : moved.strain[turn.row]) += std::copysign(step, course[at] - course[at - 1]);
+    const VectorXd other = stress(moved);
+    if (nominal.size() == 0 || other.size() == 0) continue;
+    const Index rows = history.strain.size() - after;
+    memory.slopes.col(k).tail(rows) = (other - nominal).tail(rows) / step;
+  }
+  return memory;
+}
+
+}  // namespace imic3d::identification

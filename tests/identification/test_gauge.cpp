@@ -1,0 +1,104 @@
+// What a gauge recorded: where it turned, its noise, and the course between.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <iostream>
+#include <random>
+
+#include "../material/effect_cases.hpp"
+#include "imic3d/identification/curves.hpp"
+#include "imic3d/identification/gauge.hpp"
+
+namespace imic3d::identification {
+namespace test_gauge {
+
+std::vector<material::BarTurn> between_rows(const Eigen::VectorXd& time, const Eigen::VectorXd& strain, const Eigen::VectorXd& stress) {
+  auto turns = find_turns(time, strain, stress);
+  std::erase_if(turns, [](const material::BarTurn& turn) { return !turn.between; });
+  return turns;
+}
+
+TEST(Gauge, TurnsBetweenRowsAreWhereTheLinesMeet) {
+  const auto triangle = [](double t) { return 0.01 * (1.0 - std::abs(std::fmod(t + 1.0, 4.0) - 2.0)); };  // turns at 1, 3, 5 ...
+  const auto sampled = [](double spacing, double until, const auto& course) {
+    material::BarHistory history{.time = Eigen::VectorXd::LinSpaced(static_cast<Eigen::Index>(until / spacing) + 1, 0.0, std::floor(until / spacing) * spacing), .strain = {}};
+    history.strain = history.time.unaryExpr([&](double t) { return course(t); });
+    return history;
+  };
+  material::BarHistory rows = sampled(0.07, 6.0, triangle);
+  const auto c = material::testing::with_effects("kinematic", {"kinematic"}, {20e3, 150});
+  const auto stress_of = [&](const material::BarHistory& history) { return material::pull_bar(*c.made().law, c.parameters, history).kirchhoff; };
+  const material::BarHistory all = sampled(0.01, 6.0, triangle), met = sampled(0.05, 6.0, triangle);
+  const Eigen::VectorXd full = stress_of(all)(Eigen::seqN(0, rows.strain.size(), 7));
+  EXPECT_TRUE(between_rows(met.time, met.strain, stress_of(met)).empty());  // each turn is a row
+  EXPECT_TRUE(between_rows(rows.time, rows.strain, stress_of(rows)).empty());  // the stress is that of a bar that turned at a row
+  // Where the rate changes the lines do not meet where the test turned.
+  const auto wave = [](double t) { return 0.01 * std::sin(t); };
+  const material::BarHistory fine = sampled(0.01, 12.0, wave);
+  const Eigen::VectorXd of_wave = stress_of(fine);
+  for (int apart = 10; apart <= 45; ++apart) {
+    const material::BarHistory few = sampled(0.01 * apart, 12.0, wave);
+    EXPECT_TRUE(between_rows(few.time, few.strain, of_wave(Eigen::seqN(0, few.strain.size(), apart))).empty()) << apart;
+  }
+  rows.turns = between_rows(rows.time, rows.strain, full);
+  ASSERT_EQ(rows.turns.size(), 3U);
+  for (std::size_t k = 0; k < 3; ++k) {
+    EXPECT_NEAR(rows.turns[k].time, 1.0 + 2.0 * static_cast<double>(k), 1e-9);
+    EXPECT_NEAR(rows.turns[k].strain, k % 2 == 0 ? 0.01 : -0.01, 1e-11);
+    EXPECT_EQ(rows.turns[k].row, static_cast<Eigen::Index>(std::ceil(rows.turns[k].time / 0.07)));
+  }
+  const Eigen::VectorXd known = stress_of(rows);
+  rows.turns.clear();
+  const Eigen::VectorXd straight = stress_of(rows);
+  const auto off = [&](const Eigen::VectorXd& stress) { return (stress - full).cwiseAbs().maxCoeff() / full.maxCoeff(); };
+  std::cout << "[          ] stress off by " << off(known) << " of the largest, without turns " << off(straight) << "\n";
+  EXPECT_LT(off(known), 1e-3);
+  EXPECT_GT(off(straight), 0.05);
+}
+
+Eigen::VectorXd drawn(Eigen::Index count, double deviation, unsigned seed) {
+  std::mt19937_64 random(seed);
+  std::normal_distribution<double> normal;
+  return Eigen::VectorXd(count).unaryExpr([&](double) { return deviation * normal(random); });
+}
+
+/// Not where the rate changes from row to row, nor where the bar moved so, which the stress tells.
+TEST(Gauge, NoiseIsWhatGoesAgainstItsNeighbours) {
+  constexpr Eigen::Index count = 800;
+  constexpr double noise = 2e-5;
+  const Eigen::VectorXd time = Eigen::VectorXd::LinSpaced(count, 0.0, 80.0), of_strain = drawn(count, noise, 1), of_stress = drawn(count, 1.0, 2);
+  const Eigen::VectorXd ramp = 1e-4 * time, wave = (0.3 * time.array()).sin() * 0.01;
+  EXPECT_NEAR(strain_noise(time, ramp + of_strain, 200e3 * ramp + of_stress), noise, 0.1 * noise);
+  EXPECT_EQ(strain_noise(time, ramp + of_strain, 200e3 * (ramp + of_strain) + of_stress), 0.0);
+  EXPECT_LT(strain_noise(time, wave, 200e3 * wave + of_stress), 1e-7);
+  EXPECT_NEAR(strain_noise(time, wave + of_strain, 200e3 * wave + of_stress), noise, 0.15 * noise);
+  EXPECT_EQ(strain_noise(time, ramp, 200e3 * ramp + of_stress), 0.0);
+}
+
+/// Rows closer than the noise: the turn is found where it was, with the deviation that it has, and the course between goes by the noise of many.
+TEST(Gauge, TurnsAndCourseOfANoisyStrain) {
+  constexpr Eigen::Index count = 1200;
+  constexpr double noise = 2e-5;
+  const auto course = [](double t) { return 1e-3 * (t < 10.013 ? t : t < 11.507 ? 20.026 - t : t - 2.988); };
+  const Eigen::VectorXd time = Eigen::VectorXd::LinSpaced(count, 0.0, 17.0), truth = time.unaryExpr(course);
+  Eigen::VectorXd flows = truth;  // flow as far as the bar has been pulled, elastic below
+  for (Eigen::Index i = 1; i < count; ++i) flows[i] = std::max(flows[i - 1], i * time[1] < 10.013 ? truth[i] : std::max(10.013e-3, truth[i]));
+  double square = 0.0, rows = 0.0;
+  for (unsigned seed = 0; seed < 20; ++seed) {
+    const Eigen::VectorXd strain = truth + drawn(count, noise, 10 + seed), stress = (400.0 + 2e3 * flows.array() - 200e3 * (flows - truth).array()).matrix() + drawn(count, 1.0, 50 + seed);
+    const auto turns = find_turns(time, strain, stress, noise);
+    ASSERT_EQ(turns.size(), 2U);
+    for (const auto& turn : turns) square += std::pow(turn.strain - course(turn.time > 10.7 ? 11.507 : 10.013), 2) / (std::pow(turn.deviation, 2) + (turn.between ? 0.0 : noise * noise)) / 40.0;
+    const Eigen::VectorXd smooth = smooth_strain(time, strain, turns, noise);
+    rows += (smooth - truth).squaredNorm() / (20.0 * count);
+    EXPECT_LE(smooth.head(700).maxCoeff(), turns[0].strain + 1e-15);
+  }
+  EXPECT_LT(std::sqrt(square), 1.5);
+  EXPECT_GT(std::sqrt(square), 0.5);
+  EXPECT_LT(std::sqrt(rows), 0.5 * noise);
+  const Eigen::VectorXd apart = Eigen::VectorXd::LinSpaced(40, 0.0, 0.02) + drawn(40, noise, 5);
+  EXPECT_EQ(smooth_strain(Eigen::VectorXd::LinSpaced(40, 0.0, 20.0), apart, {}, noise), apart);
+}
+
+}  // namespace test_gauge
+}  // namespace imic3d::identification
