@@ -100,7 +100,7 @@ std::vector<material::BarTurn> find_turns(const VectorXd& time, const VectorXd& 
     const double on_line = later ? to->at(time[next - 1]) : back->at(time[next]), further = std::abs(there - on_line);
     const double of_lines = std::sqrt((back->slope * back->slope * to->variance(meet, noise) + to->slope * to->slope * back->variance(meet, noise)) / (apart * apart));
     const Index nearer = later ? next - 1 : next;
-    turn = {nearer, false, time[nearer], noise > 0.0 ? there : strain[nearer], of_lines};
+    turn = {nearer, false, time[nearer], noise > 0.0 ? on_line : strain[nearer], of_lines};
     if (further < of_row * std::abs(to->slope) * (time[next] - time[next - 1])) continue;
     const auto slope = [&](Index first_row, Index count) { return Line(strain.segment(first_row, count), stress.segment(first_row, count)).slope; };
     const Index near_to = std::max<Index>(3, enough(step_to, noise, 0.05, before)), near_back = std::max<Index>(3, enough(step_back, noise, 0.05, after));  // before a corner of the curve, where it can be
@@ -108,8 +108,9 @@ std::vector<material::BarTurn> find_turns(const VectorXd& time, const VectorXd& 
     const double at_last = to->at(time[next - 1]), at_next = back->at(time[next]);
     const double turned = slope_to * (there - at_last) + slope_back * (at_next - there), straight = (later ? slope_back : slope_to) * (at_next - at_last);
     const double better = std::abs(change - straight) - std::abs(change - turned), told = 3.0 * std::sqrt(2.0) * of_stress;  // by a row's noise
-    if (better < -told) continue;
-    turn = {next, true, meet, there, std::hypot(of_lines, (better > told ? rounded : 0.5) * further)};
+    const bool went_there = better > 0.0;
+    if (went_there) turn = {next, true, meet, there, 0.0};
+    turn.deviation = std::hypot(of_lines, (std::abs(better) < told ? 0.5 : went_there ? rounded : 0.0) * further);
   }
   return turns;
 }

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
+#include <chrono>
 #include <cmath>
 #include <limits>
 #include <map>
@@ -344,6 +345,28 @@ TEST(CurveExperiment, NoiseOfTheStrainOfAnUnloadedBarIsNoEffect) {
     if (report.verdict != Verdict::nothing_found) std::printf("  seed %u: %s\n", seed, report.sentence.c_str());
   }
   EXPECT_LE(alarms, 2);  // 0.05 each: 1 of 80 that there are more
+}
+
+/// A hundred null tests of 6000 rows each estimate their own noise: no matrix of rows by rows (6000^3/3 operations each) is in it.
+TEST(CurveExperiment, ManyRowsTakeSeconds) {
+  constexpr Eigen::Index rows = 6000;
+  identification::Curve curve;
+  curve.name = curve.group = "bar", curve.estimated = true;
+  curve.history.strain = Eigen::VectorXd::LinSpaced(rows, 0.0, 0.08), curve.history.time = curve.history.strain / 1e-3;
+  const std::vector<double> values = model(truth).values;
+  curve.stress = material::pull_bar(*model(truth).extended(material::known_effects()), values, curve.history).engineering;
+  std::mt19937_64 random(1);
+  std::normal_distribution<double> normal;
+  for (double& stress : curve.stress) stress += normal(random);
+  curve.deviation = identification::point_noise(curve), curve.use.assign(rows, identification::Curve::fitted);
+  CurveExperiment experiment(Communicator(), {curve}, model(truth));
+  std::vector<double> all;
+  for (const auto& p : experiment.parameters()) all.push_back(p.value);
+  const auto start = std::chrono::steady_clock::now();
+  experiment.learn_bias(all);
+  const Eigen::MatrixXd squares = experiment.noise_of_squares(all, experiment.noise(all, 100));
+  EXPECT_NEAR(squares.squaredNorm() / static_cast<double>(squares.size()), 1.0, 0.05);
+  EXPECT_LT(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(), 30.0);
 }
 
 TEST(CurveExperiment, RecordsOfBarsHaveNoImages) {

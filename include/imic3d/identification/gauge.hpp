@@ -18,8 +18,8 @@ namespace imic3d::identification {
 [[nodiscard]] double strain_noise(const Eigen::VectorXd& time, const Eigen::VectorXd& strain, const Eigen::VectorXd& stress);
 
 /// Turns of a test [rows: time, strain, stress] of more than eight times the strain's `noise`. Where the strain goes at one rate before and at one after (alike in both halves of five rows, or of as many as noise asks for, to 5 % and what that
-/// makes of it) it turned where the two lines meet, if the stress does not tell that it went straight from row to row; the deviation is what the noise makes of the lines, and a tenth of the way from the row to there, as
-/// corners are rounded - one half of it where the stress tells neither. Elsewhere it turned at a row, and further by what the parabola through the three rows goes further, as a deviation; where there are too few rows, by half of what a corner between them would.
+/// makes of it) it turned where the two lines meet, if the stress does not change rather as on the straight way from row to row; the deviation is what the noise makes of the lines, and a tenth of the way from the row to there, as
+/// corners are rounded - one half of it where the noise of the stress lets both be. Elsewhere it turned at a row, and further by what the parabola through the three rows goes further, as a deviation; where there are too few rows, by half of what a corner between them would.
 [[nodiscard]] std::vector<material::BarTurn> find_turns(const Eigen::VectorXd& time, const Eigen::VectorXd& strain, const Eigen::VectorXd& stress, double noise = 0.0);
 
 /// Strain between the `turns` by the line through the rows around, of least squares: so many that the noise of their mean is a twelfth of what the strain goes in them. Rows that are further apart
