@@ -208,7 +208,7 @@ bool alike(const std::vector<double>& a, const std::vector<double>& b) {
 
 void say_strain_noise(const id::CurveSet& set, const std::vector<double>& noise) {
   for (std::size_t k = 0; k < noise.size(); ++k)
-    if (noise[k] > 0.0) spdlog::info("  {}: a noise of the strain of {:.2g} is seen where the curve is steep, and weighs there", set.curves()[k].name, noise[k]);
+    if (noise[k] > 0.0) spdlog::info("  {}: a noise of the strain of {:.2g} is seen, and weighs where the curve is steep", set.curves()[k].name, noise[k]);
 }
 }  // namespace
 

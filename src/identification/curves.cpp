@@ -234,7 +234,8 @@ std::pair<PointNoise, double> noise_in(const Eigen::VectorXd& strain, const Eige
 PointNoise point_noise(const Eigen::VectorXd& strain, const Eigen::VectorXd& residual, const Eigen::VectorXd& slope, double stress, double of_strain) {
   auto [noise, of_flat] = noise_in(strain, residual, slope, stress);
   // The course through many rows hardly scatters from one to the next; what it is off by goes together in all rows of a line, as much as noise does in independent ones.
-  if (of_strain > noise.strain) noise = {.stress = of_flat, .strain = of_strain, .steep_freedom = freedom_of_point_noise(strain.size())};
+  const bool matters = of_strain * slope.cwiseAbs().maxCoeff() > 0.1 * of_flat;
+  if (matters && of_strain > noise.strain) noise = {.stress = of_flat, .strain = of_strain, .steep_freedom = freedom_of_point_noise(strain.size())};
   return noise;
 }
 

@@ -96,6 +96,7 @@ std::vector<material::BarTurn> find_turns(const VectorXd& time, const VectorXd& 
     const double apart = to->slope - back->slope, meet = (back->at(0.0) - to->at(0.0)) / apart, there = to->at(meet);
     if (!(meet > time[row - beside_to] && meet < time[until])) continue;
     const Index next = std::upper_bound(time.begin() + row - beside_to, time.begin() + until, meet) - time.begin();
+    if (k > 0 && next - 1 <= turns[k - 1].row) continue;
     const bool later = meet - time[next - 1] < time[next] - meet;  // than the nearer row
     const double on_line = later ? to->at(time[next - 1]) : back->at(time[next]), further = std::abs(there - on_line);
     const double of_lines = std::sqrt((back->slope * back->slope * to->variance(meet, noise) + to->slope * to->slope * back->variance(meet, noise)) / (apart * apart));
@@ -107,7 +108,7 @@ std::vector<material::BarTurn> find_turns(const VectorXd& time, const VectorXd& 
     const double slope_to = slope(from + before - near_to, near_to), slope_back = slope(until, near_back), change = stress[next] - stress[next - 1];
     const double at_last = to->at(time[next - 1]), at_next = back->at(time[next]);
     const double turned = slope_to * (there - at_last) + slope_back * (at_next - there), straight = (later ? slope_back : slope_to) * (at_next - at_last);
-    const double better = std::abs(change - straight) - std::abs(change - turned), told = 3.0 * std::sqrt(2.0) * of_stress;  // by a row's noise
+    const double better = std::abs(change - straight) - std::abs(change - turned), told = 6.0 * std::sqrt(2.0) * of_stress;  // by the noise of two rows, beyond chance
     const bool went_there = better > 0.0;
     if (went_there) turn = {next, true, meet, there, 0.0};
     turn.deviation = std::hypot(of_lines, (std::abs(better) < told ? 0.5 : went_there ? rounded : 0.0) * further);

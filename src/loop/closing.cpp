@@ -461,8 +461,8 @@ class Loop {
       less.model.added = trial.model.added, less.model.idle = trial.model.idle, less.model.ground = trial.model.ground;
       less.model.idle.push_back(j);
       std::vector<double> start = trial.model.fit.values;
-      start[static_cast<std::size_t>(j)] = info.null_value.value_or(0.0);
-      say(fmt::format("    without {}, which is not told", info.name));
+      if (!info.shape) start[static_cast<std::size_t>(j)] = info.null_value.value_or(0.0);
+      say(fmt::format("    {} {}, which is not told", info.shape ? "with a fixed" : "without", info.name));
       try {
         less.model.fit = identified(less.model.ground->weight, less.model, start);
         judge_trial(less, at);
@@ -480,18 +480,36 @@ class Loop {
     return false;
   }
 
-  /// Sizes that have run to a bound, else those of which the other free parameters leave little but what the noise of the ends makes of them; those nearest to their null values first, in standard deviations.
+  /// Sizes that have run to a bound, else those of which the other free parameters leave little but what the noise of the ends makes of them, else those that the test says nothing of (bars pulled along two directions tell R_22, not R_33):
+  /// their standard deviation is more than they may range over; those nearest to their null values first, in standard deviations. Then shapes of which it says nothing.
   std::vector<int> untold_sizes(const Trial& trial) const {
     const Model& model = trial.model;
     const auto& parameters = experiment_.parameters();
     const auto [sizes, places, values] = sizes_of(experiment_, model.fit, trial.candidate);
-    if (sizes.size() < 2 || !candidate(trial.candidate).elsewhere.empty()) return {};
+    if (sizes.empty() || !candidate(trial.candidate).elsewhere.empty()) return {};
+    const auto deviation = [&](Eigen::Index place) { return std::sqrt(std::max(model.covariance(place, place), 1e-300)); };
+    const auto says_nothing = [&](int j, Eigen::Index place) {
+      const auto& info = parameters[static_cast<std::size_t>(j)].info;
+      return deviation(place) > info.upper - info.lower;
+    };
     std::map<int, double> told;  // in standard deviations
-    for (std::size_t k = 0; k < sizes.size(); ++k) told[sizes[k]] = std::abs(values[static_cast<Eigen::Index>(k)]) / std::sqrt(std::max(model.covariance(places[k], places[k]), 1e-300));
+    std::vector<int> nothing;
+    for (std::size_t k = 0; k < sizes.size(); ++k) {
+      told[sizes[k]] = std::abs(values[static_cast<Eigen::Index>(k)]) / deviation(places[k]);
+      if (says_nothing(sizes[k], places[k])) nothing.push_back(sizes[k]);
+    }
     std::vector<int> untold;
-    std::copy_if(sizes.begin(), sizes.end(), std::back_inserter(untold), [&](int j) { return on_bound(parameters[static_cast<std::size_t>(j)], model.fit.values[static_cast<std::size_t>(j)]); });
-    if (untold.empty()) untold = appraisal_.made_of_noise(model, sizes);
+    if (sizes.size() > 1) {
+      std::copy_if(sizes.begin(), sizes.end(), std::back_inserter(untold), [&](int j) { return on_bound(parameters[static_cast<std::size_t>(j)], model.fit.values[static_cast<std::size_t>(j)]); });
+      if (untold.empty()) untold = appraisal_.made_of_noise(model, sizes);
+      if (untold.empty()) untold = nothing;
+    }
     std::stable_sort(untold.begin(), untold.end(), [&](int a, int b) { return told[a] < told[b]; });
+    for (std::size_t k = 0; untold.empty() && k < model.fit.free.size(); ++k) {
+      const int j = model.fit.free[k];
+      const auto& its = candidate(trial.candidate).parameters;
+      if (parameters[static_cast<std::size_t>(j)].info.shape && std::count(its.begin(), its.end(), j) > 0 && says_nothing(j, static_cast<Eigen::Index>(k))) untold.push_back(j);
+    }
     return untold;
   }
 

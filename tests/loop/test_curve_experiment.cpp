@@ -347,6 +347,40 @@ TEST(CurveExperiment, NoiseOfTheStrainOfAnUnloadedBarIsNoEffect) {
   EXPECT_LE(alarms, 2);  // 0.05 each: 1 of 80 that there are more
 }
 
+/// Bars along and across tell R_22; nothing tells R_33, R_12 and the angle, which would take the deviations of all else along.
+TEST(CurveExperiment, WhatTwoDirectionsSayNothingOfIsLeftOut) {
+  auto values = truth;
+  values["R_22"] = 0.93;
+  const CurveModel m = model(values);
+  std::mt19937_64 random(4);
+  std::normal_distribution<double> normal;
+  std::vector<identification::Curve> both;
+  for (const double direction : {0.0, 90.0})
+    for (int k = 0; k < 4; ++k) {
+      identification::Curve curve;
+      curve.group = direction > 0.0 ? "across" : "along", curve.name = curve.group + std::to_string(k), curve.deviation = 3.0;
+      curve.history.strain = Eigen::VectorXd::LinSpaced(150, 0.0, 0.08), curve.history.time = curve.history.strain / 1e-3, curve.history.direction = direction;
+      curve.stress = material::pull_bar(*m.extended(material::known_effects()), m.values, curve.history).engineering;
+      const double off = normal(random);
+      for (Eigen::Index row = 1; row < 150; ++row) curve.stress[row] += off + normal(random);
+      curve.use.assign(150, identification::Curve::fitted);
+      curve.use[0] = identification::Curve::not_judged;
+      both.push_back(std::move(curve));
+    }
+  CurveExperiment experiment(Communicator(), both, model(truth));
+  const Report report = loop_on(experiment);
+  ASSERT_EQ(report.final.added.size(), 1U) << report.sentence;
+  EXPECT_EQ(experiment.candidates()[static_cast<std::size_t>(report.final.added.front())].name, "hill");
+  EXPECT_EQ(report.final.idle.size(), 3U);
+  for (std::size_t k = 0; k < report.final.fit.free.size(); ++k) {
+    const auto& info = experiment.parameters()[static_cast<std::size_t>(report.final.fit.free[k])].info;
+    const double value = report.final.fit.values[static_cast<std::size_t>(report.final.fit.free[k])], deviation = std::sqrt(report.final.covariance(static_cast<Eigen::Index>(k), static_cast<Eigen::Index>(k)));
+    if (info.name != "R_22" && info.name != "E") continue;
+    EXPECT_NEAR(value, values.at(info.name), 3.0 * deviation) << info.name;
+    EXPECT_LT(deviation, 0.02 * value) << info.name;
+  }
+}
+
 /// A hundred null tests of 6000 rows each estimate their own noise: no matrix of rows by rows (6000^3/3 operations each) is in it.
 TEST(CurveExperiment, ManyRowsTakeSeconds) {
   constexpr Eigen::Index rows = 6000;
