@@ -19,11 +19,29 @@ Matrix3 tensor(const Vector6& v) {
   return t;
 }
 
+/// Whether one of these effects is away from its null value.
+bool has(const FiniteStrainLaw& law, std::span<const double> parameters, std::initializer_list<std::string_view> effects) {
+  for (std::size_t i = 0; i < parameters.size(); ++i) {
+    const ParameterInfo& info = law.parameters()[i];
+    if (std::find(effects.begin(), effects.end(), info.effect) != effects.end() && !info.shape && info.null_value && parameters[i] != *info.null_value) return true;
+  }
+  return false;
+}
+
+/// A stress that falls as the rate grows has no rate in short steps: the bar jumps.
+bool hardens_with_rate(const FiniteStrainLaw& law, std::span<const double> parameters) {
+  if (!has(law, parameters, {"rate", "viscosity"})) return false;
+  for (std::size_t i = 0; i < parameters.size(); ++i)
+    if (law.parameters()[i].name == "C_rate" && parameters[i] < 0.0) return false;
+  return true;
+}
+
 class Bar {
  public:
   Bar(const FiniteStrainLaw& law, std::span<const double> parameters, double direction, std::span<const int> free)
       : law_(law),
         parameters_(parameters),
+        plastic_strain_(hardens_with_rate(law, parameters) ? law.plastic_strain_index() : -1),
         free_(free),
         old_(static_cast<std::size_t>(law.history_size())),
         new_(old_),
@@ -40,8 +58,8 @@ class Bar {
     if (direction != 0.0) Q_ = Eigen::AngleAxisd(angle, Eigen::Vector3d::UnitZ()).toRotationMatrix();
   }
 
-  /// From the state reached so far to `strain`; false leaves the state as it is.
-  bool step(double strain, double time_increment) {
+  /// From the state reached so far to `strain`; false leaves the state as it is. Where it can be `shorter` it is false, too, if the plastic strain rate, which the law takes for one in a step, has changed.
+  bool step(double strain, double time_increment, bool shorter) {
     Lateral x = x_ + course_ * (strain - strain_);
     Response response;
     Eigen::Matrix3d slope;
@@ -56,6 +74,13 @@ class Bar {
       const double size = r.norm(), round_off = 1e-15 * response.tangent.norm() + 1e-13 * tau.norm();
       // Done at the level of round-off; the last correction costs nothing.
       if (size <= round_off || (size < 1e-8 * tau.norm() && size > 0.25 * last)) {
+        if (plastic_strain_ >= 0 && time_increment > 0.0) {
+          const auto p = static_cast<std::size_t>(plastic_strain_);
+          constexpr double alike = 0.05, least = 1e-6;
+          const double flow = new_[p] - old_[p], as_before = speed_ * time_increment;
+          if (shorter && std::abs(flow - as_before) > std::max(least, alike * std::max(flow, as_before))) return false;
+          speed_ = flow / time_increment;
+        }
         finish(strain, x, time_increment, tau(0, 0), slope);
         return true;
       }
@@ -129,25 +154,16 @@ class Bar {
   const FiniteStrainLaw& law_;
   std::span<const double> parameters_;
   std::span<const int> free_;
+  int plastic_strain_;  // its place in the history, of a law that depends on its rate; -1: not
   std::vector<double> old_, new_;
   std::vector<Matrix3> dF_;
   std::vector<Vector6> d_tau_;
   std::vector<double> directions_, d_old_, d_new_;  // direction after direction
   Eigen::VectorXd d_stress_;
   Matrix3 Q_;
-  double strain_ = 0.0, stress_ = 0.0;
+  double strain_ = 0.0, stress_ = 0.0, speed_ = 0.0;  // speed: of the plastic strain
   Lateral x_ = Lateral::Zero(), course_{-0.5, -0.5, 0.0};  // the next step goes on as the last one did
 };
-
-/// Isotropic hardening is a function of the plastic strain, which goes one way: steps of any length are exact, and the stress of a rate is
-/// that of the step's mean rate. Back-stresses and heat are integrated.
-bool is_integrated(const FiniteStrainLaw& law, std::span<const double> parameters) {
-  for (std::size_t i = 0; i < parameters.size(); ++i) {
-    const ParameterInfo& info = law.parameters()[i];
-    if ((info.effect.starts_with("kinematic") || info.effect == "heating") && !info.shape && info.null_value && parameters[i] != *info.null_value) return true;
-  }
-  return false;
-}
 
 /// Every step that `options` leave of a row in `parts`.
 BarResponse in_steps(const FiniteStrainLaw& law, std::span<const double> parameters, const BarHistory& history,
@@ -165,7 +181,7 @@ BarResponse in_steps(const FiniteStrainLaw& law, std::span<const double> paramet
     const double from = bar.strain(), way = strain - from;
     int count = std::max(1, static_cast<int>(std::ceil(std::abs(way) / options.largest_step - 1e-9))) * parts, halvings = 0;
     for (int k = 1; k <= count;) {
-      if (bar.step(k == count ? strain : from + way * k / count, duration / count)) {
+      if (bar.step(k == count ? strain : from + way * k / count, duration / count, !options.given_steps && halvings < options.most_halvings)) {
         // Short steps where they are needed only: one corner of the curve would else cost thousands of them to the end of its row.
         if (halvings > 0 && k % 2 == 0) --halvings, k /= 2, count /= 2;
         ++k;
@@ -201,7 +217,8 @@ BarResponse pull_bar(const FiniteStrainLaw& law, std::span<const double> paramet
                      std::span<const int> free, const BarOptions& options) {
   if (law.thickness_strain_index() >= 0) throw std::invalid_argument("pull_bar: a law of plane stress");
   BarResponse whole = in_steps(law, parameters, history, free, options, 1);
-  if (!is_integrated(law, parameters) || whole.rows < history.strain.size()) return whole;
+  // Isotropic hardening is a function of the plastic strain, which goes one way: steps of any length are exact. Back-stresses and heat are integrated.
+  if (!has(law, parameters, {"kinematic", "kinematic_2", "kinematic_3", "heating"}) || whole.rows < history.strain.size()) return whole;
   BarResponse response = in_steps(law, parameters, history, free, options, 2);
   if (response.rows < history.strain.size()) return whole;
   const auto extrapolate = [](auto& halved, const auto& once) { halved += halved - once; };

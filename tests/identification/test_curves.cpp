@@ -48,7 +48,7 @@ const std::vector<int> free_parameters = {2, 3, 4, 6};
 
 TEST(Curves, PredictTheClosedForm) {
   // One step a row: its rate is then the closed form's, also in the first one, which is elastic in part.
-  const CurveSet set(voce(), {bar("slow", 1e-3, 0.0, 1), bar("fast", 10.0, 0.0, 2)}, {.largest_step = 0.01});
+  const CurveSet set(voce(), {bar("slow", 1e-3, 0.0, 1), bar("fast", 10.0, 0.0, 2)}, {.largest_step = 0.01, .given_steps = true});
   const Eigen::VectorXd predicted = set.predict(truth);
   ASSERT_EQ(predicted.size(), 2 * 117);
   EXPECT_LT((predicted - set.measured()).cwiseAbs().maxCoeff(), 1e-7);

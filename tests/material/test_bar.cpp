@@ -39,7 +39,7 @@ TEST(Bar, DerivativesMatchDifferencesOfTheWholePath) {
     std::vector<int> free;
     for (std::size_t i = 0; i < c.parameters.size(); ++i) free.push_back(static_cast<int>(i));
     const BarHistory history = cycle(30.0);
-    const BarOptions options{.largest_step = 0.01};
+    const BarOptions options{.largest_step = 0.01, .given_steps = true};
     const BarResponse r = pull_bar(*c.law, c.parameters, history, free, options);
     ASSERT_EQ(r.rows, history.strain.size()) << c.name;
     for (std::size_t i = 0; i < free.size(); ++i) {
@@ -183,6 +183,36 @@ TEST(Bar, ViscosityWithASmallExponentIsFollowedFromItsOnset) {
       EXPECT_NEAR(r.kirchhoff[last] / (hardened + overstress * std::pow(speed, exponent)), 1.0, 0.02) << "m " << exponent << ", rate " << rate;
     }
   }
+}
+
+/// Loaded at one rate, at a hundred times that, and held, in few rows: the overstress of a hold from its closed form, (sigma - S_y)^(1-1/m) grows by (1/m - 1) E eta^(-1/m) in a unit of time; all of it from narrow rows.
+TEST(Bar, AHoldAndAJumpOfTheRateNeedNoNarrowRows) {
+  constexpr double E = 200e3, yield = 300.0, eta = 200.0, m = 0.2;
+  const auto course = [](Eigen::Index parts) {
+    BarHistory history{.time = Eigen::VectorXd::Zero(34 * parts + 1), .strain = Eigen::VectorXd::Zero(34 * parts + 1)};
+    for (Eigen::Index i = 1; i <= 34 * parts; ++i) {
+      const bool slow = i <= 9 * parts, held = i > 18 * parts;
+      history.time[i] = history.time[i - 1] + (slow ? 1.0 : held ? 2.0 : 0.01) / static_cast<double>(parts);
+      history.strain[i] = history.strain[i - 1] + (held ? 0.0 : 1e-3 / static_cast<double>(parts));
+    }
+    return history;
+  };
+  const auto c = testing::with_effects("viscosity", {"viscosity"}, {eta, m});
+  std::vector<double> parameters = {E, 0.3, yield, yield, 15.0, 0.0, eta, m};
+  std::vector<int> free = {0, 2, 6, 7};
+  const BarResponse r = pull_bar(*c.made().law, parameters, course(1), free), narrow = pull_bar(*c.made().law, parameters, course(200), free);
+  ASSERT_EQ(r.rows, 35);
+  const auto rows = Eigen::seqN(0, 35, 200);
+  EXPECT_NEAR(r.kirchhoff[9], yield + eta * std::pow(1e-3, m), 0.01);
+  EXPECT_NEAR(r.kirchhoff[18], yield + eta * std::pow(1e-1, m), 0.01);
+  for (Eigen::Index i = 19; i <= 34; ++i) {
+    const double over = std::pow(std::pow(r.kirchhoff[18] - yield, 1.0 - 1.0 / m) + (1.0 / m - 1.0) * E * std::pow(eta, -1.0 / m) * 2.0 * static_cast<double>(i - 18), 1.0 / (1.0 - 1.0 / m));
+    EXPECT_NEAR(r.kirchhoff[i], yield + over, 0.5) << i;
+  }
+  const double off = (r.kirchhoff - narrow.kirchhoff(rows)).cwiseAbs().maxCoeff();
+  std::cout << "[          ] off by " << off << " MPa\n";
+  EXPECT_LT(off, 0.5);
+  for (Eigen::Index j = 0; j < 4; ++j) EXPECT_LT((r.derivatives.col(j) - narrow.derivatives(rows, j)).norm(), 0.02 * r.derivatives.col(j).norm()) << j;
 }
 
 /// 1 + C ln(1 + p'/rate_0) below zero: no yield stress is left, and a viscous stress on top of none is no metal's.

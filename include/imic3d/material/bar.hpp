@@ -27,7 +27,8 @@ struct BarHistory {
 
 struct BarOptions {
   double largest_step = 2e-3;  ///< of the strain; longer ones are divided
-  int most_halvings = 12;      ///< of a step whose lateral strains could not be found
+  int most_halvings = 12;      ///< of a step whose lateral strains could not be found, or in which the plastic strain rate changes
+  bool given_steps = false;    ///< these are not shortened for the latter: differences of two paths would have the choice in them
 };
 
 /// At the rows that could be reached.
@@ -46,7 +47,9 @@ struct BarResponse {
 /// an anisotropic bar needs, are found by Newton's method with the consistent tangent so that tau_22 = tau_33 = tau_12
 /// = 0. The derivatives are those of the whole path, by direct differentiation. law: not one of plane stress. `free`:
 /// parameters by index. Where a back-stress or heat has to be integrated, the response is that of halved steps less
-/// what these err by, the difference to whole ones (Richardson): the error falls with the square of the step.
+/// what these err by, the difference to whole ones (Richardson): the error falls with the square of the step. The stress
+/// of a rate is that of a step's mean rate: steps are short where the plastic strain rate changes, at the onset of
+/// flow, in a hold, after a jump of the rate.
 [[nodiscard]] BarResponse pull_bar(const FiniteStrainLaw& law, std::span<const double> parameters,
                                    const BarHistory& history, std::span<const int> free = {},
                                    const BarOptions& options = {});
