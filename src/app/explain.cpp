@@ -125,7 +125,7 @@ class VirtualIdentification {
     data_.smooth = [](Eigen::MatrixXd field) { return field; };
     for (Eigen::Index t = 0; t < frames; ++t) data_.frames.push_back(static_cast<int>(t) + 1);
     data_.time = Eigen::Map<const Eigen::VectorXd>(test.simulate->time.data() + 1, frames);
-    data_.start_time = test.simulate->time.front();
+    data_.start_time = data_.reference_time = test.simulate->time.front();
     data_.force_noise = test.loads.noise.value_or(1e-3 * data_.force.cwiseAbs().maxCoeff());
     place_camera();
     make_stages();

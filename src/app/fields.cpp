@@ -113,6 +113,16 @@ void check_cover(const Points& at, double distance, const identification::Specim
   }
 }
 
+/// The reference, which has no field: what is recorded last before the first frame, or as long before it as the second one is after it.
+double time_of_field_reference(const io::Case& test, double start) {
+  const auto& frames = test.fields->frames;
+  const auto time = [&](std::size_t place) { return test.loads.records.empty() ? static_cast<double>(frames[place]) : test.load(static_cast<int>(place)).time; };
+  double reference = frames.size() > 1 ? time(0) - (time(1) - time(0)) : start;
+  for (const auto& record : test.loads.records)
+    if (record.frame < frames.front()) reference = record.time;
+  return std::min(reference, start);
+}
+
 }  // namespace
 
 loop::FieldData imported_fields(const io::Case& test, const identification::Specimen& specimen) {
@@ -187,6 +197,7 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
   for (const auto& record : test.loads.records)
     if (record.frame < data.frames.front()) data.start_time = record.time;
   if (data.start_time >= data.time[0] && frames > 1) data.start_time = data.time[0] - (data.time[1] - data.time[0]);
+  data.reference_time = time_of_field_reference(test, data.start_time);
   data.force_noise = test.loads.records.empty() ? INFINITY : test.loads.noise.value_or(1e-3 * data.force.cwiseAbs().maxCoeff());
 
   auto measure = std::make_shared<correlation::Measure>(correlation::Measure{.surface = face, .dofs_per_node = 2, .M = data.faces.front().M, .smoothing_weight = weight});

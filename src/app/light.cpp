@@ -23,10 +23,9 @@ loop::Scene scene_of(const ObservedFace& face, const Observation& seen, const io
   loop::Scene scene;
   scene.surface = &face.dic->cameras().surface();
   loop::measure(scene, *scene.surface);
-  const auto time_of = [&](int place) { return test.loads.records.empty() ? static_cast<double>(test.frames[static_cast<std::size_t>(place)]) : test.load(place).time; };
   scene.time.resize(frames);
-  for (int t = 0; t < frames; ++t) scene.time[t] = time_of(seen.places[static_cast<std::size_t>(t)]);
-  scene.start_time = time_of(seen.places.front() - 1);
+  for (int t = 0; t < frames; ++t) scene.time[t] = time_of(test, seen.places[static_cast<std::size_t>(t)]);
+  scene.start_time = time_of(test, seen.places.front() - 1), scene.reference_time = reference_time(test);
   scene.force = Eigen::VectorXd::Ones(frames);
   scene.dynamic = face.rig->views.front().reference.dynamic();
   return scene;

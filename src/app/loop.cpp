@@ -86,7 +86,7 @@ loop::FieldData field_data(const Communicator& world, Observation& seen, const i
   data.frames.assign(record.frames.begin(), record.frames.begin() + frames);
   data.time = record.time.head(frames);
   data.force = record.force.head(frames);
-  data.start_time = record.start_time;
+  data.start_time = record.start_time, data.reference_time = reference_time(test);
   data.force_noise = force_noise(seen, test);
   return data;
 }

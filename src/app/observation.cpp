@@ -337,9 +337,6 @@ Eigen::MatrixXd displacement_of_file(const io::Case& test, const identification:
   return displacement;
 }
 
-/// Where there is no load record the frames' numbers are the clock.
-double time_of(const io::Case& test, int place) { return test.loads.records.empty() ? test.frames[static_cast<std::size_t>(place)] : test.load(place).time; }
-
 /// The force is that on the loaded end along +axis, so that both grow in one direction until it is largest. Throws InputError where they clearly do not.
 void require_one_direction(const Observation& observation, const io::Case& test, const identification::Specimen& specimen, const identification::Record& record) {
   const auto& dofs = specimen.displacement_dofs;
@@ -378,6 +375,15 @@ void require_one_direction(const Observation& observation, const io::Case& test,
 }
 
 }  // namespace
+
+double time_of(const io::Case& test, int place) { return test.loads.records.empty() ? test.frames[static_cast<std::size_t>(place)] : test.load(place).time; }
+
+double reference_time(const io::Case& test) {
+  const auto& frames = test.cameras.front().reference;
+  double sum = 0.0;
+  for (const int number : frames) sum += time_of(test, test.index_of(number));
+  return sum / static_cast<double>(frames.size());
+}
 
 identification::Record make_record(Observation& observation, const io::Case& test,
                                    const identification::Specimen& specimen) {

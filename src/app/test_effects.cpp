@@ -72,7 +72,7 @@ PlantedEffects::PlantedEffects(const io::Case& test) : test_(test) {
   const auto& simulate = *test.simulate;
   const auto frames = static_cast<Eigen::Index>(simulate.value.size()) - 1;
   scene_.time = Eigen::Map<const Eigen::VectorXd>(simulate.time.data() + 1, frames);
-  scene_.start_time = simulate.time.front();
+  scene_.start_time = scene_.reference_time = simulate.time.front();
   scene_.force = Eigen::VectorXd::Ones(frames);
   scene_.dynamic = test.virtual_test->depth == 16 ? 65535.0 : 255.0;
   // A bent end is a share of the elongation between the ends, whatever the distance between them.

@@ -158,7 +158,7 @@ void FieldExperiment::make_candidates() {
 void FieldExperiment::make_scene() {
   Scene scene;
   scene.thickness = model_.thickness;
-  scene.time = measured_.time, scene.force = measured_.force, scene.start_time = measured_.start_time;
+  scene.time = measured_.time, scene.force = measured_.force, scene.start_time = measured_.start_time, scene.reference_time = measured_.reference_time;
   scene.images = measured_.images;
   for (std::size_t j = 0; j < model_.values.size(); ++j)
     if (model_.information[j].name == "nu") scene.poisson = model_.values[j];

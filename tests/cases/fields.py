@@ -28,8 +28,8 @@ THICKNESS = 16 / 7  # that of the strip's section of 16 mm^2 on the mesh's width
 REST, LEVELS = 3, numpy.concatenate([numpy.linspace(0.25, 1.0, 4), numpy.linspace(0.75, 0.0, 4), numpy.linspace(0.5, 1.0, 3)])
 
 
-def tables(folder, scale, turn, y_down, origin, drift=0.0, seed=1, bump=0.0, pushed_after=0):
-    """Points, every 1 mm of a strip 8 mm wide and 24 mm long."""
+def tables(folder, scale, turn, y_down, origin, drift=0.0, seed=1, bump=0.0, pushed_after=0, rests=False):
+    """Points, every 1 mm of a strip 8 mm wide and 24 mm long. `rests`: the clock goes on between the reference, which is taken at 0, and the last frame at rest."""
     random = numpy.random.default_rng(seed)
     folder.mkdir(parents=True)
     x, y = numpy.meshgrid(numpy.linspace(-3.8, 3.8, 17), numpy.linspace(-11.9, 11.9, 49))
@@ -42,10 +42,10 @@ def tables(folder, scale, turn, y_down, origin, drift=0.0, seed=1, bump=0.0, pus
     rows = ["frame,time,force"]
     strain = 1.2e-3 * LEVELS
     for number in range(REST + len(LEVELS)):
-        clock = max(0, number - REST + 1)
+        clock = number + 1 if rests else max(0, number - REST + 1)
         e = strain[number - REST] if number >= REST else 0.0
         u = at * [-NU * e, e]
-        u = u + (drift * clock / len(LEVELS) + bump * (clock > pushed_after)) * (at + u) + reference + random.normal(size=at.shape) * NOISE
+        u = u + (drift * clock / (len(LEVELS) + REST * rests) + bump * (clock > pushed_after)) * (at + u) + reference + random.normal(size=at.shape) * NOISE
         table = numpy.column_stack([at @ seen.T + origin, u @ seen.T])
         numpy.savetxt(folder / f"points_{number:02}.csv", table, delimiter=",", header="another program's words\nX,Y,U,V", comments="", fmt="%.8g")
         rows.append(f"{number + 1},{clock},{E * e * 16 + random.normal() * LOAD_NOISE:.3f}")
@@ -122,7 +122,7 @@ def main():
     require(abs(result["before"]["parameters"]["E"]["value"] / E * 30 - 1) < 0.05 and len(result.get("doubts", [])) == 1 and "units" in result["doubts"][0], f"a thirtieth of the force is doubted: {result.get('doubts')}")
 
     drift = 1.5e-3
-    tables(folder / "drift", 0.05, 12.0, True, (300.0, 410.0), drift, seed=2)
+    tables(folder / "drift", 0.05, 12.0, True, (300.0, 410.0), drift, seed=2, rests=True)
     result = loop("drift", ", scale: 0.05, rotation: 12, y_down: true, origin: [300, 410]")
     require(result["verdict"] in ("attributed", "ambiguous") and "magnification drift" in result["set"], f"{result['verdict']}: {result['set']}")
     size = next(t for t in result["rounds"][0]["trials"] if t["candidate"] == "magnification drift")["parameters"]["magnification_drift"]

@@ -70,6 +70,10 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
                                                  const identification::Specimen& specimen);
 [[nodiscard]] identification::ImageData make_image_data(const Observation& observation, const io::Case& test);
 
+/// When the frame at a place of the case's was taken, and the mean of the reference frames. Where there is no load record the frames' numbers are the clock.
+[[nodiscard]] double time_of(const io::Case& test, int place);
+[[nodiscard]] double reference_time(const io::Case& test);
+
 /// The waves over which the displacement that drives the ends is smoothed at most, where noise hides what that bends [length]: over four widths of the ends hardly more than an affine motion is left.
 [[nodiscard]] double longest_cut_off(const identification::Specimen& specimen);
 

@@ -29,7 +29,8 @@ struct Scene {
   Eigen::Vector2d hole;                 ///< centre of the hole [length]
   double radius = 0.0;                  ///< of the hole [length]
   Eigen::VectorXd time, force;          ///< of the record [frames]
-  double start_time = 0.0;              ///< of the reference
+  double start_time = 0.0;              ///< of the last frame before the first
+  double reference_time = 0.0;          ///< of the reference, or the mean of several: what displacements and grey levels count from
   Eigen::Matrix2d pixels;               ///< d(pixel)/d(displacement) [px/length]
   Eigen::Vector2d axis_of_lens;         ///< where the optical axis meets the specimen: the image's centre [length]
   double poisson = 0.3;                 ///< declared
@@ -40,8 +41,13 @@ struct Scene {
 
   [[nodiscard]] Eigen::Vector2d middle() const { return 0.5 * (low + high); }
   [[nodiscard]] double span(int direction) const { return high[direction] - low[direction]; }
-  /// Clock time of frame t, from 0 at the reference (t = -1) to 1 at the last frame.
-  [[nodiscard]] double clock(Eigen::Index t) const { return t < 0 ? 0.0 : (time[t] - start_time) / std::max(1e-300, time[time.size() - 1] - start_time); }
+  /// Clock time of frame t, from 0 at the start (t = -1) to 1 at the last frame.
+  [[nodiscard]] double clock(Eigen::Index t) const { return t < 0 ? 0.0 : since(start_time, t); }
+  /// Share of what drifts with the clock that frame t has more than the reference: 1 at the last frame.
+  [[nodiscard]] double drifted(Eigen::Index t) const { return since(reference_time, t); }
+
+ private:
+  [[nodiscard]] double since(double start, Eigen::Index t) const { return (time[t] - start) / std::max(1e-300, time[time.size() - 1] - start); }
 };
 
 /// What a scene knows of the surface [quad4] alone: its box, the size of its elements and its largest hole.

@@ -18,7 +18,7 @@ class LightGain final : public Effect {
             .separated_by = "a grey scale in the field of view; frames at rest at the end"};
   }
   void light(Values values, const Scene& scene, int t, const Eigen::Vector2d&, const Eigen::Vector2d&, Light& light) const override {
-    light.gain *= 1.0 + values[0] * scene.clock(t);
+    light.gain *= 1.0 + values[0] * scene.drifted(t);
   }
 };
 

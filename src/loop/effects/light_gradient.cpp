@@ -21,7 +21,7 @@ class LightGradient final : public Effect {
   /// About the surface's middle: what is common to all is a gain.
   void light(Values values, const Scene& scene, int t, const Eigen::Vector2d&, const Eigen::Vector2d& now, Light& light) const override {
     const Eigen::Vector2d at = now - scene.middle();
-    light.gain *= 1.0 + (values[0] * at[0] + values[1] * at[1]) * scene.clock(t);
+    light.gain *= 1.0 + (values[0] * at[0] + values[1] * at[1]) * scene.drifted(t);
   }
 };
 

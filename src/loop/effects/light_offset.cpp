@@ -18,7 +18,7 @@ class LightOffset final : public Effect {
             .separated_by = "a black patch in the field of view; frames at rest at the end"};
   }
   void light(Values values, const Scene& scene, int t, const Eigen::Vector2d&, const Eigen::Vector2d&, Light& light) const override {
-    light.offset += values[0] * scene.clock(t);
+    light.offset += values[0] * scene.drifted(t);
   }
 };
 

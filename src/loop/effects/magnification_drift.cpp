@@ -23,7 +23,7 @@ class MagnificationDrift final : public Effect {
     const int c = scene.components;
     for (Eigen::Index i = 0; i < U.size() / c; ++i) {
       const Eigen::Vector2d at = scene.surface->nodes.row(i).head<2>().transpose() + U.segment<2>(c * i) - scene.axis_of_lens;
-      error.segment<2>(c * i) += values[0] * scene.clock(t) * at;
+      error.segment<2>(c * i) += values[0] * scene.drifted(t) * at;
     }
   }
 };

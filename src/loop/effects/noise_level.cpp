@@ -18,7 +18,7 @@ class NoiseLevel final : public Effect {
             .separated_by = "frames at rest at the end"};
   }
   void light(Values values, const Scene& scene, int t, const Eigen::Vector2d&, const Eigen::Vector2d&, Light& light) const override {
-    light.noise *= 1.0 + values[0] * scene.clock(t);
+    light.noise *= 1.0 + values[0] * scene.drifted(t);
   }
 };
 
