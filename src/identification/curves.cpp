@@ -68,7 +68,6 @@ Eigen::MatrixXd CurveSet::whitened(const Eigen::MatrixXd& values) const {
 }
 
 std::vector<double> CurveSet::weigh(const std::vector<double>& parameters) {
-  const Eigen::VectorXd predicted = predict(parameters);
   std::vector<double> of_strain(curves_.size(), 0.0);
   for (std::size_t k = 0; k < curves_.size(); ++k) {
     const Curve& curve = curves_[k];
@@ -81,12 +80,14 @@ std::vector<double> CurveSet::weigh(const std::vector<double>& parameters) {
       const auto response = material::pull_bar(*law_, parameters, history, {}, options_);
       return response.rows < curve.stress.size() ? Eigen::VectorXd() : curve.engineering ? response.engineering : response.kirchhoff;
     };
-    const Eigen::VectorXd strain = curve.history.strain(rows), slope = slopes(curve.history, stress_of(curve.history))(rows);
-    const PointNoise noise = point_noise(strain, (measured_ - predicted).segment(span.first, span.size), slope, curve.estimated ? 0.0 : curve.deviation, curve.strain_noise);
+    const Eigen::VectorXd nominal = stress_of(curve.history);
+    if (nominal.size() == 0) continue;
+    const Eigen::VectorXd slope = slopes(curve.history, nominal)(rows), residual = (curve.stress - nominal)(rows);
+    const PointNoise noise = point_noise(curve.history.strain(rows), residual, slope, curve.estimated ? 0.0 : curve.deviation, curve.strain_noise);
     of_strain[k] = noise.strain;
     const double stress = noise.strain > 0.0 ? noise.stress : curve.deviation;
     const double freedom = std::max(3.0, noise.steep_freedom), in_strain = std::sqrt(freedom / (freedom - 2.0)) * noise.strain;  // few rows tell of it, as Student says
-    const auto memory = memory_of_turns(curve.history, noise.strain, stress_of);
+    const auto memory = memory_of_turns(curve.history, noise.strain, nominal, stress_of);
     const Eigen::MatrixXd remembered = memory.errors(in_strain)(rows, Eigen::all);
     const Eigen::VectorXd own = (stress * stress + (in_strain * slope).array().square()).sqrt();
     deviation_.segment(span.first, span.size) = (own.array().square() + remembered.rowwise().squaredNorm().array()).sqrt();
@@ -140,22 +141,21 @@ double robust_deviation(std::vector<double>& sizes) {
 
 double point_noise(const Curve& curve) { return point_noise(curve.history.strain, curve.stress); }
 
-namespace {
-/// Distance of each row that `counts` to the line through its neighbours, over that of independent values of deviation one.
 std::vector<double> distances(const Eigen::VectorXd& x, const Eigen::VectorXd& y, const std::function<bool(Eigen::Index)>& counts) {
   std::vector<double> distance;
   for (Eigen::Index i = 1; i + 1 < x.size(); ++i) {
     const double before = x[i] - x[i - 1], after = x[i + 1] - x[i];
-    if (!(before * after > 0.0) || !counts(i)) continue;  // at a turning point there is no line
+    if (!(before * after > 0.0) || (counts && !counts(i))) continue;  // at a turning point there is no line
     const double w = before / (before + after);
-    distance.push_back(std::abs(y[i] - (1.0 - w) * y[i - 1] - w * y[i + 1]) /
-                       std::sqrt(1.0 + w * w + (1.0 - w) * (1.0 - w)));
+    distance.push_back((y[i] - (1.0 - w) * y[i - 1] - w * y[i + 1]) / std::sqrt(1.0 + w * w + (1.0 - w) * (1.0 - w)));
   }
   return distance;
 }
 
+namespace {
 /// Huber's proposal 2.
 double clipped_deviation(std::vector<double> distance) {
+  for (double& d : distance) d = std::abs(d);
   double deviation = robust_deviation(distance);
   constexpr double far = 3.0, expected = 0.99500;  // E min(z^2, 9) of a standard normal number
   for (int iteration = 0; iteration < 20; ++iteration) {
@@ -168,7 +168,7 @@ double clipped_deviation(std::vector<double> distance) {
 }  // namespace
 
 double point_noise(const Eigen::VectorXd& x, const Eigen::VectorXd& y) {
-  return clipped_deviation(distances(x, y, [](Eigen::Index) { return true; }));
+  return clipped_deviation(distances(x, y));
 }
 
 Eigen::VectorXd slopes(const material::BarHistory& history, const Eigen::VectorXd& stress) {

@@ -59,11 +59,15 @@ Index enough(double step, double noise, double part, Index most) {
 double strain_noise(const VectorXd& time, const VectorXd& strain, const VectorXd& stress) {
   const double of_strain = point_noise(time, strain), of_stress = point_noise(time, stress);
   if (of_strain <= 1e-12 * strain.cwiseAbs().maxCoeff()) return 0.0;  // of round-off
+  const auto clipped = [&](const VectorXd& y, double noise) {
+    std::vector<double> distance = distances(time, y);
+    for (double& d : distance) d = noise > 0.0 ? std::clamp(d / noise, -3.0, 3.0) : 0.0;
+    return distance;
+  };
+  const std::vector<double> strains = clipped(strain, of_strain), stresses = clipped(stress, of_stress);
   double square = 0.0, against = 0.0, of_the_stress = 0.0, together = 0.0, last = 0.0;
-  for (Index i = 1; i + 1 < strain.size(); ++i) {
-    const double span = time[i + 1] - time[i - 1], w = span > 0.0 ? (time[i] - time[i - 1]) / span : 0.5, size = std::sqrt(1.0 + w * w + (1.0 - w) * (1.0 - w));
-    const auto distance = [&](const VectorXd& y, double noise) { return std::clamp((y[i] - (1.0 - w) * y[i - 1] - w * y[i + 1]) / (size * noise), -3.0, 3.0); };
-    const double d = distance(strain, of_strain), s = of_stress > 0.0 ? distance(stress, of_stress) : 0.0;
+  for (std::size_t i = 0; i < strains.size(); ++i) {
+    const double d = strains[i], s = stresses[i];
     square += d * d, against -= 1.5 * d * last, of_the_stress += s * s, together += d * s;
     last = d;
   }
@@ -151,7 +155,7 @@ VectorXd smooth_strain(const VectorXd& time, const VectorXd& strain, const std::
 
 Eigen::MatrixXd TurnMemory::errors(double noise) const { return slopes * (deviation.array().square() + noise * noise).sqrt().matrix().asDiagonal(); }
 
-TurnMemory memory_of_turns(const material::BarHistory& history, double noise, const std::function<VectorXd(const material::BarHistory&)>& stress) {
+TurnMemory memory_of_turns(const material::BarHistory& history, double noise, const VectorXd& nominal, const std::function<VectorXd(const material::BarHistory&)>& stress) {
   VectorXd course(static_cast<Index>(history.turns.size()) + 2);
   course[0] = history.strain[0], course.tail(1) = history.strain.tail(1);
   for (std::size_t k = 0; k < history.turns.size(); ++k) course[static_cast<Index>(k) + 1] = history.turns[k].strain;
@@ -160,8 +164,6 @@ TurnMemory memory_of_turns(const material::BarHistory& history, double noise, co
     if (const auto turn = static_cast<std::size_t>(at) - 1; noise > 0.0 || history.turns[turn].deviation > 0.0) turns.push_back(turn);
   const auto count = static_cast<Index>(turns.size());
   TurnMemory memory{.slopes = Eigen::MatrixXd::Zero(history.strain.size(), count), .deviation = VectorXd::Zero(count)};
-  if (turns.empty()) return memory;
-  const VectorXd nominal = stress(history);
   for (Index k = 0; k < count; ++k) {
     material::BarHistory moved = history;
     material::BarTurn& turn = moved.turns[turns[static_cast<std::size_t>(k)]];
@@ -171,7 +173,7 @@ TurnMemory memory_of_turns(const material::BarHistory& history, double noise, co
     const Index at = static_cast<Index>(turns[static_cast<std::size_t>(k)]) + 1;
     (turn.between ? turn.strain : moved.strain[turn.row]) += std::copysign(step, course[at] - course[at - 1]);
     const VectorXd other = stress(moved);
-    if (nominal.size() == 0 || other.size() == 0) continue;
+    if (other.size() == 0) continue;
     const Index rows = history.strain.size() - after;
     memory.slopes.col(k).tail(rows) = (other - nominal).tail(rows) / step;
   }

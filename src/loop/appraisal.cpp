@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <random>
 #include <tuple>
 
@@ -274,6 +275,7 @@ std::vector<std::pair<std::size_t, Eigen::Index>> Appraisal::made_of_noise(const
   return found;
 }
 
+/// Those of these free parameters of which the others leave little but what the noise of the ends makes of them.
 std::vector<int> Appraisal::made_of_noise(const Model& model, const std::vector<int>& sizes) const {
   const auto& free = model.fit.free;
   const auto disturbed = [&](double times) { return disturbed_marks(experiment_, model.ground->weight, model.fit.values, {}, free, times); };
@@ -292,6 +294,38 @@ std::vector<int> Appraisal::made_of_noise(const Model& model, const std::vector<
     if (is_noise(left_of(S), left_of(S_up), left_of(S_down))) noisy.push_back(j);
   }
   return noisy;
+}
+
+std::vector<int> Appraisal::untold(const Model& model, int added) const {
+  const auto& parameters = experiment_.parameters();
+  const auto [sizes, places, values] = sizes_of(experiment_, model.fit, added);
+  if (sizes.empty() || !candidate(added).elsewhere.empty()) return {};
+  const auto deviation = [&](Eigen::Index place) { return std::sqrt(std::max(model.covariance(place, place), 1e-300)); };
+  const auto says_nothing = [&](int j, Eigen::Index place) {
+    const auto& info = parameters[static_cast<std::size_t>(j)].info;
+    return deviation(place) > info.upper - info.lower;
+  };
+  std::map<int, double> told;  // in standard deviations
+  std::vector<int> nothing;
+  for (std::size_t k = 0; k < sizes.size(); ++k) {
+    told[sizes[k]] = std::abs(values[static_cast<Eigen::Index>(k)]) / deviation(places[k]);
+    if (says_nothing(sizes[k], places[k])) nothing.push_back(sizes[k]);
+  }
+  std::vector<int> untold;
+  if (sizes.size() > 1) {
+    std::copy_if(sizes.begin(), sizes.end(), std::back_inserter(untold), [&](int j) { return on_bound(parameters[static_cast<std::size_t>(j)], model.fit.values[static_cast<std::size_t>(j)]); });
+    if (untold.empty()) untold = made_of_noise(model, sizes);
+    if (untold.empty()) untold = nothing;
+  }
+  std::stable_sort(untold.begin(), untold.end(), [&](int a, int b) { return told[a] < told[b]; });
+  if (!untold.empty()) return untold;
+  const bool without_size = std::any_of(sizes.begin(), sizes.end(), [&](int j) { return told[j] < 2.0 || on_bound(parameters[static_cast<std::size_t>(j)], model.fit.values[static_cast<std::size_t>(j)]); });
+  const auto& its = candidate(added).parameters;
+  for (std::size_t k = 0; k < model.fit.free.size(); ++k) {
+    const int j = model.fit.free[k];
+    if (parameters[static_cast<std::size_t>(j)].info.shape && std::count(its.begin(), its.end(), j) > 0 && (without_size || says_nothing(j, static_cast<Eigen::Index>(k)))) untold.push_back(j);
+  }
+  return untold;
 }
 
 /// Whether a candidate is in the model, or of a parameter that is free already.

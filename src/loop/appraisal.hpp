@@ -27,8 +27,10 @@ class Appraisal {
   void trace(Model& model) const;
   /// Draws of the null less what the free parameters, fitted to them, explain [N x draws].
   [[nodiscard]] Eigen::MatrixXd left_of_null(const Model& model) const;
-  /// Those of these free parameters of which the others leave little but what the noise of the ends makes of them. Collective.
-  [[nodiscard]] std::vector<int> made_of_noise(const Model& model, const std::vector<int>& sizes) const;
+  /// Parameters of the effect `added` that the data do not tell beside its others: sizes that have run to a bound, else those of which the other free parameters leave little but what the noise of the ends makes of them,
+  /// else those that the test says nothing of (bars pulled along two directions tell R_22, not R_33): their standard deviation is more than they may range over; those nearest to their null values first, in standard
+  /// deviations. Then shapes of which it says nothing, or which leave a size untold (two rates tell C_rate for a rate_0, not both). None of an effect that acts somewhere. Collective.
+  [[nodiscard]] std::vector<int> untold(const Model& model, int added) const;
   /// What chi^2 of the fitted frames drops by from one model to another, both in the weights of the first.
   [[nodiscard]] double drop(const Model& from, const Model& to) const;
 
@@ -49,6 +51,7 @@ class Appraisal {
   void cross_validate(Model& model, const Known& prior) const;
   [[nodiscard]] ScoreProblem problem_of(const Model& model, const Known& prior) const;
   [[nodiscard]] bool is_in(int k, const Model& model) const;
+  [[nodiscard]] std::vector<int> made_of_noise(const Model& model, const std::vector<int>& sizes) const;
   [[nodiscard]] std::vector<std::pair<std::size_t, Eigen::Index>> made_of_noise(const std::vector<int>& kept, const ScoreProblem& problem, const Model& model) const;
   [[nodiscard]] bool contradicted(const Score& one, const Mark& mark, const ScoreProblem& problem, const Model& model) const;
   [[nodiscard]] bool within_reach(int k, const Score& one, const Model& model) const;

@@ -5,7 +5,6 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <map>
 #include <tuple>
 #include <utility>
 
@@ -452,9 +451,9 @@ class Loop {
   }
 
   /// Of an effect that suffices one of the sizes that the data do not tell beside its others goes to its null value, if the effect suffices and is plausible then. A uniform tension tells R_33 and dilatancy by
-  /// the width; R_22 and friction are the yield stress by another name there, and would take it anywhere.
+  /// the width; R_22 and friction are the yield stress by another name there, and would take it anywhere. A shape goes to its usual value, unless chi^2 grows by more than chance then.
   bool leave_out_untold(Trial& trial, const Model& at) {
-    for (const int j : untold_sizes(trial)) {
+    for (const int j : appraisal_.untold(trial.model, trial.candidate)) {
       const auto& info = experiment_.parameters()[static_cast<std::size_t>(j)].info;
       Trial less;
       less.candidate = trial.candidate, less.visible = trial.visible;
@@ -462,6 +461,7 @@ class Loop {
       less.model.idle.push_back(j);
       std::vector<double> start = trial.model.fit.values;
       if (!info.shape) start[static_cast<std::size_t>(j)] = info.null_value.value_or(0.0);
+      for (const int k : info.shape ? candidate(trial.candidate).parameters : std::vector<int>{}) start[static_cast<std::size_t>(k)] = at.fit.values[static_cast<std::size_t>(k)];
       say(fmt::format("    {} {}, which is not told", info.shape ? "with a fixed" : "without", info.name));
       try {
         less.model.fit = identified(less.model.ground->weight, less.model, start);
@@ -470,7 +470,7 @@ class Loop {
         say(fmt::format("    without {}: {}", info.name, error.what()));
         continue;
       }
-      if (!less.sufficient || !less.plausible) {
+      if (!less.sufficient || !less.plausible || (info.shape && less.model.fit.cost > trial.model.fit.cost + 10.0)) {
         say_objection(less);
         continue;
       }
@@ -478,39 +478,6 @@ class Loop {
       return true;
     }
     return false;
-  }
-
-  /// Sizes that have run to a bound, else those of which the other free parameters leave little but what the noise of the ends makes of them, else those that the test says nothing of (bars pulled along two directions tell R_22, not R_33):
-  /// their standard deviation is more than they may range over; those nearest to their null values first, in standard deviations. Then shapes of which it says nothing.
-  std::vector<int> untold_sizes(const Trial& trial) const {
-    const Model& model = trial.model;
-    const auto& parameters = experiment_.parameters();
-    const auto [sizes, places, values] = sizes_of(experiment_, model.fit, trial.candidate);
-    if (sizes.empty() || !candidate(trial.candidate).elsewhere.empty()) return {};
-    const auto deviation = [&](Eigen::Index place) { return std::sqrt(std::max(model.covariance(place, place), 1e-300)); };
-    const auto says_nothing = [&](int j, Eigen::Index place) {
-      const auto& info = parameters[static_cast<std::size_t>(j)].info;
-      return deviation(place) > info.upper - info.lower;
-    };
-    std::map<int, double> told;  // in standard deviations
-    std::vector<int> nothing;
-    for (std::size_t k = 0; k < sizes.size(); ++k) {
-      told[sizes[k]] = std::abs(values[static_cast<Eigen::Index>(k)]) / deviation(places[k]);
-      if (says_nothing(sizes[k], places[k])) nothing.push_back(sizes[k]);
-    }
-    std::vector<int> untold;
-    if (sizes.size() > 1) {
-      std::copy_if(sizes.begin(), sizes.end(), std::back_inserter(untold), [&](int j) { return on_bound(parameters[static_cast<std::size_t>(j)], model.fit.values[static_cast<std::size_t>(j)]); });
-      if (untold.empty()) untold = appraisal_.made_of_noise(model, sizes);
-      if (untold.empty()) untold = nothing;
-    }
-    std::stable_sort(untold.begin(), untold.end(), [&](int a, int b) { return told[a] < told[b]; });
-    for (std::size_t k = 0; untold.empty() && k < model.fit.free.size(); ++k) {
-      const int j = model.fit.free[k];
-      const auto& its = candidate(trial.candidate).parameters;
-      if (parameters[static_cast<std::size_t>(j)].info.shape && std::count(its.begin(), its.end(), j) > 0 && says_nothing(j, static_cast<Eigen::Index>(k))) untold.push_back(j);
-    }
-    return untold;
   }
 
   /// An effect that helped before another one sufficed may be needed no more: what is left without it tells.

@@ -393,7 +393,7 @@ void CurveExperiment::learn_bias(const std::vector<double>& values) {
   for (std::size_t k = 0; k < bars_.size(); ++k) {
     const auto [first, size] = bars_[k];
     if (repeated_.contains(curves_[k].group) || size == 0) continue;
-    turns_[k] = id::memory_of_turns(true_history(k, values), points_of(k, raw).strain, [&](const material::BarHistory& history) -> Eigen::VectorXd {
+    turns_[k] = id::memory_of_turns(true_history(k, values), points_of(k, raw).strain, predicted[k], [&](const material::BarHistory& history) -> Eigen::VectorXd {
       const auto stress = follow(k, law, history);
       return stress.size() > 0 ? recorded(k, values, stress.col(0)) : Eigen::VectorXd();
     });

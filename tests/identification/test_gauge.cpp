@@ -100,5 +100,49 @@ TEST(Gauge, TurnsAndCourseOfANoisyStrain) {
   EXPECT_EQ(smooth_strain(Eigen::VectorXd::LinSpaced(40, 0.0, 20.0), apart, {}, noise), apart);
 }
 
+/// Where the rate changes it went further by the parabola through three rows; with too few rows, by half of a corner; between the rows or not, by half of the way where the stress tells neither.
+TEST(Gauge, TurnsAreInDoubtByWhatTheyMayHaveGoneFurther) {
+  const Eigen::VectorXd time = Eigen::VectorXd::LinSpaced(41, 0.0, 4.0);
+  const Eigen::VectorXd parabola = (0.01 - 1e-3 * (time.array() - 2.03).square()).matrix();
+  auto turns = find_turns(time, parabola, 200e3 * parabola);
+  ASSERT_EQ(turns.size(), 1U);
+  EXPECT_FALSE(turns[0].between);
+  EXPECT_EQ(turns[0].row, 20);
+  EXPECT_NEAR(turns[0].deviation, 1e-3 * 0.03 * 0.03, 1e-12);
+
+  const Eigen::Vector3d few_times(0.0, 1.0, 2.0), few(0.0, 1e-3, 0.6e-3);  // a corner between the last two lies 0.3e-3 further
+  turns = find_turns(few_times, few, 200e3 * few);
+  ASSERT_EQ(turns.size(), 1U);
+  EXPECT_NEAR(turns[0].deviation, 0.15e-3, 1e-12);
+
+  const Eigen::VectorXd triangle = time.unaryExpr([](double t) { return 1e-3 * (t < 2.04 ? t : 4.08 - t); });
+  const Eigen::VectorXd flowed = time.binaryExpr(triangle, [](double t, double strain) { return t < 2.04 ? 2e3 * strain : 2e3 * 2.04e-3 + 200e3 * (strain - 2.04e-3); });
+  turns = find_turns(time, triangle, flowed + drawn(41, 20.0, 3));  // 0.04e-3 further, 8 MPa
+  ASSERT_EQ(turns.size(), 1U);
+  EXPECT_NEAR(turns[0].deviation, 0.5 * 0.04e-3, 1e-9);
+  turns = find_turns(time, triangle, flowed);  // the stress tells
+  ASSERT_EQ(turns.size(), 1U);
+  EXPECT_TRUE(turns[0].between);
+  EXPECT_NEAR(turns[0].strain, 2.04e-3, 1e-12);
+  EXPECT_NEAR(turns[0].deviation, 0.1 * 0.04e-3, 1e-9);
+}
+
+/// The way from the row before a turn to the one after it is no slope; the strain's noise weighs where it moves the stress.
+TEST(Gauge, SlopesAndNoiseOfTheRows) {
+  material::BarHistory history{.time = Eigen::VectorXd::LinSpaced(6, 0.0, 5.0), .strain = Eigen::VectorXd(6)};
+  history.strain << 0.0, 1e-3, 2e-3, 1.8e-3, 0.8e-3, -0.2e-3;
+  Eigen::VectorXd stress(6);
+  stress << 0.0, 200.0, 210.0, 113.0, -87.0, -287.0;
+  EXPECT_GT(slopes(history, stress)[3], 400e3);
+  history.turns = {{3, true, 2.5, 2.3e-3, 0.0}};
+  EXPECT_NEAR(slopes(history, stress)[3], 200e3, 1e-6);
+  history.turns = {{5, true, 4.5, -0.2e-3, 0.0}};
+  EXPECT_NEAR(slopes(history, stress)[5], 200e3, 1e-6);  // there is no row after it
+
+  const Eigen::VectorXd strain = Eigen::VectorXd::LinSpaced(200, 0.0, 0.02), slope = strain.unaryExpr([](double e) { return e < 2e-3 ? 200e3 : 2e3; }), residual = drawn(200, 3.0, 7);
+  EXPECT_EQ(point_noise(strain, residual, slope, 3.0, 1e-6).strain, 0.0);
+  EXPECT_EQ(point_noise(strain, residual, slope, 3.0, 1e-5).strain, 1e-5);
+}
+
 }  // namespace test_gauge
 }  // namespace imic3d::identification

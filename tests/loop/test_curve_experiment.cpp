@@ -347,7 +347,7 @@ TEST(CurveExperiment, NoiseOfTheStrainOfAnUnloadedBarIsNoEffect) {
   EXPECT_LE(alarms, 2);  // 0.05 each: 1 of 80 that there are more
 }
 
-/// Bars along and across tell R_22; nothing tells R_33, R_12 and the angle, which would take the deviations of all else along.
+/// Bars along and across tell R_22; nothing tells R_33, R_12 and the angle, which would take the deviation of R_22 along.
 TEST(CurveExperiment, WhatTwoDirectionsSayNothingOfIsLeftOut) {
   auto values = truth;
   values["R_22"] = 0.93;

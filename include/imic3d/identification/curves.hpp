@@ -84,6 +84,8 @@ class CurveSet {
   Eigen::VectorXd measured_, deviation_;
 };
 
+/// Distances of the values y at x to the line through their neighbours, over the deviation of such a distance of independent values of deviation one [rows between two others that x goes on through and that `counts`].
+[[nodiscard]] std::vector<double> distances(const Eigen::VectorXd& x, const Eigen::VectorXd& y, const std::function<bool(Eigen::Index)>& counts = {});
 /// Noise of the points of a curve [stress]: from each point's distance to the line through its neighbours, robust
 /// (Huber's proposal 2, 1964: distances beyond three standard deviations count as three).
 [[nodiscard]] double point_noise(const Curve& curve);

@@ -33,7 +33,7 @@ struct TurnMemory {
   /// What that and a `noise` of the strain make of the rows [rows x turns, stress].
   [[nodiscard]] Eigen::MatrixXd errors(double noise) const;
 };
-/// Of turns that are more than four times the `noise` of the strain, where these or the noise are uncertain; `stress` is that of a history [rows], or empty where the law cannot follow it.
-[[nodiscard]] TurnMemory memory_of_turns(const material::BarHistory& history, double noise, const std::function<Eigen::VectorXd(const material::BarHistory&)>& stress);
+/// Of turns that are more than four times the `noise` of the strain, where these or the noise are uncertain; `nominal` is the stress of this history [rows], `stress` that of another one, or empty where the law cannot follow it.
+[[nodiscard]] TurnMemory memory_of_turns(const material::BarHistory& history, double noise, const Eigen::VectorXd& nominal, const std::function<Eigen::VectorXd(const material::BarHistory&)>& stress);
 
 }  // namespace imic3d::identification
