@@ -247,7 +247,7 @@ Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::I
   double damping = 1e-8;  // Levenberg's and Marquardt's
   const bool costly = std::any_of(free.begin(), free.end(), [&](int j) { return experiment.takes_simulations(j); });
   Linear at;
-  int last = options.max_iterations, small = 0;  // small: steps in a row that took hardly anything off of what was expected
+  int last = options.max_iterations.value_or(experiment.most_iterations()), small = 0;  // small: steps in a row that took hardly anything off of what was expected
   for (result.iterations = 0; result.iterations <= last; ++result.iterations) {
     if (at.residual.size() == 0 || (result.iterations == last && !at.exact)) at = linearise(experiment, weight, result.values, free);
     if (at.residual.size() == 0) throw ConvergenceError("the model cannot be computed where its identification starts");

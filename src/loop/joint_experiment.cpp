@@ -147,6 +147,12 @@ bool JointExperiment::takes_simulations(int parameter) const {
   return false;
 }
 
+int JointExperiment::most_iterations() const {
+  int least = tests_.front().experiment->most_iterations();
+  for (const Test& test : tests_) least = std::min(least, test.experiment->most_iterations());
+  return least;
+}
+
 double JointExperiment::round_off() const {
   double squares = 0.0;
   for (const Test& test : tests_) squares += std::pow(test.experiment->round_off(), 2);

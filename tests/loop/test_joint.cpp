@@ -8,6 +8,7 @@
 #include "imic3d/core/error.hpp"
 #include "imic3d/loop/closing.hpp"
 #include "imic3d/loop/joint_experiment.hpp"
+#include "imic3d/loop/recorded.hpp"
 
 namespace imic3d::loop {
 namespace test_joint {
@@ -30,6 +31,8 @@ class Line final : public Experiment {
   const std::vector<Parameter>& parameters() const override { return parameters_; }
   const std::vector<Candidate>& candidates() const override { return candidates_; }
   const std::vector<Datum>& data() const override { return data_; }
+  int iterations = 30;
+  int most_iterations() const override { return iterations; }
   std::vector<int> frame_numbers() const override {
     std::vector<int> all;
     for (int t = 0; t < frames_; ++t) all.push_back(t);
@@ -109,6 +112,19 @@ TEST(Joint, AnotherTestShowsWhatOneCannot) {
   EXPECT_EQ(bars.final.misfit.frames.size(), 16);
   EXPECT_EQ(bars.final.misfit.frames[0], report.final.misfit.frames[24]);
   EXPECT_EQ(bars.held_out.size(), 16U);
+}
+
+/// Each frame is of one test, also where the answers are kept for a restart; a fit has the iterations that the dearest of the tests lets be.
+TEST(Joint, AFrameIsOfItsTest) {
+  Line images(24, 1, true, {}), curves(16, 2, false, {});
+  images.iterations = 12, curves.iterations = 200;
+  JointExperiment joint({{"plate", &images, held_out_blocks(24)}, {"bars", &curves, held_out_blocks(16)}});
+  const RecordedExperiment recorded(joint, {}, [](const Answer&) {});
+  for (const Experiment* one : {static_cast<const Experiment*>(&joint), static_cast<const Experiment*>(&recorded)}) {
+    EXPECT_EQ(one->test_of(23), std::pair(0, 23));
+    EXPECT_EQ(one->test_of(24), std::pair(24, 39));
+    EXPECT_EQ(one->most_iterations(), 12);
+  }
 }
 
 TEST(Joint, ATestsBaselinesAreOfItsOwnCandidates) {

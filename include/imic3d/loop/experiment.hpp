@@ -74,6 +74,8 @@ class Experiment {
   [[nodiscard]] virtual std::vector<Eigen::VectorXd> residuals_disturbed(const std::vector<double>& /*values*/, std::vector<std::vector<double>> /*sets*/, double /*times*/) { return {}; }
   /// Whether the derivative by a parameter takes simulations of its own.
   [[nodiscard]] virtual bool takes_simulations(int /*parameter*/) const { return false; }
+  /// Of a fit, which may creep along a curved valley: as many as what a simulation takes lets be.
+  [[nodiscard]] virtual int most_iterations() const { return 30; }
   /// Norm of a difference of two residuals that is round-off.
   [[nodiscard]] virtual double round_off() const { return 0.0; }
   /// Degrees of freedom that the noise of each number was estimated from, in the same data [N]; empty, or infinite, where it is known otherwise.

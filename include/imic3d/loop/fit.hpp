@@ -31,7 +31,7 @@ class Weight {
 [[nodiscard]] std::vector<Eigen::Index> rows_of_frames(const std::vector<Datum>& data, const std::vector<char>& frames);
 
 struct FitOptions {
-  int max_iterations = 30;
+  std::optional<int> max_iterations{};  ///< not given: as the experiment lets be
   double tolerance = 1e-3;  ///< expected decrease of the residual's square (chi^2) that ends the iterations, per parameter
 };
 

@@ -28,11 +28,13 @@ class RecordedExperiment final : public Experiment {
   [[nodiscard]] const std::vector<Candidate>& candidates() const override { return experiment_.candidates(); }
   [[nodiscard]] const std::vector<Datum>& data() const override { return experiment_.data(); }
   [[nodiscard]] std::vector<int> frame_numbers() const override { return experiment_.frame_numbers(); }
+  [[nodiscard]] std::pair<int, int> test_of(int frame) const override { return experiment_.test_of(frame); }
   [[nodiscard]] std::string frame_name(int frame) const override { return experiment_.frame_name(frame); }
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) override;
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) override;
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals_disturbed(const std::vector<double>& values, std::vector<std::vector<double>> sets, double times) override;
   [[nodiscard]] bool takes_simulations(int parameter) const override { return experiment_.takes_simulations(parameter); }
+  [[nodiscard]] int most_iterations() const override { return experiment_.most_iterations(); }
   [[nodiscard]] double round_off() const override { return experiment_.round_off(); }
   [[nodiscard]] Eigen::VectorXd freedom() const override { return experiment_.freedom(); }
   void learn_bias(const std::vector<double>& values) override;
