@@ -48,7 +48,7 @@ void print_loop(int ranks, const io::Case& test) {
 /// `loop`: it is imic3d loop that will take it.
 void check_case(const Communicator& world, const io::Case& test, bool loop) {
   if (!test.experiments.empty() && test.cameras.empty()) {
-    (void)unlikely_units(test, make_curves(test));  // said in the log
+    (void)doubts_of_curves(test, make_curves(test));  // said in the log
     if (!world.is_root()) return;
     fmt::print("{}\n", test.title);
     print_experiments(test);

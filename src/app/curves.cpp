@@ -180,8 +180,15 @@ double first_slope(const id::Curve& curve) {
 }
 }  // namespace
 
-std::vector<std::string> unlikely_units(const io::Case& test, const std::vector<id::Curve>& curves) {
+std::vector<std::string> doubts_of_curves(const io::Case& test, const std::vector<id::Curve>& curves) {
   std::vector<std::string> doubts;
+  const auto& effects = test.material.effects;
+  for (const char* effect : {"rate", "viscosity"})
+    for (const auto& experiment : test.experiments)
+      if (std::find(effects.begin(), effects.end(), effect) != effects.end() && experiment.columns.time.empty() && !experiment.rate) {
+        doubts.push_back(fmt::format("experiments.{}: neither time nor rate is given, and a row is taken for one unit of time: the parameters of material.effects: {} are in that unit", experiment.name, effect));
+        spdlog::warn("{}", doubts.back());
+      }
   const auto declared = test.material.parameters.find("E");
   if (declared == test.material.parameters.end()) return doubts;
   constexpr double far = 20.0;
@@ -222,7 +229,7 @@ void identify_curves(const Communicator& world, const CommandOptions& options, c
                material.law->name());
 
   io::CurveRun run;
-  run.doubts = unlikely_units(test, set.curves());
+  run.doubts = doubts_of_curves(test, set.curves());
   std::set<int> all_free, at_bounds;
   std::vector<double> strain_noise(set.curves().size(), 0.0);
   const auto n = static_cast<Eigen::Index>(material.values.size());

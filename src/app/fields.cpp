@@ -9,6 +9,7 @@
 #include <map>
 #include <memory>
 #include <numbers>
+#include <optional>
 
 #include "imic3d/app/observation.hpp"
 #include "imic3d/core/error.hpp"
@@ -113,10 +114,11 @@ void check_cover(const Points& at, double distance, const identification::Specim
   }
 }
 
-/// The reference, which has no field: what is recorded last before the first frame, or as long before it as the second one is after it.
-double time_of_field_reference(const io::Case& test, double start) {
+/// That of the reference's own field, of zeros, if there is one; else what is recorded last before the first frame, or as long before it as the second one is after it.
+double time_of_field_reference(const io::Case& test, std::optional<std::size_t> own, double start) {
   const auto& frames = test.fields->frames;
   const auto time = [&](std::size_t place) { return test.loads.records.empty() ? static_cast<double>(frames[place]) : test.load(static_cast<int>(place)).time; };
+  if (own) return std::min(time(*own), start);
   double reference = frames.size() > 1 ? time(0) - (time(1) - time(0)) : start;
   for (const auto& record : test.loads.records)
     if (record.frame < frames.front()) reference = record.time;
@@ -141,11 +143,18 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
   squares->M = Eigen::SparseMatrix<double>(points.N.transpose() * points.N) / squares->inflation + weight(2.0 * distance) * correlation::curvature_energy(face, 1);
   squares->factor.compute(squares->M);
 
-  // Frames: those at rest tell the noise, the others are judged.
+  // Frames: a field of zeros was not measured, it is the reference's own; those at rest tell the noise, the others are judged.
   std::vector<std::size_t> judged, at_rest;
-  for (std::size_t f = 0; f < fields.frames.size(); ++f)
+  std::optional<std::size_t> reference;
+  for (std::size_t f = 0; f < fields.frames.size(); ++f) {
+    if (points.displacement[f].isZero(0.0)) {
+      spdlog::log(judged.empty() ? spdlog::level::info : spdlog::level::warn, "fields: frame {} is left out: its displacement is 0 at all points{}", fields.frames[f], judged.empty() ? ", as in the reference" : "");
+      if (judged.empty()) reference = f;
+      continue;
+    }
     (std::binary_search(fields.at_rest.begin(), fields.at_rest.end(), fields.frames[f]) ? at_rest : judged).push_back(f);
-  if (judged.empty()) throw InputError("fields.at_rest", "every frame", "frames under load beside them");
+  }
+  if (judged.empty()) throw InputError("fields.at_rest", "every frame that has a displacement", "frames under load beside them");
   std::vector<Points> nodal;
   for (const auto& d : points.displacement) nodal.emplace_back((*squares)(d));
 
@@ -197,7 +206,7 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
   for (const auto& record : test.loads.records)
     if (record.frame < data.frames.front()) data.start_time = record.time;
   if (data.start_time >= data.time[0] && frames > 1) data.start_time = data.time[0] - (data.time[1] - data.time[0]);
-  data.reference_time = time_of_field_reference(test, data.start_time);
+  data.reference_time = time_of_field_reference(test, reference, data.start_time);
   data.force_noise = test.loads.records.empty() ? INFINITY : test.loads.noise.value_or(1e-3 * data.force.cwiseAbs().maxCoeff());
 
   auto measure = std::make_shared<correlation::Measure>(correlation::Measure{.surface = face, .dofs_per_node = 2, .M = data.faces.front().M, .smoothing_weight = weight});

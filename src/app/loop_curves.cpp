@@ -64,7 +64,7 @@ void add_curves(nlohmann::json& json, const io::Case& test, const loop::CurveExp
 class CurveTest final : public LoopTest {
  public:
   CurveTest(const Communicator& world, const io::Case& test, loop::CurveModel model) : world_(world), test_(test), experiment_(world, make_curves(test), std::move(model)) {
-    doubts_ = unlikely_units(test, experiment_.curves());
+    doubts_ = doubts_of_curves(test, experiment_.curves());
     spdlog::info("{}: {} curves, {} numbers, {} candidates", test.title, experiment_.curves().size(), experiment_.data().size(), experiment_.candidates().size());
   }
   loop::Experiment& experiment() override { return experiment_; }

@@ -116,6 +116,11 @@ def main():
                             "identify: {stages: [{free: [E, S_y, H]}]}\noutput: percent\n")
             said = run(program, "check", case, errors=True)
             require(("strain in percent (strain_scale: 0.01)" in said) == doubted, f"strain in per cent, strain_scale {scale}: {'doubted' if doubted else 'not doubted'}")
+        clockless = folder / "clockless.yaml"
+        for clock, doubted in (("", True), ("rate: 1e-3, ", False)):
+            clockless.write_text("title: bar\nmaterial: {hardening: linear, effects: [rate], parameters: {E: 190e3, nu: 0.3, S_y: 230, H: 1500, C_rate: 0.01, rate_0: 1e-3}}\n"
+                            f"experiments: [{{name: bar, file: percent.csv, {clock}strain: strain, stress: stress, strain_scale: 0.01}}]\nidentify: {{stages: [{{free: [E, S_y, H]}}]}}\noutput: clockless\n")
+            require(("neither time nor rate is given" in run(program, "check", clockless, errors=True)) == doubted, f"a law of the rate, {clock or 'no clock'}: {'doubted' if doubted else 'not doubted'}")
         # In compression the largest force is the most negative one; what comes after it is left out.
         (folder / "compressed.csv").write_text("clock; strain; stress\ns; mm/mm; MPa\n" + "\n".join(f"{i}; {-strain}; {-min(E * strain, 250 + 2000 * strain) - draw.gauss(0, 1)}" for i, strain in enumerate(strains)) + "\n100; -0.05; -20\n101; -0.06; -10\n")
         compressed = folder / "compressed.yaml"
