@@ -19,6 +19,11 @@ void read_gauge(Curve& curve, bool timed) {
   auto& [time, strain, direction, turns] = curve.history;
   curve.strain_noise = timed ? strain_noise(time, strain, curve.stress) : 0.0;
   turns = find_turns(time, strain, curve.stress, curve.strain_noise);
+  if (timed) {
+    const auto corners = find_corners(time, strain, turns, curve.strain_noise);
+    turns.insert(turns.end(), corners.begin(), corners.end());
+    std::sort(turns.begin(), turns.end(), [](const auto& a, const auto& b) { return a.time < b.time; });
+  }
   strain = smooth_strain(time, strain, turns, curve.strain_noise);
 }
 
@@ -82,7 +87,7 @@ std::vector<double> CurveSet::weigh(const std::vector<double>& parameters) {
     };
     const Eigen::VectorXd nominal = stress_of(curve.history);
     if (nominal.size() == 0) continue;
-    const Eigen::VectorXd slope = slopes(curve.history, nominal)(rows), residual = (curve.stress - nominal)(rows);
+    const Eigen::VectorXd slope = slopes(curve.history, nominal, parameters.front())(rows), residual = (curve.stress - nominal)(rows);
     const PointNoise noise = point_noise(curve.history.strain(rows), residual, slope, curve.estimated ? 0.0 : curve.deviation, curve.strain_noise);
     of_strain[k] = noise.strain;
     const double stress = noise.strain > 0.0 ? noise.stress : curve.deviation;
@@ -171,7 +176,7 @@ double point_noise(const Eigen::VectorXd& x, const Eigen::VectorXd& y) {
   return clipped_deviation(distances(x, y));
 }
 
-Eigen::VectorXd slopes(const material::BarHistory& history, const Eigen::VectorXd& stress) {
+Eigen::VectorXd slopes(const material::BarHistory& history, const Eigen::VectorXd& stress, double steepest) {
   const Eigen::VectorXd& strain = history.strain;
   Eigen::VectorXd slope = Eigen::VectorXd::Zero(strain.size());
   if (strain.size() < 2) return slope;
@@ -180,11 +185,11 @@ Eigen::VectorXd slopes(const material::BarHistory& history, const Eigen::VectorX
   const double least = 0.1 * median(steps);
   for (Eigen::Index i = 1; i < strain.size(); ++i) {
     const double step = strain[i] - strain[i - 1];
-    slope[i] = std::abs(step) > least ? (stress[i] - stress[i - 1]) / step : slope[i - 1];
+    slope[i] = std::abs(step) > least ? std::clamp((stress[i] - stress[i - 1]) / step, -steepest, steepest) : slope[i - 1];
   }
   slope[0] = slope[1];
   for (const auto& turn : history.turns)
-    if (turn.between && turn.row + 1 < slope.size()) slope[turn.row] = slope[turn.row + 1];
+    if (turn.between && turn.back && turn.row + 1 < slope.size()) slope[turn.row] = slope[turn.row + 1];
   return slope;
 }
 

@@ -120,33 +120,104 @@ std::vector<material::BarTurn> find_turns(const VectorXd& time, const VectorXd& 
   return turns;
 }
 
+namespace {
+
+/// Rows on one line [from, until), as far as `noise` lets tell: y over the rows and what the line leaves of them, from sums about a row.
+class Stretch {
+ public:
+  Stretch(const VectorXd& x, const VectorXd& y, Index row, double noise) : x_(x), y_(y), row_(row), noise_(noise) {}
+
+  void add(Index at, double sign = 1.0) {
+    const double x = x_[at] - x_[row_], y = y_[at] - y_[row_];
+    n_ += sign, sx_ += sign * x, sy_ += sign * y, sxx_ += sign * x * x, sxy_ += sign * x * y, syy_ += sign * y * y;
+  }
+  /// Whether the rows lie on a line.
+  [[nodiscard]] bool straight() const {
+    const double freedom = n_ - 2.0;
+    return syy() - sxy() * slope() < noise_ * noise_ * (freedom + 4.0 * std::sqrt(2.0 * freedom));
+  }
+  /// Whether another row lies on it.
+  [[nodiscard]] bool goes_through(Index at) const {
+    const double x = x_[at] - x_[row_] - sx_ / n_;
+    return std::abs(y_[at] - y_[row_] - sy_ / n_ - slope() * x) < 4.0 * noise_ * std::sqrt(1.0 + 1.0 / n_ + x * x / sxx());
+  }
+  [[nodiscard]] double slope() const { return sxx() > 0.0 ? sxy() / sxx() : 0.0; }
+  [[nodiscard]] double here() const { return y_[row_] + sy_ / n_ - slope() * sx_ / n_; }
+
+ private:
+  [[nodiscard]] double sxx() const { return sxx_ - sx_ * sx_ / n_; }
+  [[nodiscard]] double sxy() const { return sxy_ - sx_ * sy_ / n_; }
+  [[nodiscard]] double syy() const { return syy_ - sy_ * sy_ / n_; }
+
+  const VectorXd &x_, &y_;
+  Index row_;
+  double noise_, n_ = 0.0, sx_ = 0.0, sy_ = 0.0, sxx_ = 0.0, sxy_ = 0.0, syy_ = 0.0;
+};
+
+/// The strain at a row of [from, until) by the line through the rows around that lie on it with this one; nothing behind a corner does.
+double on_line(const VectorXd& time, const VectorXd& strain, Index row, Index from, Index until, double noise) {
+  constexpr double part = 1.0 / 12.0;
+  constexpr Index most = 201;
+  if (until - from < 3) return strain[row];
+  const auto bend = [&](Index first) { return std::abs(distances(time.segment(first, 3), strain.segment(first, 3)).empty() ? INFINITY : distances(time.segment(first, 3), strain.segment(first, 3)).front()); };
+  Index first = std::clamp(row - 1, from, until - 3);
+  if (bend(first) > 3.0 * noise)
+    for (const Index other : {row - 2, row})
+      if (other >= from && other <= until - 3 && bend(other) < bend(first)) first = other;
+  if (!(bend(first) < 3.0 * noise) || std::abs(strain[first + 2] - strain[first]) >= 2.0 * noise / part) return strain[row];
+  Stretch line(time, strain, row, noise);
+  for (Index at = first; at < first + 3; ++at) line.add(at);
+  bool before = true, after = true;  // whether there may be more
+  Index last = first + 2;
+  while ((before || after) && last - first + 1 < most && std::abs(line.slope()) * (time[last] - time[first]) < noise / (part * std::sqrt(static_cast<double>(last - first + 1)))) {
+    const bool backwards = before && (!after || row - first <= last - row);
+    const Index next = backwards ? first - 1 : last + 1;
+    bool& open = backwards ? before : after;
+    open = next >= from && next < until && line.goes_through(next);
+    if (!open) continue;
+    line.add(next);
+    open = line.straight();
+    if (!open)
+      line.add(next, -1.0);
+    else
+      (backwards ? first : last) = next;
+  }
+  return line.here();
+}
+
+}  // namespace
+
+std::vector<material::BarTurn> find_corners(const VectorXd& time, const VectorXd& strain, const std::vector<material::BarTurn>& turns, double noise) {
+  constexpr Index rows = 4;
+  constexpr double alike = 0.02, least = 0.1;
+  std::vector<material::BarTurn> corners;
+  auto turn = turns.begin();
+  for (Index next = rows; next + rows <= strain.size(); ++next) {
+    while (turn != turns.end() && turn->row + rows < next) ++turn;
+    if (turn != turns.end() && turn->row - rows <= next) continue;
+    const Line to(time.segment(next - rows, rows), strain.segment(next - rows, rows)), on(time.segment(next, rows), strain.segment(next, rows));
+    const double spacing = time[next] - time[next - 1], step = std::max(std::abs(to.slope), std::abs(on.slope)) * spacing, off = std::max(3.0 * noise, alike * step);
+    const auto lies_on = [&](const Line& line, Index first) { return (strain.segment(first, rows) - time.segment(first, rows).unaryExpr([&](double t) { return line.at(t); })).cwiseAbs().maxCoeff() < off; };
+    if (!(spacing > 0.0) || !(to.squares > 0.0) || !(on.squares > 0.0) || !lies_on(to, next - rows) || !lies_on(on, next)) continue;
+    const double meet = (on.at(0.0) - to.at(0.0)) / (to.slope - on.slope);
+    if (!(meet > time[next - 1] && meet < time[next])) continue;
+    const double there = to.at(meet), straight = strain[next - 1] + (strain[next] - strain[next - 1]) * (meet - time[next - 1]) / spacing;
+    if (std::abs(there - straight) > std::max(4.0 * noise, least * step)) corners.push_back({next, true, meet, there, 0.0, false});
+  }
+  return corners;
+}
+
 VectorXd smooth_strain(const VectorXd& time, const VectorXd& strain, const std::vector<material::BarTurn>& turns, double noise) {
   VectorXd smooth = strain;
   if (noise == 0.0) return smooth;
-  constexpr double part = 1.0 / 12.0;
-  constexpr Index most = 201;
-  const auto branch = [&](Index from, Index until) {  // rows [from, until)
-    for (Index row = from; row < until; ++row) {
-      const Index before = std::max(from, row - 1), after = std::min(until - 1, row + 1);
-      if (after > before && std::abs(strain[after] - strain[before]) >= static_cast<double>(after - before) * noise / part) continue;
-      for (Index count = 3; count <= std::min(most, until - from); count += 2) {
-        const Index first = std::clamp(row - count / 2, from, until - count);
-        const double span = time[first + count - 1] - time[first];
-        if (!(span > 0.0)) continue;
-        const Line line(time.segment(first, count), strain.segment(first, count));
-        smooth[row] = line.at(time[row]);
-        if (std::abs(line.slope) * span >= noise / (part * std::sqrt(static_cast<double>(count)))) break;
-      }
-    }
-  };
   Index from = 0;
   for (std::size_t k = 0; k <= turns.size(); ++k) {
     const Index until = k == turns.size() ? strain.size() : turns[k].between ? turns[k].row : turns[k].row + 1;
-    branch(from, until);
+    for (Index row = from; row < until; ++row) smooth[row] = on_line(time, strain, row, from, until, noise);
     if (k < turns.size() && !turns[k].between) smooth[until - 1] = turns[k].strain;
     for (Index row = from; row < until; ++row) {  // nothing goes beyond the turns
-      if (k < turns.size()) smooth[row] = turns[k].strain > strain[from] ? std::min(smooth[row], turns[k].strain) : std::max(smooth[row], turns[k].strain);
-      if (k > 0) smooth[row] = turns[k - 1].strain > strain[until - 1] ? std::min(smooth[row], turns[k - 1].strain) : std::max(smooth[row], turns[k - 1].strain);
+      if (k < turns.size() && turns[k].back) smooth[row] = turns[k].strain > strain[from] ? std::min(smooth[row], turns[k].strain) : std::max(smooth[row], turns[k].strain);
+      if (k > 0 && turns[k - 1].back) smooth[row] = turns[k - 1].strain > strain[until - 1] ? std::min(smooth[row], turns[k - 1].strain) : std::max(smooth[row], turns[k - 1].strain);
     }
     from = until;
   }

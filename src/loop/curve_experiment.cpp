@@ -381,14 +381,14 @@ double CurveExperiment::round_off() const {
 void CurveExperiment::learn_bias(const std::vector<double>& values) {
   const auto predicted = predict(values);
   if (predicted.empty()) throw ConvergenceError("the law cannot follow the curves");
+  const Law law = law_of(values);
   for (std::size_t k = 0; k < bars_.size(); ++k) {
     const auto [first, size] = bars_[k];
     if (repeated_.contains(curves_[k].group)) continue;
-    const Eigen::VectorXd slope = id::slopes(curves_[k].history, predicted[k]);
+    const Eigen::VectorXd slope = id::slopes(curves_[k].history, predicted[k], law.values.front());
     for (Eigen::Index i = first; i < first + size; ++i) slope_[i] = slope[bins_[static_cast<std::size_t>(i)].rows.front()];
   }
   const Eigen::VectorXd raw = binned(predicted);
-  const Law law = law_of(values);
   turns_.assign(curves_.size(), {});
   for (std::size_t k = 0; k < bars_.size(); ++k) {
     const auto [first, size] = bars_[k];

@@ -92,7 +92,8 @@ class CurveSet {
 /// The same of values y at strains x [points].
 [[nodiscard]] double point_noise(const Eigen::VectorXd& x, const Eigen::VectorXd& y);
 /// How a bar's stress rises with its strain from the row before, d(stress)/d(strain) [rows, stress]; where the strain stands still as in the row before, and as in the row after where it turned back between the two.
-[[nodiscard]] Eigen::VectorXd slopes(const material::BarHistory& history, const Eigen::VectorXd& stress);
+/// Nowhere more than `steepest`, E of a law: where a hold relaxes the stress does not change by what the strain does.
+[[nodiscard]] Eigen::VectorXd slopes(const material::BarHistory& history, const Eigen::VectorXd& stress, double steepest = INFINITY);
 
 /// Noise of the points of a curve, of its stress and of its strain, which moves the stress by d(stress)/d(strain) times as much: almost only where the curve is steep.
 struct PointNoise {

@@ -22,8 +22,12 @@ namespace imic3d::identification {
 /// corners are rounded - one half of it where the noise of the stress lets both be. Elsewhere it turned at a row, and further by what the parabola through the three rows goes further, as a deviation; where there are too few rows, by half of what a corner between them would.
 [[nodiscard]] std::vector<material::BarTurn> find_turns(const Eigen::VectorXd& time, const Eigen::VectorXd& strain, const Eigen::VectorXd& stress, double noise = 0.0);
 
-/// Strain between the `turns` by the line through the rows around, of least squares: so many that the noise of their mean is a twelfth of what the strain goes in them. Rows that are further apart
-/// than that stay. Noise of steps as short as itself is no noise of the stress alone: whenever the strain seems to turn back the simulated bar unloads, and it flows by the largest of many numbers.
+/// Where the strain goes on at another rate between two rows, as from a ramp to a hold: where the lines through four rows before and four after meet, of which no row is off by more than noise or a fiftieth of the
+/// longer step, if that is a tenth of it away from the straight way. A law that depends on the rate has a stress of its own for each of the two. Not beside a turn.
+[[nodiscard]] std::vector<material::BarTurn> find_corners(const Eigen::VectorXd& time, const Eigen::VectorXd& strain, const std::vector<material::BarTurn>& turns, double noise = 0.0);
+
+/// Strain between the `turns` by the line through the rows around, of least squares: so many that the noise of their mean is a twelfth of what the strain goes in them, and none that is not on it (four standard deviations, and as many of what the line leaves of all):
+/// the course of a ramp is not that of the hold behind it. Rows that are further apart than that stay. Noise of steps as short as itself is no noise of the stress alone: whenever the strain seems to turn back the simulated bar unloads, and it flows by the largest of many numbers.
 [[nodiscard]] Eigen::VectorXd smooth_strain(const Eigen::VectorXd& time, const Eigen::VectorXd& strain, const std::vector<material::BarTurn>& turns, double noise);
 
 /// What the stress at each row is off by if the strain turned elsewhere.

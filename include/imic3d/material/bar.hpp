@@ -9,12 +9,13 @@
 
 namespace imic3d::material {
 
-/// Where the strain turned back.
+/// Where the strain turned back, or went on at another rate.
 struct BarTurn {
   Eigen::Index row;        ///< that of the turn, or the one after it
   bool between;            ///< it lies between that row and the one before it, and is passed through
   double time, strain;
   double deviation = 0.0;  ///< standard deviation of what it went further by than `strain`, beside the noise of a row
+  bool back = true;        ///< else only the rate changed
 };
 
 /// What is prescribed: the logarithmic strain of the gauge at times, from the virgin state at time[0].
