@@ -26,12 +26,27 @@ std::pair<Candidate, Parameter> gain_of(const std::string& group, int parameter)
           {.info = {.name = name, .unit = "-", .description = "stress of these bars over that of the others", .lower = 0.5, .upper = 2.0, .null_value = 1.0, .scale = 0.02}, .value = 1.0, .step = 1e-3, .prior = 0.0, .free = false}};
 }
 
+namespace {
+/// That of the slowest curve, on the whole; 0 where no strain goes on in time.
+double lowest_rate(const std::vector<id::Curve>& curves) {
+  double lowest = 0.0;
+  for (const auto& curve : curves) {
+    const Eigen::VectorXd &strain = curve.history.strain, &time = curve.history.time;
+    const Eigen::Index steps = strain.size() - 1;
+    const double rate = steps > 0 && time[steps] > time[0] ? (strain.tail(steps) - strain.head(steps)).cwiseAbs().sum() / (time[steps] - time[0]) : 0.0;
+    if (rate > 0.0 && (lowest == 0.0 || rate < lowest)) lowest = rate;
+  }
+  return lowest;
+}
+}  // namespace
+
 CurveExperiment::CurveExperiment(Communicator world, std::vector<id::Curve> curves, CurveModel model, const CurveLoopOptions& options)
     : world_(world), curves_(std::move(curves)), model_(std::move(model)) {
+  const double rate = lowest_rate(curves_);
   for (std::size_t j = 0; j < model_.values.size(); ++j) {
     const auto& info = model_.information[j];
     if (model_.declared[j] == 0) {
-      parameters_.push_back(at_null(info));
+      parameters_.push_back(at_null(info, rate));
       continue;
     }
     const double value = model_.values[j];
@@ -236,11 +251,15 @@ material::BarHistory CurveExperiment::true_history(std::size_t curve, const std:
   material::BarHistory history = curves_[curve].history;
   const Eigen::VectorXd& recorded = curves_[curve].history.strain;
   history.strain = true_strain(curve, values);
-  // What a gauge errs by at a turn goes on from the two rows before it.
+  // What a gauge errs by at a turn goes on from the row before it and one that is as far from that as the turn: in a hold the strain stands still from row to row.
   const Eigen::VectorXd shift = history.strain - recorded;
   for (auto& turn : history.turns) {
-    const Eigen::Index last = turn.row - 1;
-    turn.strain += shift[last] + (turn.strain - recorded[last]) * (shift[last] - shift[last - 1]) / (recorded[last] - recorded[last - 1]);
+    const Eigen::Index last = std::max<Eigen::Index>(0, turn.row - 1);
+    const double further = turn.strain - recorded[last];
+    Eigen::Index before = last - 1;
+    while (before >= 0 && std::abs(recorded[last] - recorded[before]) < 0.5 * std::abs(further)) --before;
+    turn.strain += shift[last];
+    if (before >= 0 && recorded[last] != recorded[before]) turn.strain += further * (shift[last] - shift[before]) / (recorded[last] - recorded[before]);
   }
   return history;
 }
@@ -372,6 +391,16 @@ std::vector<Eigen::VectorXd> CurveExperiment::residuals_near(const std::vector<d
   return result;
 }
 
+std::string CurveExperiment::obstacle(const std::vector<double>& values) const {
+  const Law law = law_of(values);
+  for (std::size_t k = 0; k < curves_.size(); ++k) {
+    const id::Curve& curve = curves_[k];
+    const auto reached = material::pull_bar(*law.law, law.values, true_history(k, values)).rows;
+    if (reached < curve.stress.size()) return fmt::format("{} ({}): the law cannot follow beyond row {}", curve.name, curve.group, reached);
+  }
+  return {};
+}
+
 double CurveExperiment::round_off() const {
   double square = 0.0;
   for (std::size_t i = 0; i < bins_.size(); ++i) square += std::pow(1e-6 * curves_[static_cast<std::size_t>(bins_[i].curve)].stress(bins_[i].rows).mean() / scatter_.noise[static_cast<Eigen::Index>(i)], 2);
@@ -380,7 +409,10 @@ double CurveExperiment::round_off() const {
 
 void CurveExperiment::learn_bias(const std::vector<double>& values) {
   const auto predicted = predict(values);
-  if (predicted.empty()) throw ConvergenceError("the law cannot follow the curves");
+  if (predicted.empty()) {
+    const std::string obstacle = this->obstacle(values);
+    throw ConvergenceError(obstacle.empty() ? "the law cannot follow the curves" : obstacle);
+  }
   const Law law = law_of(values);
   for (std::size_t k = 0; k < bars_.size(); ++k) {
     const auto [first, size] = bars_[k];

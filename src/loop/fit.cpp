@@ -250,7 +250,10 @@ Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::I
   int last = options.max_iterations.value_or(experiment.most_iterations()), small = 0;  // small: steps in a row that took hardly anything off of what was expected
   for (result.iterations = 0; result.iterations <= last; ++result.iterations) {
     if (at.residual.size() == 0 || (result.iterations == last && !at.exact)) at = linearise(experiment, weight, result.values, free);
-    if (at.residual.size() == 0) throw ConvergenceError("the model cannot be computed where its identification starts");
+    if (at.residual.size() == 0) {
+      const std::string obstacle = experiment.obstacle(result.values);
+      throw ConvergenceError("the model cannot be computed where its identification starts" + (obstacle.empty() ? obstacle : ": " + obstacle));
+    }
     result.residual = at.residual;
     result.sensitivity = at.sensitivity;
     const Eigen::VectorXd r = at.residual(rows);

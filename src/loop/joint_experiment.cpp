@@ -48,9 +48,12 @@ void JointExperiment::take_parameters(std::size_t test) {
     if (!of_the_law(p)) p.info.name = with_test(p.info.name, tests_[test].name);
     const auto same = std::find_if(parameters_.begin(), parameters_.end(), [&](const Parameter& other) { return other.info.name == p.info.name; });
     places.push_back(static_cast<int>(same - parameters_.begin()));
+    const auto usual = [](const Parameter& q) { return q.info.shape && !q.free && q.value == q.info.null_value; };
     if (same == parameters_.end())
       parameters_.push_back(std::move(p));
-    else if (same->value != p.value || same->prior != p.prior || same->free != p.free)
+    else if (usual(*same) && usual(p)) {
+      if (p.value < same->value) *same = std::move(p);  // a reference rate is that of the slowest test
+    } else if (same->value != p.value || same->prior != p.prior || same->free != p.free)
       throw InputError("material.parameters." + p.info.name, fmt::format("{}, {}free, in {}", p.value, p.free ? "" : "not ", tests_[test].name),
                        fmt::format("{}, {}free, as in {}", same->value, same->free ? "" : "not ", tests_.front().name));
   }
@@ -139,6 +142,12 @@ std::vector<Eigen::VectorXd> JointExperiment::asked(const std::vector<double>& v
     }
   }
   return all;
+}
+
+std::string JointExperiment::obstacle(const std::vector<double>& values) const {
+  for (std::size_t k = 0; k < tests_.size(); ++k)
+    if (const auto its = tests_[k].experiment->obstacle(values_of(k, values)); !its.empty()) return tests_[k].name + ": " + its;
+  return {};
 }
 
 bool JointExperiment::takes_simulations(int parameter) const {

@@ -55,7 +55,8 @@ Candidate poissons_ratio(int parameter) {
           .confused_with = "magnification drift, parallax", .separated_by = "a second camera; a handbook value", .after = {}};
 }
 
-Parameter at_null(const ParameterInfo& info) {
+Parameter at_null(ParameterInfo info, double rate) {
+  if (rate > 0.0 && info.effect == "rate" && info.shape) info.null_value = info.scale = std::clamp(rate, info.lower, info.upper);
   const double value = info.null_value.value_or(0.0);
   // A short plateau is a shift along the curve, which the law's own parameters absorb: a usual one is not.
   const auto known = words().find(info.effect);

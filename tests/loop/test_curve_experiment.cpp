@@ -12,6 +12,7 @@
 #include "imic3d/core/error.hpp"
 #include "imic3d/loop/closing.hpp"
 #include "imic3d/loop/curve_experiment.hpp"
+#include "imic3d/loop/joint_experiment.hpp"
 #include "imic3d/loop/law_effects.hpp"
 
 namespace imic3d::loop {
@@ -36,14 +37,14 @@ CurveModel model(std::map<std::string, double> values) {
 }
 
 /// Bars at two rates to 10 % strain, each off by a random parabola, with noise of the rows.
-std::vector<identification::Curve> bars(unsigned seed, const std::map<std::string, double>& lacking, int count = 6) {
+std::vector<identification::Curve> bars(unsigned seed, const std::map<std::string, double>& lacking, int count = 6, double fast = 10.0) {
   auto values = truth;
   values.insert(lacking.begin(), lacking.end());
   const CurveModel m = model(values);
   std::mt19937_64 random(seed);
   std::normal_distribution<double> normal;
   std::vector<identification::Curve> all;
-  for (const auto& [group, rate] : {std::pair("slow", 1e-4), std::pair("fast", 10.0)})
+  for (const auto& [group, rate] : {std::pair("slow", 1e-4), std::pair("fast", fast)})
     for (int k = 0; k < count; ++k) {
       identification::Curve curve;
       curve.name = std::string(group) + std::to_string(k), curve.group = group;
@@ -85,8 +86,7 @@ TEST(CurveExperiment, ResidualsOfTheTruthAreWhite) {
 TEST(CurveExperiment, ResidualsNearAreThoseComputed) {
   CurveExperiment experiment(Communicator(), bars(4, {}), model(truth));
   std::vector<double> values;
-  for (const auto& p : experiment.parameters()) values.push_back(p.value);
-  values[static_cast<std::size_t>(std::find_if(experiment.parameters().begin(), experiment.parameters().end(), [](const Parameter& p) { return p.info.name == "C_rate"; }) - experiment.parameters().begin())] = 0.01;
+  for (const auto& p : experiment.parameters()) values.push_back(p.info.name == "C_rate" ? 0.01 : p.info.name == "rate_0" ? 1.0 : p.value);
   std::vector<std::vector<double>> sets;
   for (std::size_t j = 0; j < values.size(); ++j) {
     const auto& p = experiment.parameters()[j];
@@ -249,6 +249,44 @@ TEST(CurveExperiment, AGaugeActsOnTurnsBetweenRows) {
   std::vector<double> values;
   for (const auto& p : experiment.parameters()) values.push_back(p.info.name == "strain_gain" ? gain : p.value);
   EXPECT_LT((experiment.predict(values).front() - curve.stress).cwiseAbs().maxCoeff(), 0.05);
+}
+
+/// Pulled, held and turned between two rows: the strain before the turn stands still from row to row.
+TEST(CurveExperiment, AGaugeActsOnATurnAfterAHold) {
+  constexpr double gain = 1.05;
+  const CurveModel m = model(truth);
+  identification::Curve curve;
+  curve.name = "held", curve.group = "held", curve.deviation = 1.0, curve.engineering = false;
+  curve.history.time = Eigen::VectorXd::LinSpaced(101, 0.0, 100.0);
+  curve.history.strain = curve.history.time.unaryExpr([](double t) { return t <= 40.0 ? 2.5e-4 * t : t <= 60.0 ? 0.01 : 0.01 - 2.5e-4 * (t - 60.5); });
+  curve.history.turns = {{.row = 61, .between = true, .time = 60.5, .strain = 0.0103}};
+  curve.stress = material::pull_bar(*m.extended(material::known_effects()), m.values, curve.history).kirchhoff;
+  curve.history.strain *= gain, curve.history.turns.front().strain *= gain;
+  curve.use.assign(101, identification::Curve::fitted);
+  CurveExperiment experiment(Communicator(), {curve}, model(truth));
+  std::vector<double> values;
+  for (const auto& p : experiment.parameters()) values.push_back(p.info.name == "strain_gain" ? gain : p.value);
+  const auto predicted = experiment.predict(values);
+  ASSERT_EQ(predicted.size(), 1U) << experiment.obstacle(values);
+  EXPECT_LT((predicted.front() - curve.stress).cwiseAbs().maxCoeff(), 1e-3);
+}
+
+/// The fast bars of a declared rate that takes all of the yield stress away.
+TEST(CurveExperiment, WhatTheLawCannotFollowIsSaid) {
+  CurveModel m = model({{"E", 200e3}, {"nu", 0.3}, {"S_y", 250.0}, {"S_inf", 420.0}, {"b", 18.0}, {"H", 700.0}, {"C_rate", -0.15}, {"rate_0", 1e-6}});
+  for (std::size_t j = 0; j < m.values.size(); ++j)
+    if (m.information[j].effect == "rate") m.declared[j] = 1;
+  m.extended = [](std::vector<std::string> effects) {
+    if (std::find(effects.begin(), effects.end(), "rate") == effects.end()) effects.push_back("rate");
+    return material::make_law({.law = "j2", .hardening = "voce", .effects = effects});
+  };
+  CurveExperiment experiment(Communicator(), bars(1, {}), m);
+  try {
+    loop_on(experiment);
+    FAIL();
+  } catch (const ConvergenceError& error) {
+    EXPECT_NE(std::string(error.what()).find("fast0 (fast): the law cannot follow beyond row"), std::string::npos) << error.what();
+  }
 }
 
 /// The elastic part is an eightieth of the strain and more than half of the stress: it has its share of the bins, the same for all bars, and the load cell's zero is told from E.
@@ -480,6 +518,29 @@ TEST(CurveExperiment, RateIsInTheSet) {
   EXPECT_NE(std::find(names.begin(), names.end(), "rate"), names.end()) << report.sentence;
   EXPECT_GT(report.declared.misfit.held_out, report.declared.misfit.null_held_out);
   EXPECT_LE(report.final.misfit.held_out, report.final.misfit.null_held_out);
+}
+
+/// Its usual reference is the test's own rate: relative to one per second no C_rate within its bounds would be found in slow tests.
+TEST(CurveExperiment, ARateIsScoredInSlowTests) {
+  CurveExperiment experiment(Communicator(), bars(3, {{"C_rate", 0.012}, {"rate_0", 1e-5}}, 6, 1e-2), model(truth));
+  const auto place = [&](const char* name) { return static_cast<std::size_t>(std::find_if(experiment.parameters().begin(), experiment.parameters().end(), [&](const Parameter& p) { return p.info.name == name; }) - experiment.parameters().begin()); };
+  EXPECT_NEAR(experiment.parameters()[place("rate_0")].value, 1e-4, 1e-6);
+  const Report report = close_loop(experiment, {.additions = 0, .held_out = experiment.held_out()});
+  const auto& others = report.declared.others;
+  const auto rate = std::find_if(others.begin(), others.end(), [&](int k) { return experiment.candidates()[static_cast<std::size_t>(k)].name == "rate"; });
+  ASSERT_NE(rate, others.end());
+  const Score& score = report.declared.scores.candidates[static_cast<std::size_t>(rate - others.begin())];
+  EXPECT_GT(score.z, report.declared.scores.threshold);
+  EXPECT_NEAR(score.size[0], 0.012, 0.006);
+}
+
+/// Tests at several rates have one reference: that of the slowest.
+TEST(CurveExperiment, TestsTogetherHaveOneReferenceRate) {
+  const auto all = bars(3, {});
+  CurveExperiment slow(Communicator(), {all.begin(), all.begin() + 6}, model(truth)), fast(Communicator(), {all.begin() + 6, all.end()}, model(truth));
+  const JointExperiment joint({{"fast", &fast}, {"slow", &slow}});
+  for (const auto& p : joint.parameters())
+    if (p.info.name == "rate_0") { EXPECT_NEAR(p.value, 1e-4, 1e-6); }
 }
 
 /// Pulled at two rates, held twice, integrated by explicit Euler. On the way from a hardening that stands in for the overstress to the declared one S_inf and b go together along a curved valley.

@@ -72,6 +72,8 @@ class Experiment {
   }
   /// The same where what drives the model has one more draw of its noise, taken `times` times; empty where that noise is not known.
   [[nodiscard]] virtual std::vector<Eigen::VectorXd> residuals_disturbed(const std::vector<double>& /*values*/, std::vector<std::vector<double>> /*sets*/, double /*times*/) { return {}; }
+  /// What the model cannot follow with these values, where that can be said.
+  [[nodiscard]] virtual std::string obstacle(const std::vector<double>& /*values*/) const { return {}; }
   /// Whether the derivative by a parameter takes simulations of its own.
   [[nodiscard]] virtual bool takes_simulations(int /*parameter*/) const { return false; }
   /// Of a fit, which may creep along a curved valley: as many as what a simulation takes lets be.

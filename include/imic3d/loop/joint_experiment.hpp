@@ -36,6 +36,7 @@ class JointExperiment final : public Experiment {
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) override;
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) override;
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals_disturbed(const std::vector<double>& values, std::vector<std::vector<double>> sets, double times) override;
+  [[nodiscard]] std::string obstacle(const std::vector<double>& values) const override;
   [[nodiscard]] bool takes_simulations(int parameter) const override;
   [[nodiscard]] int most_iterations() const override;
   [[nodiscard]] double round_off() const override;

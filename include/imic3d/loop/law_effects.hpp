@@ -12,7 +12,7 @@ namespace imic3d::loop {
 /// Poisson's ratio, the law's `parameter`, where it is held at what was declared.
 [[nodiscard]] Candidate poissons_ratio(int parameter);
 
-/// The parameter of an effect of the law at its null value.
-[[nodiscard]] Parameter at_null(const ParameterInfo& info);
+/// The parameter of an effect of the law at its null value. `rate`: the lowest strain rate of the test, which the yield stress is taken relative to: far below a reference rate no size would show; 0: not known.
+[[nodiscard]] Parameter at_null(ParameterInfo info, double rate = 0.0);
 
 }  // namespace imic3d::loop

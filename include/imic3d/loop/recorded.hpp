@@ -33,6 +33,7 @@ class RecordedExperiment final : public Experiment {
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) override;
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) override;
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals_disturbed(const std::vector<double>& values, std::vector<std::vector<double>> sets, double times) override;
+  [[nodiscard]] std::string obstacle(const std::vector<double>& values) const override { return experiment_.obstacle(values); }
   [[nodiscard]] bool takes_simulations(int parameter) const override { return experiment_.takes_simulations(parameter); }
   [[nodiscard]] int most_iterations() const override { return experiment_.most_iterations(); }
   [[nodiscard]] double round_off() const override { return experiment_.round_off(); }
