@@ -4,6 +4,7 @@
 #include <cmath>
 #include <optional>
 
+#include "imic3d/core/median.hpp"
 #include "imic3d/identification/curves.hpp"
 
 namespace imic3d::identification {
@@ -54,6 +55,60 @@ Index enough(double step, double noise, double part, Index most) {
   return step > 0.0 ? std::min(most, static_cast<Index>(std::pow(noise / (part * step), 2.0 / 3.0))) : most;
 }
 
+/// Where the strain's lines meet between two rows.
+struct Corner {
+  std::size_t turn;           // its number
+  material::BarTurn between;  // if it turned there
+  double further, of_lines;   // than the nearer row; by noise
+  double interval;            // between the rows
+  double better;              // the stress goes with it than with a turn at the row [stress]
+  // Of the stress, where its own lines meet:
+  double kink = 0.0;            // change of its rate
+  double lag = 0.0, if_at_row;  // behind the strain's corner; what of it a turn at the row would make [time]
+};
+
+/// Where the rate of the stress changes most near row `next`, against the way `up` that the strain went: its lines through `before` and `after` rows of [first, last].
+void find_stress(Corner& corner, const VectorXd& time, const VectorXd& stress, Index first, Index last, Index before, Index after, double rate_to, double rate_back) {
+  constexpr Index most = 12;  // rows
+  const Index next = corner.between.row;
+  for (Index at = std::max(next - most, first + before); at <= std::min(next + most, last + 1 - after); ++at) {
+    const Line to(time.segment(at - before, before), stress.segment(at - before, before)), back(time.segment(at, after), stress.segment(at, after));
+    const double kink = std::copysign(1.0, rate_to) * (to.slope - back.slope);
+    if (!(kink > corner.kink)) continue;
+    corner.kink = kink, corner.lag = (back.at(0.0) - to.at(0.0)) / (to.slope - back.slope) - corner.between.time;
+    corner.if_at_row = corner.further * std::max(0.0, back.slope / rate_back - to.slope / rate_to) / kink;
+  }
+}
+
+/// A force that lags, or rubs, turns as long after (before) the strain at all corners: then the stress of two rows says nothing of where the strain turned, but what is left when that is taken off does - as far as
+/// the rows are not as near to all of the corners.
+void take_off_lag(std::vector<Corner>& corners, double noise, double beyond_chance) {
+  constexpr double least = 0.1;  // of the rows' interval
+  const auto count = static_cast<double>(corners.size());
+  if (corners.size() < 3 || std::any_of(corners.begin(), corners.end(), [](const Corner& c) { return !(c.kink > 0.0); })) return;
+  double interval = 0.0, of_noise = 0.0;
+  for (const Corner& c : corners) interval += c.interval / count, of_noise += 2.2 * noise / (c.kink * count);  // of lines through three rows
+  const auto lag_if = [&](double at_row) {  // and its mean distance
+    std::vector<double> lags;
+    for (const Corner& c : corners) lags.push_back(c.lag - at_row * c.if_at_row);
+    const double middle = median(lags);
+    double distance = 0.0;
+    for (double lag : lags) distance += std::abs(lag - middle) / count;
+    return std::pair(middle, distance);
+  };
+  const auto [between, off_between] = lag_if(0.0);
+  const auto [at_row, off_at_row] = lag_if(1.0);
+  const auto seen = [&](double lag, double off) { return std::abs(lag) > std::max(least * interval, 4.0 * std::max(off, of_noise) / std::sqrt(count)); };
+  const bool told = std::abs(off_between - off_at_row) > of_noise / std::sqrt(count);
+  const bool lies_between = !told || off_between < off_at_row;
+  if (!(lies_between ? seen(between, off_between) : seen(at_row, off_at_row)) || (!told && !seen(at_row, off_at_row))) return;
+  for (Corner& c : corners) {
+    const double left = c.lag - (lies_between ? between : at_row);
+    c.better = told ? c.kink * (std::abs(left - c.if_at_row) - std::abs(left)) : 0.0;
+    if (std::abs(c.better) < beyond_chance) c.better = lies_between ? 1e-300 : -1e-300;  // in doubt, as the others
+  }
+}
+
 }  // namespace
 
 double strain_noise(const VectorXd& time, const VectorXd& strain, const VectorXd& stress) {
@@ -77,9 +132,10 @@ double strain_noise(const VectorXd& time, const VectorXd& strain, const VectorXd
 
 std::vector<material::BarTurn> find_turns(const VectorXd& time, const VectorXd& strain, const VectorXd& stress, double noise) {
   constexpr double rounded = 0.1, of_row = 0.02;
-  const double of_stress = point_noise(strain, stress);
+  const double of_stress = point_noise(strain, stress), told = 6.0 * std::sqrt(2.0) * of_stress;  // by the noise of two rows, beyond chance
   const std::vector<Index> rows = turning_rows(strain, 8.0 * noise);
   std::vector<material::BarTurn> turns;
+  std::vector<Corner> corners;
   for (std::size_t k = 0; k < rows.size(); ++k) {
     // The extreme rows of the neighbouring turns may lie beyond these.
     const Index row = rows[k], first = k > 0 ? rows[k - 1] + 1 : 0, last = k + 1 < rows.size() ? rows[k + 1] - 1 : strain.size() - 1;
@@ -100,7 +156,7 @@ std::vector<material::BarTurn> find_turns(const VectorXd& time, const VectorXd& 
     const double apart = to->slope - back->slope, meet = (back->at(0.0) - to->at(0.0)) / apart, there = to->at(meet);
     if (!(meet > time[row - beside_to] && meet < time[until])) continue;
     const Index next = std::upper_bound(time.begin() + row - beside_to, time.begin() + until, meet) - time.begin();
-    if (k > 0 && next - 1 <= turns[k - 1].row) continue;
+    if (k > 0 && next - 1 <= (!corners.empty() && corners.back().turn + 1 == k ? corners.back().between.row : turns[k - 1].row)) continue;
     const bool later = meet - time[next - 1] < time[next] - meet;  // than the nearer row
     const double on_line = later ? to->at(time[next - 1]) : back->at(time[next]), further = std::abs(there - on_line);
     const double of_lines = std::sqrt((back->slope * back->slope * to->variance(meet, noise) + to->slope * to->slope * back->variance(meet, noise)) / (apart * apart));
@@ -112,10 +168,15 @@ std::vector<material::BarTurn> find_turns(const VectorXd& time, const VectorXd& 
     const double slope_to = slope(from + before - near_to, near_to), slope_back = slope(until, near_back), change = stress[next] - stress[next - 1];
     const double at_last = to->at(time[next - 1]), at_next = back->at(time[next]);
     const double turned = slope_to * (there - at_last) + slope_back * (at_next - there), straight = (later ? slope_back : slope_to) * (at_next - at_last);
-    const double better = std::abs(change - straight) - std::abs(change - turned), told = 6.0 * std::sqrt(2.0) * of_stress;  // by the noise of two rows, beyond chance
-    const bool went_there = better > 0.0;
-    if (went_there) turn = {next, true, meet, there, 0.0};
-    turn.deviation = std::hypot(of_lines, (std::abs(better) < told ? 0.5 : went_there ? rounded : 0.0) * further);
+    corners.push_back({.turn = k, .between = {next, true, meet, there, 0.0}, .further = further, .of_lines = of_lines, .interval = time[next] - time[next - 1], .better = std::abs(change - straight) - std::abs(change - turned), .if_at_row = 0.0});
+    find_stress(corners.back(), time, stress, first, last, near_to, near_back, to->slope, back->slope);
+  }
+  take_off_lag(corners, of_stress, told);
+  for (const Corner& corner : corners) {
+    material::BarTurn& turn = turns[corner.turn];
+    const bool went_there = corner.better > 0.0;
+    if (went_there) turn = corner.between;
+    turn.deviation = std::hypot(corner.of_lines, (std::abs(corner.better) < told ? 0.5 : went_there ? rounded : 0.0) * corner.further);
   }
   return turns;
 }

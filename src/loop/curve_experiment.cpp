@@ -95,6 +95,7 @@ CurveExperiment::CurveExperiment(Communicator world, std::vector<id::Curve> curv
     }
   const auto law = law_candidates(model_.information, model_.declared);
   candidates_.insert(candidates_.end(), law.begin(), law.end());
+  pass_turns();
   make_bins(options);
   find_repetitions();
   scatter_.turns.resize(bars_.size());
@@ -115,6 +116,22 @@ Eigen::VectorXd way_of(const Eigen::VectorXd& y, double play = 0.0) {
   return way;
 }
 
+/// With the turns that lie between two rows as rows; `rows`: which ones are those of `history`.
+material::BarHistory with_turns(const material::BarHistory& history, std::vector<Eigen::Index>* rows = nullptr) {
+  const Eigen::Index between = std::count_if(history.turns.begin(), history.turns.end(), [](const auto& turn) { return turn.between; }), count = history.strain.size();
+  material::BarHistory all{.time = Eigen::VectorXd(count + between), .strain = Eigen::VectorXd(count + between), .direction = history.direction};
+  auto turn = history.turns.begin();
+  Eigen::Index at = 0;
+  const auto pass = [&](double time, double strain) { all.time[at] = time, all.strain[at++] = strain; };
+  for (Eigen::Index row = 0; row < count; ++row) {
+    for (; turn != history.turns.end() && turn->row == row; ++turn)
+      if (turn->between) pass(turn->time, turn->strain);
+    if (rows != nullptr) rows->push_back(at);
+    pass(history.time[row], history.strain[row]);
+  }
+  return all;
+}
+
 /// Piecewise linear.
 double interpolated(const Eigen::VectorXd& x, const Eigen::VectorXd& y, double at) {
   const auto above = std::upper_bound(x.begin(), x.end(), at) - x.begin();
@@ -124,6 +141,15 @@ double interpolated(const Eigen::VectorXd& x, const Eigen::VectorXd& y, double a
 }
 
 }  // namespace
+
+void CurveExperiment::pass_turns() {
+  for (std::size_t k = 0; k < curves_.size(); ++k) {
+    Passed& passed = passed_.emplace_back(scenes_[k], std::vector<Eigen::Index>());
+    const material::BarHistory all = with_turns(curves_[k].history, &passed.rows);
+    passed.scene.time = all.time, passed.scene.elongation = all.strain;
+    passed.scene.force = all.time.unaryExpr([&](double time) { return interpolated(scenes_[k].time, scenes_[k].force, time); });
+  }
+}
 
 void CurveExperiment::make_bins(const CurveLoopOptions& options) {
   struct Group {
@@ -266,21 +292,22 @@ material::BarHistory CurveExperiment::true_history(std::size_t curve, const std:
 
 Eigen::MatrixXd CurveExperiment::follow(std::size_t curve, const Law& law, const material::BarHistory& history, std::span<const int> free) const {
   const id::Curve& one = curves_[curve];
-  const auto response = material::pull_bar(*law.law, law.values, history, free);
-  if (response.rows < one.stress.size()) return {};
+  const material::BarHistory passed = with_turns(history);
+  const auto response = material::pull_bar(*law.law, law.values, passed, free);
+  if (response.rows < passed.strain.size()) return {};
   Eigen::MatrixXd all(response.rows, 1 + static_cast<Eigen::Index>(free.size()));
   all.col(0) = one.engineering ? response.engineering : response.kirchhoff;
   if (!free.empty()) all.rightCols(all.cols() - 1) = response.derivatives;
-  if (one.engineering) all.rightCols(all.cols() - 1).array().colwise() *= (-history.strain.array()).exp();
+  if (one.engineering) all.rightCols(all.cols() - 1).array().colwise() *= (-passed.strain.array()).exp();
   return all;
 }
 
 Eigen::VectorXd CurveExperiment::recorded(std::size_t curve, const std::vector<double>& values, Eigen::VectorXd stress) const {
   for (std::size_t e = 0; e < effects_.size(); ++e) stress *= effects_[e]->thickness(values_of(e, values));
-  for (std::size_t e = 0; e < effects_.size(); ++e) effects_[e]->record(values_of(e, values), scenes_[curve], stress);
+  for (std::size_t e = 0; e < effects_.size(); ++e) effects_[e]->record(values_of(e, values), passed_[curve].scene, stress);
   for (const auto& [group, j] : group_gains_)
     if (curves_[curve].group == group) stress *= values[j];
-  return stress;
+  return stress(passed_[curve].rows);
 }
 
 std::vector<Eigen::VectorXd> CurveExperiment::predict(const std::vector<double>& values) const {
@@ -360,7 +387,7 @@ std::vector<Eigen::VectorXd> CurveExperiment::residuals_near(const std::vector<d
   }
   std::vector<Eigen::MatrixXd> paths(curves_.size());
   std::vector<double> good(curves_.size(), 0.0);
-  for (std::size_t k = 0; k < curves_.size(); ++k) paths[k].setZero(curves_[k].stress.size(), 1 + static_cast<Eigen::Index>(free.size()));
+  for (std::size_t k = 0; k < curves_.size(); ++k) paths[k].setZero(passed_[k].scene.time.size(), 1 + static_cast<Eigen::Index>(free.size()));
   collectively(world_, [&] {
     for (std::size_t k = 0; k < curves_.size(); ++k) {
       if (static_cast<int>(k) % world_.size() != world_.rank()) continue;

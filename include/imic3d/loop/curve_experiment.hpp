@@ -101,10 +101,11 @@ class CurveExperiment final : public Experiment {
   [[nodiscard]] Eigen::VectorXd true_strain(std::size_t curve, const std::vector<double>& values) const;
   /// What the gauge of a curve is taken for to have gone through.
   [[nodiscard]] material::BarHistory true_history(std::size_t curve, const std::vector<double>& values) const;
-  /// Stress at the rows of a curve before it is recorded, and its derivatives by `free` parameters of the law [rows x 1 + free]; empty if the law cannot follow.
+  /// Stress at the rows of a curve, and where it turned between them, before it is recorded, and its derivatives by `free` parameters of the law [rows and turns x 1 + free]; empty if the law cannot follow.
   [[nodiscard]] Eigen::MatrixXd follow(std::size_t curve, const Law& law, const material::BarHistory& history, std::span<const int> free = {}) const;
-  /// What load cell and group make of it.
+  /// What load cell and group make of it at the rows.
   [[nodiscard]] Eigen::VectorXd recorded(std::size_t curve, const std::vector<double>& values, Eigen::VectorXd stress) const;
+  void pass_turns();
   void make_bins(const CurveLoopOptions& options);
   /// How bars of one material differ.
   struct Scatter {
@@ -134,6 +135,12 @@ class CurveExperiment final : public Experiment {
   std::vector<identification::Curve> curves_;
   CurveModel model_;
   std::vector<Scene> scenes_;  // of each curve
+  /// A force that rubs or lags does so at the turns, whether a row has them or not.
+  struct Passed {
+    Scene scene;                     // of rows, and turns between them
+    std::vector<Eigen::Index> rows;  // among these
+  };
+  std::vector<Passed> passed_;  // of each curve
   std::vector<std::shared_ptr<const Effect>> effects_;
   std::vector<std::size_t> first_;  // parameter of each effect
   std::vector<Parameter> parameters_;
