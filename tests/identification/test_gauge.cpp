@@ -144,5 +144,17 @@ TEST(Gauge, SlopesAndNoiseOfTheRows) {
   EXPECT_EQ(point_noise(strain, residual, slope, 3.0, 1e-5).strain, 1e-5);
 }
 
+/// Pulled, held and unloaded: the rows of a hold are those of a strain that stands still, next to its corners, too.
+TEST(Gauge, AHoldHasCorners) {
+  constexpr Eigen::Index count = 251;
+  constexpr double noise = 3e-6;
+  const Eigen::VectorXd time = Eigen::VectorXd::LinSpaced(count, 0.0, 30.0), truth = time.unaryExpr([](double t) { return 3e-3 * std::min({t, 2.4, 30.0 - t}); });
+  for (unsigned seed = 0; seed < 10; ++seed) {
+    const Eigen::VectorXd smooth = smooth_strain(time, truth + drawn(count, noise, seed), {}, noise);
+    EXPECT_LT((smooth - truth).cwiseAbs().maxCoeff(), 4.0 * noise) << seed;
+    EXPECT_LT((smooth - truth).segment(30, 190).norm(), 0.5 * noise * std::sqrt(190.0)) << seed;
+  }
+}
+
 }  // namespace test_gauge
 }  // namespace imic3d::identification

@@ -55,8 +55,8 @@ class CurveExperiment final : public Experiment {
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) override;
   /// The first curve that the law cannot follow, and its row.
   [[nodiscard]] std::string obstacle(const std::vector<double>& values) const override;
-  /// 1e-6 of the stress: a law with an effect at its null value solves other equations than one without it.
   [[nodiscard]] int most_iterations() const override { return 200; }
+  /// 1e-6 of the stress: a law with an effect at its null value solves other equations than one without it.
   [[nodiscard]] double round_off() const override;
   /// Bars beyond one of each group, less the coefficients that they differ in, plus one; where none is repeated those of the noise of the points.
   [[nodiscard]] Eigen::VectorXd freedom() const override;
