@@ -136,6 +136,9 @@ TEST(Gauge, SlopesAndNoiseOfTheRows) {
   EXPECT_GT(slopes(history, stress)[3], 400e3);
   history.turns = {{3, true, 2.5, 2.3e-3, 0.0}};
   EXPECT_NEAR(slopes(history, stress)[3], 200e3, 1e-6);
+  EXPECT_EQ(slopes(history, stress, 190e3)[4], 190e3);
+  history.turns[0].back = false;  // a corner alone
+  EXPECT_GT(slopes(history, stress)[3], 400e3);
   history.turns = {{5, true, 4.5, -0.2e-3, 0.0}};
   EXPECT_NEAR(slopes(history, stress)[5], 200e3, 1e-6);  // there is no row after it
 
@@ -153,6 +156,29 @@ TEST(Gauge, AHoldHasCorners) {
     const Eigen::VectorXd smooth = smooth_strain(time, truth + drawn(count, noise, seed), {}, noise);
     EXPECT_LT((smooth - truth).cwiseAbs().maxCoeff(), 4.0 * noise) << seed;
     EXPECT_LT((smooth - truth).segment(30, 190).norm(), 0.5 * noise * std::sqrt(190.0)) << seed;
+  }
+}
+
+/// From a ramp to a hold, and on: found between rows, with noise, too; not where a row has it, nor where the rate changes slowly.
+TEST(Gauge, CornersBetweenRowsAreWhereTheLinesMeet) {
+  const auto course = [](double t) { return 1e-3 * (std::min(t, 10.25) + 0.2 * std::max(0.0, t - 30.4)); };
+  const Eigen::VectorXd time = Eigen::VectorXd::LinSpaced(51, 0.0, 50.0), truth = time.unaryExpr(course);
+  for (const double noise : {0.0, 3e-6}) {
+    const auto corners = find_corners(time, truth + drawn(51, noise, 2), {}, noise);
+    ASSERT_EQ(corners.size(), 2U) << noise;
+    const double moments[] = {10.25, 30.4};
+    for (std::size_t k = 0; k < 2; ++k) {
+      EXPECT_NEAR(corners[k].time, moments[k], 1e-9 + 3e4 * noise);
+      EXPECT_NEAR(corners[k].strain, 10.25e-3, 1e-12 + 4.0 * noise);
+      EXPECT_EQ(corners[k].row, static_cast<Eigen::Index>(std::ceil(moments[k])));
+      EXPECT_TRUE(corners[k].between && !corners[k].back);
+    }
+    EXPECT_TRUE(find_corners(time, truth, {{11, false, 11.0, 10.25e-3}, {30, false, 30.0, 10.25e-3}}, noise).empty());  // beside turns
+  }
+  EXPECT_TRUE(find_corners(time, time.unaryExpr([](double t) { return 1e-3 * std::min(t, 10.0); }), {}).empty());
+  for (int apart = 10; apart <= 45; ++apart) {
+    const Eigen::VectorXd few = Eigen::VectorXd::LinSpaced(60, 0.0, 0.01 * apart * 59);
+    EXPECT_TRUE(find_corners(few, few.array().sin().matrix() * 0.01, {}).empty()) << apart;
   }
 }
 

@@ -590,6 +590,75 @@ TEST(CurveExperiment, ViscosityIsFoundInHolds) {
   }
 }
 
+/// Where the strain turned between rows is seen though the force rubs or lags, and friction changes its sign there.
+TEST(CurveExperiment, AForceThatRubsOrLagsTurnsWithTheBar) {
+  const auto triangle = [](double t) { return 0.01 * (1.0 - std::abs(std::fmod(t + 1.0, 4.0) - 2.0)); };
+  const CurveModel m = model(truth);
+  material::BarHistory fine{.time = Eigen::VectorXd::LinSpaced(9001, 0.0, 9.0), .strain = {}};
+  fine.strain = fine.time.unaryExpr(triangle);
+  const Eigen::VectorXd stress = material::pull_bar(*m.extended(material::known_effects()), m.values, fine).kirchhoff;
+  for (const auto& [name, size] : {std::pair<std::string, double>("friction_force", 8.0), std::pair<std::string, double>("force_delay", 0.05)}) {
+    identification::Curve curve;
+    curve.name = "cycle", curve.group = "cycles", curve.engineering = false;
+    curve.history = {.time = Eigen::VectorXd(130), .strain = Eigen::VectorXd(130)};
+    curve.stress.resize(130), curve.use.assign(130, identification::Curve::fitted);
+    for (Eigen::Index row = 0; row < 130; ++row) {
+      const Eigen::Index at = row * 67 + row * row % 17;  // ms
+      const bool back = (at - 1 + 1000) / 2000 % 2 == 1;
+      curve.history.time[row] = 1e-3 * static_cast<double>(at), curve.history.strain[row] = fine.strain[at];
+      curve.stress[row] = name == "force_delay" ? stress[std::max<Eigen::Index>(0, at - 50)] : stress[at] + (row == 0 ? 0.0 : back ? -size : size);
+    }
+    curve.history.turns = identification::find_turns(curve.history.time, curve.history.strain, curve.stress);
+    ASSERT_EQ(curve.history.turns.size(), 4U);
+    for (std::size_t k = 0; k < 4; ++k) EXPECT_NEAR(curve.history.turns[k].strain, k % 2 == 0 ? 0.01 : -0.01, 2e-5) << name << k;
+    if (name == "force_delay") continue;  // its course between rows is taken for straight
+    CurveExperiment experiment(Communicator(), {curve}, model(truth));
+    std::vector<double> values;
+    for (const auto& p : experiment.parameters()) values.push_back(p.info.name == name ? size : p.value);
+    EXPECT_LT((experiment.predict(values).front() - curve.stress).cwiseAbs().maxCoeff(), 0.5) << name;
+  }
+}
+
+/// A viscous bar that is pulled, held and pulled on, sampled at other moments than those at which its rate changes, with noise of strain and stress: what is declared is all there is, and a gauge whose course is smoothed has its corners.
+TEST(CurveExperiment, NoiseOfTheStrainOfAHeldBarIsNoEffect) {
+  constexpr double E = 200e3, eta = 200.0, m = 0.2, dt = 1e-4, spacing = 0.7;
+  CurveModel declared = model(truth);
+  declared.extended = [](std::vector<std::string> effects) {
+    effects.emplace_back("viscosity");
+    return material::make_law({.law = "j2", .hardening = "voce", .effects = effects});
+  };
+  for (std::size_t j = 0; j < declared.values.size(); ++j) {
+    const std::string& name = declared.information[j].name;
+    if (name == "H") declared.free[j] = 0, declared.values[j] = 0.0;
+    if (name == "eta" || name == "m") declared.declared[j] = declared.free[j] = 1, declared.values[j] = name == "m" ? 0.21 : 190.0;
+  }
+  int alarms = 0;
+  for (unsigned seed = 1; seed <= 4; ++seed) {
+    std::mt19937_64 random(seed);
+    std::normal_distribution<double> normal;
+    identification::Curve curve;
+    curve.name = "held", curve.group = "held", curve.deviation = 1.5;
+    constexpr Eigen::Index count = 115;
+    curve.history.time = Eigen::VectorXd::LinSpaced(count, 0.0, spacing * (count - 1)), curve.history.strain = curve.stress = Eigen::VectorXd::Zero(count);
+    double p = 0.0;
+    for (long k = 1; k <= std::lround(spacing / dt) * (count - 1); ++k) {
+      const double t = dt * static_cast<double>(k), strain = 1e-3 * (std::min(t, 20.0) + std::max(0.0, t - 60.0)), now = E * (strain - p);
+      p += dt * std::pow(std::max(0.0, now - (420.0 - 170.0 * std::exp(-18.0 * p))) / eta, 1.0 / m);
+      if (k % std::lround(spacing / dt) != 0) continue;
+      const auto row = static_cast<Eigen::Index>(k / std::lround(spacing / dt));
+      curve.history.strain[row] = strain + 3e-6 * normal(random), curve.stress[row] = E * (strain - p) * std::exp(-strain) + 1.5 * normal(random);
+    }
+    curve.use.assign(count, identification::Curve::fitted);
+    curve.use[0] = identification::Curve::not_judged;
+    read_gauge(curve);
+    CurveExperiment experiment(Communicator(), {curve}, declared);
+    const Report report = loop_on(experiment);
+    alarms += report.verdict == Verdict::nothing_found ? 0 : 1;
+    if (report.verdict != Verdict::nothing_found) std::cout << "[          ] seed " << seed << ": " << report.sentence << "\n";
+  }
+  EXPECT_LE(alarms, 1);
+}
+
 /// A plateau of 4 % bends the declared hardening until S_inf is below S_y: from there its identification stops at a third of it.
 TEST(CurveExperimentNightly, ALargePlateauIsNamedAlone) {
   auto start = truth;  // a declaration is never right
