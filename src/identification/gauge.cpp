@@ -67,7 +67,7 @@ struct Corner {
   double lag = 0.0, if_at_row;  // behind the strain's corner; what of it a turn at the row would make [time]
 };
 
-/// Where the rate of the stress changes most near row `next`, against the way `up` that the strain went: its lines through `before` and `after` rows of [first, last].
+/// Where the rate of the stress changes most near that corner, against the way that the strain went: its lines through `before` and `after` rows of [first, last].
 void find_stress(Corner& corner, const VectorXd& time, const VectorXd& stress, Index first, Index last, Index before, Index after, double rate_to, double rate_back) {
   constexpr Index most = 12;  // rows
   const Index next = corner.between.row;
@@ -183,7 +183,7 @@ std::vector<material::BarTurn> find_turns(const VectorXd& time, const VectorXd& 
 
 namespace {
 
-/// Rows on one line [from, until), as far as `noise` lets tell: y over the rows and what the line leaves of them, from sums about a row.
+/// Rows on one line, as far as `noise` lets tell: least squares of y over x, from sums about a row.
 class Stretch {
  public:
   Stretch(const VectorXd& x, const VectorXd& y, Index row, double noise) : x_(x), y_(y), row_(row), noise_(noise) {}
@@ -220,7 +220,10 @@ double on_line(const VectorXd& time, const VectorXd& strain, Index row, Index fr
   constexpr double part = 1.0 / 12.0;
   constexpr Index most = 201;
   if (until - from < 3) return strain[row];
-  const auto bend = [&](Index first) { return std::abs(distances(time.segment(first, 3), strain.segment(first, 3)).empty() ? INFINITY : distances(time.segment(first, 3), strain.segment(first, 3)).front()); };
+  const auto bend = [&](Index first) {
+    const auto distance = distances(time.segment(first, 3), strain.segment(first, 3));
+    return distance.empty() ? INFINITY : std::abs(distance.front());
+  };
   Index first = std::clamp(row - 1, from, until - 3);
   if (bend(first) > 3.0 * noise)
     for (const Index other : {row - 2, row})

@@ -41,8 +41,8 @@ class Bar {
   Bar(const FiniteStrainLaw& law, std::span<const double> parameters, double direction, std::span<const int> free)
       : law_(law),
         parameters_(parameters),
-        plastic_strain_(hardens_with_rate(law, parameters) ? law.plastic_strain_index() : -1),
         free_(free),
+        plastic_strain_(hardens_with_rate(law, parameters) ? law.plastic_strain_index() : -1),
         old_(static_cast<std::size_t>(law.history_size())),
         new_(old_),
         dF_(free.size() + 3, Matrix3::Zero()),

@@ -19,7 +19,7 @@ namespace imic3d::identification {
 
 /// Turns of a test [rows: time, strain, stress] of more than eight times the strain's `noise`. Where the strain goes at one rate before and at one after (alike in both halves of five rows, or of as many as noise asks for, to 5 % and what that
 /// makes of it) it turned where the two lines meet, if the stress does not change rather as on the straight way from row to row; the deviation is what the noise makes of the lines, and a tenth of the way from the row to there, as
-/// corners are rounded - one half of it where the noise of the stress lets both be. Elsewhere it turned at a row, and further by what the parabola through the three rows goes further, as a deviation; where there are too few rows, by half of what a corner between them would.
+/// corners are rounded - one half of it where the noise of the stress lets both be. Where the stress's own corners lie behind (before) those of the strain by one time at three turns and more, as a delayed force or friction puts them, that is taken off first. Elsewhere it turned at a row, and further by what the parabola through the three rows goes further, as a deviation; where there are too few rows, by half of what a corner between them would.
 [[nodiscard]] std::vector<material::BarTurn> find_turns(const Eigen::VectorXd& time, const Eigen::VectorXd& strain, const Eigen::VectorXd& stress, double noise = 0.0);
 
 /// Where the strain goes on at another rate between two rows, as from a ramp to a hold: where the lines through four rows before and four after meet, of which no row is off by more than noise or a fiftieth of the

@@ -62,7 +62,7 @@ struct Untested {
 /// A model: which candidates it contains, and what the data say of it.
 struct Model {
   std::vector<int> added;       ///< candidates, in the order of their addition
-  std::vector<int> idle;        ///< parameters of these that the data do not tell: sizes at their null values, shapes where they were
+  std::vector<int> idle;        ///< parameters of these that the data do not tell, at their null or usual values
   Fit fit;
   Eigen::MatrixXd covariance;   ///< of the free parameters, from the null draws [free x free]
   Misfit misfit;
