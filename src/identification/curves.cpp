@@ -16,7 +16,8 @@
 namespace imic3d::identification {
 
 void read_gauge(Curve& curve, bool timed) {
-  auto& [time, strain, direction, turns] = curve.history;
+  auto &time = curve.history.time, &strain = curve.history.strain;
+  auto& turns = curve.history.turns;
   curve.strain_noise = timed ? strain_noise(time, strain, curve.stress) : 0.0;
   turns = find_turns(time, strain, curve.stress, curve.strain_noise);
   if (timed) {

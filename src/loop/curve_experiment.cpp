@@ -119,7 +119,7 @@ Eigen::VectorXd way_of(const Eigen::VectorXd& y, double play = 0.0) {
 /// With the turns that lie between two rows as rows; `rows`: which ones are those of `history`.
 material::BarHistory with_turns(const material::BarHistory& history, std::vector<Eigen::Index>* rows = nullptr) {
   const Eigen::Index between = std::count_if(history.turns.begin(), history.turns.end(), [](const auto& turn) { return turn.between; }), count = history.strain.size();
-  material::BarHistory all{.time = Eigen::VectorXd(count + between), .strain = Eigen::VectorXd(count + between), .direction = history.direction};
+  material::BarHistory all{.time = Eigen::VectorXd(count + between), .strain = Eigen::VectorXd(count + between), .direction = history.direction, .turns = {}, .compliance = history.compliance};
   auto turn = history.turns.begin();
   Eigen::Index at = 0;
   const auto pass = [&](double time, double strain) { all.time[at] = time, all.strain[at++] = strain; };
@@ -268,15 +268,22 @@ CurveExperiment::Law CurveExperiment::law_of(const std::vector<double>& values) 
 
 Eigen::VectorXd CurveExperiment::true_strain(std::size_t curve, const std::vector<double>& values) const {
   Eigen::VectorXd strain = curves_[curve].history.strain;
-  for (std::size_t e = 0; e < effects_.size(); ++e) effects_[e]->gauge(values_of(e, values), scenes_[curve], strain);
+  for (std::size_t e = 0; e < effects_.size(); ++e) effects_[e]->gauge(values_of(e, values), strain);
   strain[0] = curves_[curve].history.strain[0];  // the virgin state
   return strain;
+}
+
+double CurveExperiment::compliance(const std::vector<double>& values) const {
+  double sum = 0.0;
+  for (std::size_t e = 0; e < effects_.size(); ++e) sum += effects_[e]->gives_way(values_of(e, values));
+  return sum;
 }
 
 material::BarHistory CurveExperiment::true_history(std::size_t curve, const std::vector<double>& values) const {
   material::BarHistory history = curves_[curve].history;
   const Eigen::VectorXd& recorded = curves_[curve].history.strain;
   history.strain = true_strain(curve, values);
+  history.compliance = compliance(values);
   // What a gauge errs by at a turn goes on from the row before it and one that is as far from that as the turn: in a hold the strain stands still from row to row.
   const Eigen::VectorXd shift = history.strain - recorded;
   for (auto& turn : history.turns) {
@@ -371,7 +378,7 @@ std::vector<Eigen::VectorXd> CurveExperiment::residuals_near(const std::vector<d
   std::vector<std::vector<std::pair<Eigen::Index, double>>> moves(sets.size());
   std::vector<std::size_t> far;
   for (std::size_t s = 0; s < sets.size(); ++s) {
-    bool near = law_of(sets[s]).effects == law.effects;
+    bool near = law_of(sets[s]).effects == law.effects && compliance(sets[s]) == compliance(values);
     for (std::size_t k = 0; near && k < curves_.size(); ++k) near = true_strain(k, sets[s]) == true_strain(k, values);
     if (!near) {
       far.push_back(s);

@@ -33,12 +33,13 @@ TEST(Bar, TensionFollowsTheClosedForm) {
   }
 }
 
-TEST(Bar, DerivativesMatchDifferencesOfTheWholePath) {
+void expect_derivatives(double of_train) {
   for (const auto& effect : testing::effect_cases()) {
     const testing::Case c = effect.made();
     std::vector<int> free;
     for (std::size_t i = 0; i < c.parameters.size(); ++i) free.push_back(static_cast<int>(i));
-    const BarHistory history = cycle(30.0);
+    BarHistory history = cycle(30.0);
+    history.compliance = of_train;
     const BarOptions options{.largest_step = 0.01, .given_steps = true};
     const BarResponse r = pull_bar(*c.law, c.parameters, history, free, options);
     ASSERT_EQ(r.rows, history.strain.size()) << c.name;
@@ -62,6 +63,26 @@ TEST(Bar, DerivativesMatchDifferencesOfTheWholePath) {
       EXPECT_TRUE(errors.error.front() > 10.0 * errors.error[best] || errors.error.front() < 1e-7)
           << what << errors.table();
     }
+  }
+}
+
+TEST(Bar, DerivativesMatchDifferencesOfTheWholePath) { expect_derivatives(0.0); }
+
+TEST(Bar, DerivativesMatchThoseOfABarWhoseLoadTrainGivesWay) { expect_derivatives(4e-6); }
+
+/// The strain of a gauge that is longer by compliance times force, of a path of the bar alone.
+TEST(Bar, ALoadTrainTakesItsShareOfTheStrain) {
+  constexpr double compliance = 4e-6;
+  for (const testing::Case& c : testing::plastic_cases()) {
+    const BarResponse alone = pull_bar(*c.law, c.parameters, cycle());
+    BarHistory shown = cycle();
+    shown.strain = (shown.strain.array().exp() + compliance * alone.engineering.array()).log();
+    shown.compliance = compliance;
+    const BarResponse r = pull_bar(*c.law, c.parameters, shown);
+    ASSERT_EQ(r.rows, 12) << c.name;
+    EXPECT_LT((r.engineering - alone.engineering).norm(), 1e-9 * alone.engineering.norm()) << c.name;
+    EXPECT_LT((r.kirchhoff.array() - alone.engineering.array() * shown.strain.array().exp()).matrix().norm(), 1e-9 * alone.kirchhoff.norm()) << c.name;
+    EXPECT_LT((r.plastic_strain - alone.plastic_strain).norm(), 1e-9) << c.name;
   }
 }
 

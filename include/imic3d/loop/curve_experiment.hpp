@@ -99,6 +99,8 @@ class CurveExperiment final : public Experiment {
   [[nodiscard]] Law law_of(const std::vector<double>& values) const;
   /// The strain that the extensometer did not show [rows].
   [[nodiscard]] Eigen::VectorXd true_strain(std::size_t curve, const std::vector<double>& values) const;
+  /// Of grips and load train [length^2/force].
+  [[nodiscard]] double compliance(const std::vector<double>& values) const;
   /// What the gauge of a curve is taken for to have gone through.
   [[nodiscard]] material::BarHistory true_history(std::size_t curve, const std::vector<double>& values) const;
   /// Stress at the rows of a curve, and where it turned between them, before it is recorded, and its derivatives by `free` parameters of the law [rows and turns x 1 + free]; empty if the law cannot follow.

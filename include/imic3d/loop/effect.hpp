@@ -137,9 +137,10 @@ class Effect {
   virtual void record(Values, const Scene&, Eigen::VectorXd& /*force*/) const {}
   /// Record: standard deviation of what the effect leaves unknown of the force that is recorded in each frame [frames, force]; empty where it leaves nothing.
   [[nodiscard]] virtual Eigen::VectorXd unknown_in_record(Values, const Scene&) const { return {}; }
-  /// Record of a uniform test: turns the recorded strain of a bar [rows] into that of its material; Scene::force is the recorded
-  /// stress.
-  virtual void gauge(Values, const Scene&, Eigen::VectorXd& /*strain*/) const {}
+  /// Record of a uniform test: turns the recorded logarithmic strain of a bar [rows] into that of its material.
+  virtual void gauge(Values, Eigen::VectorXd& /*strain*/) const {}
+  /// Record of a uniform test: recorded engineering strain per engineering stress, of what gives way beside the bar.
+  [[nodiscard]] virtual double gives_way(Values) const { return 0.0; }
   /// Whether it acts on uniform tests too, where there is no surface.
   [[nodiscard]] virtual bool acts_on_curves() const { return false; }
   /// Numerics: what the simulation is made of with the effect at one; a prediction between is interpolated.

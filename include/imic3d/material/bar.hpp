@@ -24,6 +24,8 @@ struct BarHistory {
   Eigen::VectorXd strain;  ///< ln(length / length_0) [rows, -]
   double direction = 0.0;  ///< of the bar in the plane of the law's axes x, y, counter-clockwise from x [degree]
   std::vector<BarTurn> turns = {};  ///< in order
+  /// Of grips and load train between the gauge's ends: what it shows of the length over length_0 beyond the bar's own, per engineering stress [length^2/force].
+  double compliance = 0.0;
 };
 
 struct BarOptions {
@@ -36,7 +38,7 @@ struct BarOptions {
 struct BarResponse {
   Eigen::Index rows = 0;  ///< all of them, or those before the law could not follow
   Eigen::VectorXd
-      kirchhoff;  ///< axial Kirchhoff stress [rows]: the force over the first section, times length/length_0
+      kirchhoff;  ///< axial Kirchhoff stress [rows]: the force over the first section, times length/length_0 that the gauge shows
   Eigen::VectorXd engineering;     ///< force over the first section [rows]
   Eigen::MatrixXd lateral;         ///< logarithmic strains across, in the plane and out of it [rows x 2]
   Eigen::VectorXd plastic_strain;  ///< accumulated, 0 for an elastic law [rows]

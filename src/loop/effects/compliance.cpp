@@ -13,7 +13,7 @@ class Compliance final : public Effect {
     const double largest = scene.force.cwiseAbs().maxCoeff();
     return {.name = "compliance",
             .link = Link::record,
-            .quantities = {{.name = "compliance", .unit = "1/stress", .description = "recorded strain per stress beyond that of the bar", .step = 1e-6 / largest, .size = 1e-3 / largest, .lower = 0.0, .upper = 0.03 / largest}},
+            .quantities = {{.name = "compliance", .unit = "1/stress", .description = "recorded engineering strain per stress, beyond that of the bar", .step = 1e-6 / largest, .size = 1e-3 / largest, .lower = 0.0, .upper = 0.03 / largest}},
             .sentence = "the recorded strain contains that of grips and load train",
             .confused_with = "E",
             .separated_by = "an extensometer on the bar; a handbook value of E",
@@ -22,7 +22,7 @@ class Compliance final : public Effect {
   }
   [[nodiscard]] bool applies(const Scene& scene) const override { return scene.surface == nullptr; }
   [[nodiscard]] bool acts_on_curves() const override { return true; }
-  void gauge(Values values, const Scene& scene, Eigen::VectorXd& strain) const override { strain -= values[0] * scene.force; }
+  [[nodiscard]] double gives_way(Values values) const override { return values[0]; }
 };
 
 }  // namespace
