@@ -145,7 +145,7 @@ double robust_deviation(std::vector<double>& sizes) {
 }
 }  // namespace
 
-double point_noise(const Curve& curve) { return point_noise(curve.history.strain, curve.stress); }
+double point_noise(const Curve& curve) { return noise_of_course(curve.history.strain, curve.stress); }
 
 std::vector<double> distances(const Eigen::VectorXd& x, const Eigen::VectorXd& y, const std::function<bool(Eigen::Index)>& counts) {
   std::vector<double> distance;
@@ -175,6 +175,24 @@ double clipped_deviation(std::vector<double> distance) {
 
 double point_noise(const Eigen::VectorXd& x, const Eigen::VectorXd& y) {
   return clipped_deviation(distances(x, y));
+}
+
+double noise_of_course(const Eigen::VectorXd& x, const Eigen::VectorXd& y) {
+  const double of_line = point_noise(x, y);
+  constexpr std::size_t enough = 10;
+  std::vector<double> distance;
+  for (Eigen::Index i = 2; i + 2 < x.size(); ++i) {
+    const Eigen::Vector4d at(x[i - 2], x[i - 1], x[i + 1], x[i + 2]);
+    if (!((at.array() < x[i]) == Eigen::Array<bool, 4, 1>(true, true, false, false)).all() && !((at.array() > x[i]) == Eigen::Array<bool, 4, 1>(true, true, false, false)).all()) continue;
+    Eigen::Vector4d share = Eigen::Vector4d::Ones();  // Lagrange's
+    for (int k = 0; k < 4; ++k)
+      for (int m = 0; m < 4; ++m)
+        if (m != k) share[k] *= (x[i] - at[m]) / (at[k] - at[m]);
+    if (share.allFinite()) distance.push_back(std::abs(y[i] - share.dot(Eigen::Vector4d(y[i - 2], y[i - 1], y[i + 1], y[i + 2]))) / std::sqrt(1.0 + share.squaredNorm()));
+  }
+  const double of_cubic = robust_deviation(distance);
+  constexpr double bent = 0.75;
+  return distance.size() >= enough && of_cubic < bent * of_line ? of_cubic : of_line;
 }
 
 Eigen::VectorXd slopes(const material::BarHistory& history, const Eigen::VectorXd& stress, double steepest) {

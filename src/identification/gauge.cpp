@@ -112,17 +112,24 @@ void take_off_lag(std::vector<Corner>& corners, double noise, double beyond_chan
 }  // namespace
 
 double strain_noise(const VectorXd& time, const VectorXd& strain, const VectorXd& stress) {
-  const double of_strain = point_noise(time, strain), of_stress = point_noise(time, stress);
+  constexpr double far = 3.0, of_the_rest = 0.98660;  // root of E z^2 of a standard normal number that is less
+  const std::vector<double> strains = distances(time, strain), stresses = distances(time, stress);
+  std::vector<double> sizes;
+  for (double d : strains) sizes.push_back(std::abs(d));
+  double of_strain = sizes.empty() ? 0.0 : median(sizes) / 0.6745;
+  for (int iteration = 0; iteration < 20; ++iteration) {
+    double squares = 0.0, count = 0.0;
+    for (double d : strains)
+      if (std::abs(d) < far * of_strain) squares += d * d, count += 1.0;
+    of_strain = std::sqrt(squares / std::max(1.0, count)) / of_the_rest;
+  }
   if (of_strain <= 1e-12 * strain.cwiseAbs().maxCoeff()) return 0.0;  // of round-off
-  const auto clipped = [&](const VectorXd& y, double noise) {
-    std::vector<double> distance = distances(time, y);
-    for (double& d : distance) d = noise > 0.0 ? std::clamp(d / noise, -3.0, 3.0) : 0.0;
-    return distance;
-  };
-  const std::vector<double> strains = clipped(strain, of_strain), stresses = clipped(stress, of_stress);
+  const double of_stress = point_noise(time, stress);
   double square = 0.0, against = 0.0, of_the_stress = 0.0, together = 0.0, last = 0.0;
   for (std::size_t i = 0; i < strains.size(); ++i) {
-    const double d = strains[i], s = stresses[i];
+    // What is farther is a corner of the course.
+    const bool corner = std::abs(strains[i]) >= far * of_strain;
+    const double d = corner ? 0.0 : strains[i] / of_strain, s = corner || !(of_stress > 0.0) ? 0.0 : std::clamp(stresses[i] / of_stress, -far, far);
     square += d * d, against -= 1.5 * d * last, of_the_stress += s * s, together += d * s;
     last = d;
   }
@@ -131,8 +138,8 @@ double strain_noise(const VectorXd& time, const VectorXd& strain, const VectorXd
 }
 
 std::vector<material::BarTurn> find_turns(const VectorXd& time, const VectorXd& strain, const VectorXd& stress, double noise) {
-  constexpr double rounded = 0.1, of_row = 0.02;
-  const double of_stress = point_noise(strain, stress), told = 6.0 * std::sqrt(2.0) * of_stress;  // by the noise of two rows, beyond chance
+  constexpr double rounded = 0.1, round_off = 1e-9;
+  const double of_stress = noise_of_course(strain, stress), told = 6.0 * std::sqrt(2.0) * of_stress;  // by the noise of two rows, beyond chance
   const std::vector<Index> rows = turning_rows(strain, 8.0 * noise);
   std::vector<material::BarTurn> turns;
   std::vector<Corner> corners;
@@ -162,7 +169,7 @@ std::vector<material::BarTurn> find_turns(const VectorXd& time, const VectorXd& 
     const double of_lines = std::sqrt((back->slope * back->slope * to->variance(meet, noise) + to->slope * to->slope * back->variance(meet, noise)) / (apart * apart));
     const Index nearer = later ? next - 1 : next;
     turn = {nearer, false, time[nearer], noise > 0.0 ? on_line : strain[nearer], of_lines};
-    if (further < of_row * std::abs(to->slope) * (time[next] - time[next - 1])) continue;
+    if (further < round_off * std::abs(to->slope) * (time[next] - time[next - 1])) continue;
     const auto slope = [&](Index first_row, Index count) { return Line(strain.segment(first_row, count), stress.segment(first_row, count)).slope; };
     const Index near_to = std::max<Index>(3, enough(step_to, noise, 0.05, before)), near_back = std::max<Index>(3, enough(step_back, noise, 0.05, after));  // before a corner of the curve, where it can be
     const double slope_to = slope(from + before - near_to, near_to), slope_back = slope(until, near_back), change = stress[next] - stress[next - 1];

@@ -178,6 +178,16 @@ class Bar {
   State x_ = State::Zero(), course_{-0.5, -0.5, 0.0, 1.0};  // the next step goes on as the last one did
 };
 
+/// How fast the fastest back-stress fades, per plastic strain; 0: there is none.
+double fading(const FiniteStrainLaw& law, std::span<const double> parameters) {
+  double fastest = 0.0;
+  for (std::size_t i = 0; i < parameters.size(); ++i) {
+    const ParameterInfo& info = law.parameters()[i];
+    if (info.name.starts_with("gamma_") && has(law, parameters, {info.effect})) fastest = std::max(fastest, parameters[i]);
+  }
+  return fastest;
+}
+
 /// Every step that `options` leave of a row in `parts`.
 BarResponse in_steps(const FiniteStrainLaw& law, std::span<const double> parameters, const BarHistory& history,
                      std::span<const int> free, const BarOptions& options, int parts) {
@@ -190,9 +200,13 @@ BarResponse in_steps(const FiniteStrainLaw& law, std::span<const double> paramet
       .plastic_strain = Eigen::VectorXd::Constant(n, std::nan("")),
       .derivatives = Eigen::MatrixXd::Constant(n, static_cast<Eigen::Index>(free.size()), std::nan(""))};
   Bar bar(law, parameters, history, free);
+  // A tenth of a back-stress at most fades in a step.
+  constexpr double part = 0.1, least = 1.0 / 32.0;
+  const double fades = options.given_steps ? 0.0 : fading(law, parameters);
+  const double longest = std::clamp(fades > 0.0 ? part / fades : options.largest_step, least * options.largest_step, options.largest_step);
   const auto reach = [&](double strain, double duration) {
     const double from = bar.shown(), way = strain - from;
-    int count = std::max(1, static_cast<int>(std::ceil(std::abs(way) / options.largest_step - 1e-9))) * parts, halvings = 0;
+    int count = std::max(1, static_cast<int>(std::ceil(std::abs(way) / longest - 1e-9))) * parts, halvings = 0;
     for (int k = 1; k <= count;) {
       if (bar.step(k == count ? strain : from + way * k / count, duration / count, !options.given_steps && halvings < options.most_halvings)) {
         // Short steps where they are needed only: one corner of the curve would else cost thousands of them to the end of its row.

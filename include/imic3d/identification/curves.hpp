@@ -86,11 +86,12 @@ class CurveSet {
 
 /// Distances of the values y at x to the line through their neighbours, over the deviation of such a distance of independent values of deviation one [rows between two others that x goes on through and that `counts`].
 [[nodiscard]] std::vector<double> distances(const Eigen::VectorXd& x, const Eigen::VectorXd& y, const std::function<bool(Eigen::Index)>& counts = {});
-/// Noise of the points of a curve [stress]: from each point's distance to the line through its neighbours, robust
-/// (Huber's proposal 2, 1964: distances beyond three standard deviations count as three).
-[[nodiscard]] double point_noise(const Curve& curve);
-/// The same of values y at strains x [points].
+/// Noise of values y at x [points]: from each one's distance to the line through its neighbours, robust (Huber's proposal 2, 1964: distances beyond three standard deviations count as three).
 [[nodiscard]] double point_noise(const Eigen::VectorXd& x, const Eigen::VectorXd& y);
+/// The same of a course that bends from row to row: from the distances to the cubic through two rows on either side, their median, where that is less than three quarters of it.
+[[nodiscard]] double noise_of_course(const Eigen::VectorXd& x, const Eigen::VectorXd& y);
+/// Noise of the points of a curve [stress], which bends.
+[[nodiscard]] double point_noise(const Curve& curve);
 /// How a bar's stress rises with its strain from the row before, d(stress)/d(strain) [rows, stress]; where the strain stands still as in the row before, and as in the row after where it turned back between the two.
 /// Nowhere more than `steepest`, E of a law: where a hold relaxes the stress does not change by what the strain does.
 [[nodiscard]] Eigen::VectorXd slopes(const material::BarHistory& history, const Eigen::VectorXd& stress, double steepest = INFINITY);
