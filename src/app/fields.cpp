@@ -207,6 +207,8 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
     if (record.frame < data.frames.front()) data.start_time = record.time;
   if (data.start_time >= data.time[0] && frames > 1) data.start_time = data.time[0] - (data.time[1] - data.time[0]);
   data.reference_time = time_of_field_reference(test, reference, data.start_time);
+  if (test.loads.noise)
+    for (const std::size_t f : at_rest) data.force_at_rest.conservativeResize(data.force_at_rest.size() + 1), data.force_at_rest.tail(1)[0] = test.load(static_cast<int>(f)).force;
   data.force_noise = test.loads.records.empty() ? INFINITY : test.loads.noise.value_or(1e-3 * data.force.cwiseAbs().maxCoeff());
 
   auto measure = std::make_shared<correlation::Measure>(correlation::Measure{.surface = face, .dofs_per_node = 2, .M = data.faces.front().M, .smoothing_weight = weight});

@@ -88,6 +88,7 @@ loop::FieldData field_data(const Communicator& world, Observation& seen, const i
   data.force = record.force.head(frames);
   data.start_time = record.start_time, data.reference_time = reference_time(test);
   data.force_noise = force_noise(seen, test);
+  data.force_at_rest = force_at_rest(test);
   return data;
 }
 

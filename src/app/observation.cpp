@@ -283,6 +283,14 @@ std::vector<std::string> doubts_of(const io::Case& test, const Observation& seen
   auto doubts = test.doubts;
   for (const auto& face : seen.faces) doubts.insert(doubts.end(), face.rig->doubts.begin(), face.rig->doubts.end());
   if (!seen.left_out.empty()) doubts.push_back(seen.left_out);
+  if (const Eigen::VectorXd force = force_at_rest(test); force.size() > 0) {
+    constexpr double beyond_chance = 3.5;
+    const double noise = force_noise(seen, test) / std::sqrt(static_cast<double>(force.size()));
+    if (std::abs(force.mean()) > beyond_chance * noise) {
+      doubts.push_back(fmt::format("the load record reads {:.4g} +- {:.2g} {} while the reference was taken, where displacement and simulated force are zero: a zero of the load cell, or a load that the specimen bore already", force.mean(), noise, test.units.force));
+      spdlog::warn("{}", doubts.back());
+    }
+  }
   return doubts;
 }
 
@@ -538,6 +546,15 @@ identification::ImageData make_image_data(const Observation& observation, const 
     return all;
   };
   return data;
+}
+
+Eigen::VectorXd force_at_rest(const io::Case& test) {
+  const auto& reference = test.cameras.front().reference;
+  constexpr std::size_t tell_their_noise = 10;
+  if (test.loads.records.empty() || (!test.loads.noise && reference.size() < tell_their_noise)) return {};
+  Eigen::VectorXd force(static_cast<Eigen::Index>(reference.size()));
+  std::transform(reference.begin(), reference.end(), force.begin(), [&](int number) { return test.load(test.index_of(number)).force; });
+  return force;
 }
 
 double force_noise(const Observation& observation, const io::Case& test) {

@@ -210,7 +210,8 @@ void GlobalDic::require_sight(const Level& level, const std::vector<View>& views
 // A thousandth of the smoothing lets nodes without any pixel be told like the others.
 void GlobalDic::calm(Level& level, const Eigen::SparseMatrix<double>& M, const Eigen::SparseMatrix<double>& energy) {
   const Cameras& cameras = *level.cameras;
-  const Factor judged(M + level.smoothing + 1e-3 * cameras.smoothing_weight(2.0 * mean_edge(cameras.surface())) * energy);
+  // Without the regularisation that was asked for: the ends are smoothed, and their noise is drawn, by what the pixels alone say.
+  const Factor judged(M + Eigen::SparseMatrix<double>(level.smoothing - level.chosen) + 1e-3 * cameras.smoothing_weight(2.0 * mean_edge(cameras.surface())) * energy);
   if (judged.info() != Eigen::Success) return;
   const std::vector<int> nodes = noisy_nodes(diagonal_of_inverse(judged), cameras.dofs_per_node());
   if (nodes.empty() || 4 * static_cast<int>(nodes.size()) > cameras.nodes()) return;  // more than a contour: no continuation makes up for speckle

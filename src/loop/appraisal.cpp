@@ -75,16 +75,17 @@ Appraisal::Appraisal(Experiment& experiment, const std::vector<char>& held_out, 
 
 Appraisal::Known Appraisal::known(const Model& model) const {
   const Fit& fit = model.fit;
-  std::vector<std::size_t> places;
-  for (std::size_t i = 0; i < fit.free.size(); ++i)
-    if (experiment_.parameters()[static_cast<std::size_t>(fit.free[i])].prior > 0.0) places.push_back(i);
-  const auto count = static_cast<Eigen::Index>(places.size());
-  Known result{Eigen::VectorXd(count), Eigen::MatrixXd::Zero(count, static_cast<Eigen::Index>(fit.free.size())), Eigen::MatrixXd(count, model.ground->null.cols())};
+  const auto& parameters = experiment_.parameters();
+  const auto place_of = [&](int j) { return std::find(fit.free.begin(), fit.free.end(), j) - fit.free.begin(); };
+  std::vector<int> of;
+  for (int j = 0; j < static_cast<int>(parameters.size()); ++j)
+    if (const Parameter& p = parameters[static_cast<std::size_t>(j)]; p.prior > 0.0 && (p.reading || place_of(j) < std::ssize(fit.free))) of.push_back(j);
+  const auto count = std::ssize(of);
+  Known result{of, Eigen::VectorXd(count), Eigen::MatrixXd::Zero(count, std::ssize(fit.free)), Eigen::MatrixXd(count, model.ground->null.cols())};
   for (Eigen::Index k = 0; k < count; ++k) {
-    const auto i = places[static_cast<std::size_t>(k)], j = static_cast<std::size_t>(fit.free[i]);
-    const Parameter& p = experiment_.parameters()[j];
-    result.residual[k] = (p.value - fit.values[j]) / p.prior;
-    result.sensitivity(k, static_cast<Eigen::Index>(i)) = 1.0 / p.prior;
+    const auto j = static_cast<std::size_t>(of[static_cast<std::size_t>(k)]);
+    result.residual[k] = (parameters[j].expected() - fit.values[j]) / parameters[j].prior;
+    if (const auto i = place_of(static_cast<int>(j)); i < std::ssize(fit.free)) result.sensitivity(k, i) = 1.0 / parameters[j].prior;
   }
   std::mt19937_64 random(13);
   std::normal_distribution<double> normal;
@@ -209,8 +210,11 @@ void Appraisal::trace(Model& model) const {
       model.untested.push_back({model.others[i], why_without(signatures[i], step)});
       continue;
     }
+    Eigen::MatrixXd of_prior = Eigen::MatrixXd::Zero(prior.residual.size(), signature.cols());
+    for (std::size_t c = 0; c < its.size() && its.size() == static_cast<std::size_t>(signature.cols()); ++c)
+      if (const auto read = std::find(prior.of.begin(), prior.of.end(), its[c]); read != prior.of.end()) of_prior(read - prior.of.begin(), static_cast<Eigen::Index>(c)) = 1.0 / experiment_.parameters()[static_cast<std::size_t>(its[c])].prior;
     const auto with_prior = [&](const Eigen::MatrixXd& columns) { return stacked(columns, Eigen::MatrixXd::Zero(prior.residual.size(), columns.cols())); };
-    problem.signatures.push_back(with_prior(signature));
+    problem.signatures.push_back(stacked(signature, of_prior));
     const Eigen::MatrixXd none(signatures[i].columns.rows(), 0), &elsewhere = signatures[i].elsewhere.size() > 0 ? signatures[i].elsewhere : none;
     problem.elsewhere.push_back(with_prior(elsewhere(rows_, Eigen::all)));
     problem.held_out.elsewhere.emplace_back(elsewhere(held_rows_, Eigen::all));

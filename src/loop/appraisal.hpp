@@ -37,6 +37,7 @@ class Appraisal {
  private:
   /// What is known of the free parameters beforehand is data beside the others.
   struct Known {
+    std::vector<int> of;          // which parameter [priors]
     Eigen::VectorXd residual;     // [priors]
     Eigen::MatrixXd sensitivity;  // [priors x free]
     Eigen::MatrixXd null;         // [priors x draws]

@@ -125,7 +125,10 @@ void FieldExperiment::make_candidates() {
       } else {
         candidate.parameters.push_back(place);
       }
-      parameters_.back().info.name = key_of(which) + q.name;
+      Parameter& its = parameters_.back();
+      its.info.name = key_of(which) + q.name;
+      if (const Eigen::VectorXd& read = measured_.force_at_rest; q.read_at_rest && read.size() > 0 && its.prior == 0.0 && (its.free || its.value == q.null))
+        its.reading = read.mean(), its.prior = measured_.force_noise / std::sqrt(static_cast<double>(read.size()));
     }
     if (candidate.parameters.size() == description.quantities.size()) candidate.elsewhere = description.elsewhere;
     candidate.changes_path = description.changes_path;

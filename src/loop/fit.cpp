@@ -237,9 +237,9 @@ Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::I
   const auto unknowns = static_cast<Eigen::Index>(free.size());
   const auto prior_cost = [&](const std::vector<double>& values) {
     double sum = 0.0;
-    for (int j : free) {
+    for (int j = 0; j < static_cast<int>(parameters.size()); ++j) {
       const Parameter& p = parameters[static_cast<std::size_t>(j)];
-      if (p.prior > 0.0) sum += std::pow((values[static_cast<std::size_t>(j)] - p.value) / p.prior, 2);
+      if (p.prior > 0.0 && (p.reading || std::find(free.begin(), free.end(), j) != free.end())) sum += std::pow((values[static_cast<std::size_t>(j)] - p.expected()) / p.prior, 2);
     }
     return sum;
   };
@@ -266,7 +266,7 @@ Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::I
       const auto k = static_cast<std::size_t>(free[static_cast<std::size_t>(j)]);
       const Parameter& p = parameters[k];
       const double value = result.values[k], size = std::abs(value);
-      if (p.prior > 0.0) H(j, j) += 1.0 / (p.prior * p.prior), b[j] -= (value - p.value) / (p.prior * p.prior);
+      if (p.prior > 0.0) H(j, j) += 1.0 / (p.prior * p.prior), b[j] -= (value - p.expected()) / (p.prior * p.prior);
       // A parameter changes by no more than half; a shape may lie anywhere over decades; the size of an effect is free.
       const double down = p.info.shape ? (size > 0.0 ? 0.7 * size : 0.1 * p.info.scale) : p.info.null_value ? INFINITY : std::max(0.5 * size, 0.1 * std::abs(p.value));
       const double up = p.info.shape && size > 0.0 ? 2.0 * size : down;

@@ -201,7 +201,7 @@ BarResponse in_steps(const FiniteStrainLaw& law, std::span<const double> paramet
       .derivatives = Eigen::MatrixXd::Constant(n, static_cast<Eigen::Index>(free.size()), std::nan(""))};
   Bar bar(law, parameters, history, free);
   // A tenth of a back-stress at most fades in a step.
-  constexpr double part = 0.1, least = 1.0 / 32.0;
+  constexpr double part = 0.1, least = 1.0 / 8.0;
   const double fades = options.given_steps ? 0.0 : fading(law, parameters);
   const double longest = std::clamp(fades > 0.0 ? part / fades : options.largest_step, least * options.largest_step, options.largest_step);
   const auto reach = [&](double strain, double duration) {

@@ -116,6 +116,23 @@ TEST(GlobalDic, NodesWithoutPixelsOfTheirOwnContinueTheirNeighbours) {
   }
 }
 
+/// Regularisation moves nodes that no pixel tells of; what the pixels tell of the ends is smoothed, and drawn, without it.
+TEST(GlobalDic, PixelsAloneMeasureWithRegularisationToo) {
+  mesh::Mesh quads = rectangle(20, 20, 140, 140, 10, 10);
+  for (int i = 0; i < 11; ++i) quads.nodes(i, 1) = 32.0 - 2.5;  // a border of 3 px leaves this row nothing
+  const Image f = scene().reference;
+  for (const double regularisation : {0.0, 30.0}) {
+    DicOptions options{.low_pass = 1.0, .border = 3.0};
+    options.regularisation = regularisation;
+    const GlobalDic dic(quads, *camera(), f, options, "mesh");
+    const Measure measure = measured_by(dic.cameras(), dic.held());
+    const Eigen::MatrixXd noise = noise_draws(measure, 0.01 * 65535, 50);
+    EXPECT_LT(noise.cwiseAbs().maxCoeff(), 3.0) << regularisation;  // [px]
+    const auto cut_offs = cut_offs_of_least_error(measure, noise, {0, 1, 2, 60}, Eigen::VectorXd::Constant(50, 0.01 * 65535), 60.0);
+    EXPECT_EQ(cut_offs.size(), 50U) << regularisation;
+  }
+}
+
 /// Measured over predicted standard deviation of the displacement over 100 draws.
 void noise_is_the_one_predicted(double low_pass) {
   const Speckle speckle(110, 110, 1.7, 5);

@@ -84,6 +84,9 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
 /// Noise of the displacement that drives the simulation in the frame of median smoothing [unknowns x draws, length].
 [[nodiscard]] Eigen::MatrixXd driving_noise(const Observation& observation, int draws = 64);
 
+/// What the load cell reads of the frames of the reference [frames, force]; empty where its noise is not known.
+[[nodiscard]] Eigen::VectorXd force_at_rest(const io::Case& test);
+
 /// Standard deviation of the load cell [force]: given, else that of the static frames, else 0.1 % of the largest force.
 [[nodiscard]] double force_noise(const Observation& observation, const io::Case& test);
 

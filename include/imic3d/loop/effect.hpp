@@ -94,6 +94,7 @@ class Effect {
     double lower, upper;
     bool shape = false;  ///< says how the effect acts, not how much: ParameterInfo::shape
     double scale = 0.0;  ///< of a shape: a usual size
+    bool read_at_rest = false;  ///< the record of a test on images or fields shows it in the frames at rest: FieldData::force_at_rest
   };
   struct Description {
     std::string name;

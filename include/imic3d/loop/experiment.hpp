@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -22,6 +23,8 @@ struct Parameter {
   double step = 1e-3;    ///< of a finite difference, in its unit
   double prior = 0.0;    ///< standard deviation of the declared value as it is known beforehand; 0: not known
   bool free = false;     ///< declared as unknown
+  std::optional<double> reading = {};  ///< what was read of it beside the data, with the deviation `prior`: one more number, whether it is free or not
+  [[nodiscard]] double expected() const { return reading.value_or(value); }
 };
 
 /// An effect that the declared model may lack.

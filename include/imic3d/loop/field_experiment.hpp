@@ -46,6 +46,7 @@ struct FieldData {
   std::vector<int> held_out{};    ///< places of the frames that are never fitted: what is whitened over time holds nothing of them in the others
   Eigen::VectorXd time, force;    ///< [frames]
   double start_time = 0.0, reference_time = 0.0;  ///< of the virgin state; of what the displacement counts from (Scene)
+  Eigen::VectorXd force_at_rest{};  ///< of frames in which nothing has moved yet, where the noise is known [any number of frames, force]
   double force_noise = 1.0;       ///< standard deviation of the load record [force]; infinity: there is none
   bool images = true;             ///< this program correlated the images, and interpolated their grey levels
   /// What made `noise` of the displacement of the frames at rest [unknowns x at_rest]: few numbers of a coarse mesh tell it to some percent only, which is

@@ -29,7 +29,7 @@ struct BarHistory {
 };
 
 struct BarOptions {
-  double largest_step = 2e-3;  ///< of the strain; longer ones are divided, and those in which more than a tenth of a back-stress would fade (into 32 at most)
+  double largest_step = 2e-3;  ///< of the strain; longer ones are divided, and those in which more than a tenth of a back-stress would fade (into 8 at most)
   int most_halvings = 12;      ///< of a step whose lateral strains could not be found, or in which the plastic strain rate changes
   bool given_steps = false;    ///< these are not shortened for a rate or a back-stress: differences of two paths would have the choices in them
 };
