@@ -114,15 +114,22 @@ def main():
     require("doubts" not in result, "nothing is doubted")
     rows = [row.split(",") for row in (folder / "nothing/loads.csv").read_text().split()]
 
-    def with_force(name, factor):
+    def with_force(name, factor, zero=0.0, from_frame=1):
         shutil.copytree(folder / "nothing", folder / name, ignore=shutil.ignore_patterns("run"))
-        (folder / name / "loads.csv").write_text("\n".join([",".join(rows[0])] + [f"{frame},{time},{factor * float(force):.6f}" for frame, time, force in rows[1:]]) + "\n")
+        (folder / name / "loads.csv").write_text("\n".join([",".join(rows[0])] + [f"{frame},{time},{factor * float(force) + zero * (int(frame) >= from_frame):.6f}" for frame, time, force in rows[1:]]) + "\n")
         (folder / f"{name}.yaml").write_text(case(name, load_noise=abs(factor) * LOAD_NOISE))
 
     for name, factor, said in (("kilonewton", 1e-3, "0.00105 times"), ("pushed", -1.0, "-1.05 times")):
         with_force(name, factor)
         refused = run(program, "loop", folder / f"{name}.yaml", 2, status=2, errors=True)
         require("loads.force" in refused and f"{said} the forces that the declared parameters give" in refused, f"a force times {factor} is refused: {refused.strip()}")
+    with_force("zero", 1.0, 40.0)
+    result = loop("zero", "")
+    found = result["after"]["parameters"].get("force_offset", {"value": 0.0, "standard_deviation": 1.0})
+    require(result["set"] == ["force zero"] and abs(found["value"] - 40) < 4 * found["standard_deviation"], f"a load cell that reads 40 N without load: {result['sentence']}")
+    with_force("under_load", 1.0, 40.0, REST + 1)
+    result = loop("under_load", "")
+    require("force zero" not in result["named"], f"one that reads nothing at rest, and 40 N too much under load, is not off at zero: {result['sentence']}")
     with_force("thirtieth", 1 / 30)
     result = loop("thirtieth", "", load_noise=LOAD_NOISE / 30)
     require(abs(result["before"]["parameters"]["E"]["value"] / E * 30 - 1) < 0.05 and len(result.get("doubts", [])) == 1 and "units" in result["doubts"][0], f"a thirtieth of the force is doubted: {result.get('doubts')}")

@@ -132,6 +132,13 @@ class Curves final : public Experiment {
     return *this;
   }
 
+  /// The size of an effect was read beside the data.
+  Curves& read(Effect effect, double reading, double deviation) {
+    auto& p = parameters_[static_cast<std::size_t>(2 + effect)];
+    p.reading = reading, p.prior = deviation;
+    return *this;
+  }
+
   const std::vector<Parameter>& parameters() const override { return parameters_; }
   const std::vector<Candidate>& candidates() const override { return candidates_; }
   const std::vector<Datum>& data() const override { return data_; }

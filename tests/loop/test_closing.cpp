@@ -341,6 +341,18 @@ TEST(Closing, WhatIsKnownBeforehandShowsTheInvisible) {
   EXPECT_LT(std::sqrt(null.declared.covariance(0, 0)), 0.02);
 }
 
+/// What was read of a size beside the data is one more number of them: it shows what is invisible otherwise, and refuses what only the data would let be.
+TEST(Closing, AReadingBesideTheDataTells) {
+  EXPECT_EQ(loop_on(Curves(4).read(Curves::gain, 0.1, 0.1)).verdict, Verdict::nothing_found);
+  const Report shown = loop_on(Curves(4, {{Curves::gain, 1.0}}).read(Curves::gain, 1.05, 0.1));
+  EXPECT_EQ(shown.named, std::vector<int>{Curves::gain}) << shown.sentence;
+  EXPECT_NEAR(shown.final.fit.values[2 + Curves::gain], 1.05, 0.1);
+  const auto own = std::find(shown.final.fit.free.begin(), shown.final.fit.free.end(), 2 + Curves::gain) - shown.final.fit.free.begin();
+  EXPECT_NEAR(std::sqrt(shown.final.covariance(own, own)), 0.1, 0.02);
+  const Report refused = loop_on(Curves(3, {{Curves::twin_again, 12.0}}).read(Curves::twin, 0.3, 0.5));
+  EXPECT_EQ(refused.set, std::vector<int>{Curves::twin_again}) << refused.sentence;
+}
+
 /// The prior's share of a mark is small where the mark is large, and is evidence all the same.
 TEST(Closing, AWeakPriorShowsTheInvisibleToo) {
   const Report report = loop_on(Curves(4, {{Curves::gain, 1.5}}).know(0, 10.6, 0.25));

@@ -88,6 +88,21 @@ TEST(Declared, AFreeEffectIsIdentified) {
   EXPECT_NEAR(found.values[static_cast<std::size_t>(offset)], 120.0, 0.5);
 }
 
+/// What the load cell reads at rest is a reading of its zero, unless that is declared.
+TEST(Declared, TheRecordAtRestReadsTheZero) {
+  Strip strip(120.0);
+  strip.data.force_noise = 5.0, strip.data.force_at_rest = Eigen::Vector4d(24.0, 26.0, 23.0, 27.0);
+  const auto zero = [&]() -> Parameter {
+    const FieldExperiment experiment = strip.experiment();
+    return experiment.parameters()[static_cast<std::size_t>(place_of(experiment, "force_offset"))];
+  };
+  EXPECT_DOUBLE_EQ(zero().expected(), 25.0);
+  EXPECT_DOUBLE_EQ(zero().prior, 2.5);
+  strip.model.effects = {{.effect = "force_zero", .quantity = "force_offset", .value = 7.0, .lower = {}, .upper = {}}};
+  EXPECT_FALSE(zero().reading);
+  EXPECT_DOUBLE_EQ(zero().expected(), 7.0);
+}
+
 /// A load cell that is off by twelve times what is known of it is not explained by that.
 TEST(Declared, WhatIsKnownBeforehandGoesNoFartherThanItIsKnown) {
   Strip strip(120.0);
