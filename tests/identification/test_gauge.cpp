@@ -56,6 +56,19 @@ TEST(Gauge, TurnsBetweenRowsAreWhereTheLinesMeet) {
   EXPECT_GT(off(straight), 0.05);
 }
 
+/// A hundredth of a row's way beyond the row: it is passed through.
+TEST(Gauge, ATurnJustBeyondARowIsPassedThrough) {
+  const auto triangle = [](double t) { return 0.01 * (1.0 - std::abs(std::fmod(t + 1.0, 4.0) - 2.0)); };
+  material::BarHistory fine{.time = Eigen::VectorXd::LinSpaced(4201, 0.0, 4.2), .strain = {}};
+  fine.strain = fine.time.unaryExpr(triangle);
+  const auto c = material::testing::with_effects("kinematic", {"kinematic"}, {20e3, 150});
+  const auto rows = Eigen::seqN(99, 42, 100);  // 0.099, 0.199 ...
+  const auto turns = between_rows(fine.time(rows), fine.strain(rows), material::pull_bar(*c.made().law, c.parameters, fine).kirchhoff(rows));
+  ASSERT_EQ(turns.size(), 2U);
+  EXPECT_NEAR(turns[0].strain, 0.01, 1e-9);
+  EXPECT_NEAR(turns[1].strain, -0.01, 1e-9);
+}
+
 Eigen::VectorXd drawn(Eigen::Index count, double deviation, unsigned seed) {
   std::mt19937_64 random(seed);
   std::normal_distribution<double> normal;
@@ -73,6 +86,9 @@ TEST(Gauge, NoiseIsWhatGoesAgainstItsNeighbours) {
   EXPECT_LT(strain_noise(time, wave, 200e3 * wave + of_stress), 1e-7);
   EXPECT_NEAR(strain_noise(time, wave + of_strain, 200e3 * wave + of_stress), noise, 0.15 * noise);
   EXPECT_EQ(strain_noise(time, ramp, 200e3 * ramp + of_stress), 0.0);
+  // Forty rows a cycle: a tenth of them beside a turn.
+  const Eigen::VectorXd cycles = (0.5 * M_PI * time.array()).sin().asin() * 0.02 / M_PI;
+  EXPECT_NEAR(strain_noise(time, cycles + 0.2 * of_strain, 200e3 * cycles + of_stress), 0.2 * noise, 0.06 * noise);
 }
 
 /// Rows closer than the noise: the turn is found where it was, with the deviation that it has, and the course between goes by the noise of many.

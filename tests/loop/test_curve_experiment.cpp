@@ -556,6 +556,45 @@ TEST(CurveExperiment, RateIsInTheSet) {
   EXPECT_LE(report.final.misfit.held_out, report.final.misfit.null_held_out);
 }
 
+/// Ten cycles of 42 rows each, whose noise nobody has declared: the course bends from row to row by far more than it.
+TEST(CurveExperiment, NoiseOfSparseCyclesIsNoEffect) {
+  CurveModel m = model(truth);
+  for (std::size_t j = 0; j < m.information.size(); ++j)
+    if (m.information[j].effect == "kinematic") m.values[j] = m.information[j].shape ? 300.0 : 60e3, m.declared[j] = m.free[j] = 1;
+  m.extended = [](std::vector<std::string> effects) {
+    if (std::find(effects.begin(), effects.end(), "kinematic") == effects.end()) effects.insert(effects.begin(), "kinematic");
+    return material::make_law({.law = "j2", .hardening = "voce", .effects = effects});
+  };
+  const auto law = m.extended(material::known_effects());
+  int alarms = 0;
+  for (unsigned seed = 1; seed <= 2; ++seed) {
+    std::mt19937_64 random(seed);
+    std::normal_distribution<double> normal;
+    std::uniform_real_distribution<double> uniform(-0.3, 0.3);
+    // On a fine course, which the rows take some of.
+    constexpr int rows = 420, fine = 20;
+    material::BarHistory course{.time = Eigen::VectorXd::LinSpaced(rows * fine, 0.0, 80.0), .strain = {}};
+    course.strain = course.time.unaryExpr([](double t) { return 0.01 * std::asin(std::sin(0.5 * M_PI * t / 2.0)) / (0.5 * M_PI); });
+    const Eigen::VectorXd stress = material::pull_bar(*law, m.values, course).engineering;
+    identification::Curve curve;
+    curve.name = curve.group = "cycles", curve.estimated = true;
+    curve.history.time.resize(rows), curve.history.strain.resize(rows), curve.stress.resize(rows);
+    for (int row = 0; row < rows; ++row) {
+      const auto at = static_cast<Eigen::Index>(std::clamp(fine * (row + (row > 0 ? uniform(random) : 0.0)), 0.0, rows * fine - 1.0));
+      curve.history.time[row] = course.time[at], curve.history.strain[row] = course.strain[at] + (row > 0 ? 4e-6 * normal(random) : 0.0), curve.stress[row] = stress[at] + normal(random);
+    }
+    curve.use.assign(rows, identification::Curve::fitted);
+    curve.deviation = identification::point_noise(curve);
+    EXPECT_LT(curve.deviation, 2.0);
+    identification::read_gauge(curve, true);
+    CurveExperiment experiment(Communicator(), {curve}, m);
+    const Report report = loop_on(experiment);
+    alarms += report.verdict == Verdict::nothing_found ? 0 : 1;
+    if (report.verdict != Verdict::nothing_found) std::cout << "[          ] seed " << seed << ": " << report.sentence << "\n";
+  }
+  EXPECT_LE(alarms, 1);  // by chance in 5 of 100 tests each
+}
+
 /// Its usual reference is the test's own rate: relative to one per second no C_rate within its bounds would be found in slow tests.
 TEST(CurveExperiment, ARateIsScoredInSlowTests) {
   CurveExperiment experiment(Communicator(), bars(3, {{"C_rate", 0.012}, {"rate_0", 1e-5}}, 6, 1e-2), model(truth));
