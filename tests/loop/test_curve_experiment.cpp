@@ -226,6 +226,9 @@ std::vector<identification::Curve> dense_bars(int count, double zero, unsigned s
   return all;
 }
 
+/// What a gauge of this gain shows of a logarithmic strain.
+double shown(double strain, double gain) { return std::log1p(gain * std::expm1(strain)); }
+
 /// A gauge that is off errs at a turn that no row has, too.
 TEST(CurveExperiment, AGaugeActsOnTurnsBetweenRows) {
   constexpr double gain = 1.05;
@@ -241,7 +244,7 @@ TEST(CurveExperiment, AGaugeActsOnTurnsBetweenRows) {
   curve.history = sampled(86, 0.07);
   curve.stress = material::pull_bar(*m.extended(material::known_effects()), m.values, sampled(596, 0.01)).kirchhoff(Eigen::seqN(0, 86, 7));
   curve.engineering = false;
-  curve.history.strain *= gain;
+  for (double& strain : curve.history.strain) strain = shown(strain, gain);
   curve.history.turns = identification::find_turns(curve.history.time, curve.history.strain, curve.stress);
   ASSERT_EQ(curve.history.turns.size(), 3U);
   curve.use.assign(86, identification::Curve::fitted);
@@ -297,7 +300,8 @@ TEST(CurveExperiment, AGaugeActsOnATurnAfterAHold) {
   curve.history.strain = curve.history.time.unaryExpr([](double t) { return t <= 40.0 ? 2.5e-4 * t : t <= 60.0 ? 0.01 : 0.01 - 2.5e-4 * (t - 60.5); });
   curve.history.turns = {{.row = 61, .between = true, .time = 60.5, .strain = 0.0103}};
   curve.stress = material::pull_bar(*m.extended(material::known_effects()), m.values, curve.history).kirchhoff;
-  curve.history.strain *= gain, curve.history.turns.front().strain *= gain;
+  for (double& strain : curve.history.strain) strain = shown(strain, gain);
+  curve.history.turns.front().strain = shown(curve.history.turns.front().strain, gain);
   curve.use.assign(101, identification::Curve::fitted);
   CurveExperiment experiment(Communicator(), {curve}, model(truth));
   std::vector<double> values;
