@@ -115,7 +115,8 @@ void FieldExperiment::make_candidates() {
       const int place = static_cast<int>(parameters_.size());
       parameters_.push_back({.info = {.name = q.name, .unit = model_.unit ? model_.unit(q.unit) : q.unit, .description = q.description, .lower = q.lower, .upper = q.upper, .null_value = q.null, .shape = q.shape, .scale = q.shape ? q.scale : std::abs(q.size - q.null)},
                              .value = q.null, .step = q.step, .prior = 0.0, .free = false});
-      if (const auto* declared = declare(parameters_.back(), keys.back(), model_.effects)) {
+      const auto* declared = declare(parameters_.back(), keys.back(), model_.effects);
+      if (declared != nullptr) {
         Parameter& known = parameters_.back();
         known.prior = declared->prior * q.size;
         if (known.prior > 0.0) {  // what is farther off is something else
@@ -127,7 +128,7 @@ void FieldExperiment::make_candidates() {
       }
       Parameter& its = parameters_.back();
       its.info.name = key_of(which) + q.name;
-      if (const Eigen::VectorXd& read = measured_.force_at_rest; q.read_at_rest && read.size() > 0 && its.prior == 0.0 && (its.free || its.value == q.null))
+      if (const Eigen::VectorXd& read = measured_.force_at_rest; q.read_at_rest && read.size() > 0 && its.prior == 0.0 && (its.free || declared == nullptr))
         its.reading = read.mean(), its.prior = measured_.force_noise / std::sqrt(static_cast<double>(read.size()));
     }
     if (candidate.parameters.size() == description.quantities.size()) candidate.elsewhere = description.elsewhere;

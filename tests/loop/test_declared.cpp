@@ -101,6 +101,10 @@ TEST(Declared, TheRecordAtRestReadsTheZero) {
   strip.model.effects = {{.effect = "force_zero", .quantity = "force_offset", .value = 7.0, .lower = {}, .upper = {}}};
   EXPECT_FALSE(zero().reading);
   EXPECT_DOUBLE_EQ(zero().expected(), 7.0);
+  strip.model.effects.front().value = 0.0;
+  EXPECT_FALSE(zero().reading);
+  strip.model.effects.front().free = true;
+  EXPECT_DOUBLE_EQ(zero().expected(), 25.0);
 }
 
 /// A load cell that is off by twelve times what is known of it is not explained by that.
