@@ -35,7 +35,7 @@ class Appraisal {
   [[nodiscard]] double drop(const Model& from, const Model& to) const;
 
  private:
-  /// What is known of the free parameters beforehand is data beside the others.
+  /// What is known of the free parameters beforehand, and what was read of any beside the data, is data beside the others.
   struct Known {
     std::vector<int> of;          // which parameter [priors]
     Eigen::VectorXd residual;     // [priors]

@@ -1,5 +1,6 @@
 // How bars of one material differ, and what that makes of a test in which nothing is missing.
 #include <Eigen/Dense>
+#include <Eigen/Sparse>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -99,9 +100,10 @@ id::PointNoise CurveExperiment::points_of(std::size_t curve, const Eigen::Vector
   const id::PointNoise all = noise_of(residual);
   if (turns_.empty() || turns_[curve].slopes.cols() == 0 || !(all.stress > 0.0)) return all;
   // Where rows are few the branch of a turn that was elsewhere bends from row to row: the likeliest of these errors are no noise of the points.
-  const Eigen::MatrixXd errors = turns_[curve].errors(all.strain);
-  const Eigen::MatrixXd weighted = errors.transpose() * (all.stress * all.stress + (all.strain * slope).array().square()).inverse().matrix().asDiagonal();
-  const Eigen::VectorXd likeliest = (weighted * errors + Eigen::MatrixXd::Identity(errors.cols(), errors.cols())).ldlt().solve(weighted * residual);
+  constexpr double shows = 1e-2;  // of the noise: a turn is forgotten soon
+  const Eigen::SparseMatrix<double> errors = turns_[curve].errors(all.strain).sparseView(all.stress, shows);
+  const Eigen::SparseMatrix<double> weighted = errors.transpose() * (all.stress * all.stress + (all.strain * slope).array().square()).inverse().matrix().asDiagonal();
+  const Eigen::VectorXd likeliest = (Eigen::MatrixXd(weighted * errors) + Eigen::MatrixXd::Identity(errors.cols(), errors.cols())).ldlt().solve(weighted * residual);
   return noise_of(residual - errors * likeliest);
 }
 
