@@ -1,6 +1,5 @@
 // How bars of one material differ, and what that makes of a test in which nothing is missing.
 #include <Eigen/Dense>
-#include <Eigen/Sparse>
 #include <algorithm>
 #include <cmath>
 #include <limits>
@@ -95,16 +94,7 @@ id::PointNoise CurveExperiment::points_of(std::size_t curve, const Eigen::Vector
   const auto [first, size] = bars_[curve];
   Eigen::VectorXd strain(size);  // every row that is judged is a bin
   for (Eigen::Index i = 0; i < size; ++i) strain[i] = curves_[curve].history.strain[bins_[static_cast<std::size_t>(first + i)].rows.front()];
-  const Eigen::VectorXd residual = raw.segment(first, size), slope = slope_.segment(first, size);
-  const auto noise_of = [&](const Eigen::VectorXd& r) { return id::point_noise(strain, r, slope, curves_[curve].estimated ? 0.0 : curves_[curve].deviation, curves_[curve].strain_noise); };
-  const id::PointNoise all = noise_of(residual);
-  if (turns_.empty() || turns_[curve].slopes.cols() == 0 || !(all.stress > 0.0)) return all;
-  // Where rows are few the branch of a turn that was elsewhere bends from row to row: the likeliest of these errors are no noise of the points.
-  constexpr double shows = 1e-2;  // of the noise: a turn is forgotten soon
-  const Eigen::SparseMatrix<double> errors = turns_[curve].errors(all.strain).sparseView(all.stress, shows);
-  const Eigen::SparseMatrix<double> weighted = errors.transpose() * (all.stress * all.stress + (all.strain * slope).array().square()).inverse().matrix().asDiagonal();
-  const Eigen::VectorXd likeliest = (Eigen::MatrixXd(weighted * errors) + Eigen::MatrixXd::Identity(errors.cols(), errors.cols())).ldlt().solve(weighted * residual);
-  return noise_of(residual - errors * likeliest);
+  return id::point_noise(strain, raw.segment(first, size), slope_.segment(first, size), curves_[curve].estimated ? 0.0 : curves_[curve].deviation, curves_[curve].strain_noise);
 }
 
 /// Random-effects model of the deviations from the groups' means, by expectation-maximisation: bars that end early are in it with
