@@ -191,8 +191,8 @@ double noise_of_course(const Eigen::VectorXd& x, const Eigen::VectorXd& y) {
     if (share.allFinite()) distance.push_back(std::abs(y[i] - share.dot(Eigen::Vector4d(y[i - 2], y[i - 1], y[i + 1], y[i + 2]))) / std::sqrt(1.0 + share.squaredNorm()));
   }
   const double of_cubic = robust_deviation(distance);
-  constexpr double bent = 0.75;
-  return distance.size() >= enough && of_cubic < bent * of_line ? of_cubic : of_line;
+  constexpr double bent = 0.75, interpolated = 1e-3;  // most rows of a record that was thinned out and filled again, or of coarse digits, lie on one line
+  return distance.size() >= enough && of_cubic < bent * of_line && of_cubic > interpolated * of_line ? of_cubic : of_line;
 }
 
 Eigen::VectorXd slopes(const material::BarHistory& history, const Eigen::VectorXd& stress, double steepest) {

@@ -75,6 +75,18 @@ Eigen::VectorXd drawn(Eigen::Index count, double deviation, unsigned seed) {
   return Eigen::VectorXd(count).unaryExpr([&](double) { return deviation * normal(random); });
 }
 
+/// A course that bends from row to row, and one of which most rows were put on the line between two others.
+TEST(Gauge, NoiseOfABentCourse) {
+  const Eigen::VectorXd strain = Eigen::VectorXd::LinSpaced(300, 0.0, 0.3), noise = drawn(300, 1.0, 4);
+  const Eigen::VectorXd bent = (200.0 * strain.array()).sin() * 300.0;
+  EXPECT_GT(point_noise(strain, bent + noise), 1.5);
+  EXPECT_NEAR(noise_of_course(strain, bent + noise), 1.0, 0.2);
+  Eigen::VectorXd filled = bent + noise;
+  for (Eigen::Index row = 0; row < 300; ++row)
+    if (const Eigen::Index from = row - row % 6; row % 6 != 0 && from + 6 < 300) filled[row] = filled[from] + (filled[from + 6] - filled[from]) * static_cast<double>(row % 6) / 6.0;
+  EXPECT_EQ(noise_of_course(strain, filled), point_noise(strain, filled));
+}
+
 /// Not where the rate changes from row to row, nor where the bar moved so, which the stress tells.
 TEST(Gauge, NoiseIsWhatGoesAgainstItsNeighbours) {
   constexpr Eigen::Index count = 800;
