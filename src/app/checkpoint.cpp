@@ -35,6 +35,8 @@ std::string frame_name(const std::string& at, std::size_t t) { return fmt::forma
 void put(Checkpoint& into, const std::string& at, const correlation::DicSeries& series, std::size_t first) {
   into.put(at + "starts", columns(series.starts));
   into.put(at + "lost", column({series.lost.begin(), series.lost.end()}));
+  into.put(at + "round", series.round);
+  into.put(at + "left_out", column({series.left_out.begin(), series.left_out.end()}));
   into.put(at + "done", static_cast<double>(series.frames.size()));
   if (!series.frames.empty()) {
     const auto& frame = series.frames.front();
@@ -48,6 +50,8 @@ correlation::DicSeries series_of(const Checkpoint& from, const std::string& at) 
   correlation::DicSeries series;
   series.starts = vectors_of(from.matrix(at + "starts"));
   for (const double lost : values_of(from.matrix(at + "lost"))) series.lost.push_back(lost > 0.5 ? 1 : 0);
+  series.round = from.count(at + "round");
+  for (const double left_out : values_of(from.matrix(at + "left_out"))) series.left_out.push_back(left_out > 0.5 ? 1 : 0);
   for (int t = 0; t < from.count(at + "done"); ++t)
     series.frames.push_back(correlation::frame_of(from.matrix(frame_name(at, static_cast<std::size_t>(t))), from.count(at + "unknowns"), from.count(at + "elements"), from.count(at + "cameras")));
   return series;
@@ -221,6 +225,7 @@ void RunCheckpoint::reaction_noise(double noise) {
 
 void RunCheckpoint::dic(std::size_t face, const correlation::DicSeries& series, std::size_t frames) {
   if (kept_.size() <= face) kept_.resize(face + 1, 0);
+  kept_[face] = std::min(kept_[face], series.frames.size());  // a series may begin again, without what was lost
   const bool first_frames = kept_[face] == 0 && !series.frames.empty();
   const auto keep = [&] {
     if (!world_.is_root()) return;

@@ -105,7 +105,7 @@ LightFindings look_at_light(const Observation& seen, const io::Case& test, int f
     const loop::Scene scene = scene_of(face, seen, test, frames);
     for (std::size_t c = 0; c < face.rig->views.size(); ++c) {
       const auto number = static_cast<std::size_t>(face.rig->cameras[c]);
-      statistics.emplace_back(*face.dic, static_cast<int>(c), face.rig->views[c].reference, seen.references, seen.camera_noise[number], scene);
+      statistics.emplace_back(*face.whole, static_cast<int>(c), face.rig->views[c].reference, seen.references, seen.camera_noise[number], scene);
       loop::LightCamera camera{statistics.back().optics(), scene, {}};
       camera.optics.compressed = imaging::block_excess(imaging::read_image(test.cameras[number].images.front())) > 0.0;
       camera.optics.camera = test.cameras[number].name;

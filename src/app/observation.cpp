@@ -13,6 +13,7 @@
 
 #include "imic3d/core/log.hpp"
 #include "imic3d/core/median.hpp"
+#include "imic3d/correlation/lost_places.hpp"
 #include "imic3d/correlation/smoothing.hpp"
 #include "imic3d/imaging/noise.hpp"
 #include "imic3d/io/results_file.hpp"
@@ -32,6 +33,57 @@ std::vector<int> nodes_of_ends(const identification::Specimen& specimen, const F
     if (from_surface.outerIndexPtr()[column + 1] > from_surface.outerIndexPtr()[column])
       ends.insert((column - static_cast<int>(face.first_unknown)) / face.components);
   return {ends.begin(), ends.end()};
+}
+
+/// The correlation of a face, without some of its elements.
+std::shared_ptr<const correlation::GlobalDic> make_dic(const io::Case& test, const Rig& rig, int components, const std::vector<int>& ends, std::vector<char> left_out) {
+  std::vector<correlation::View> views = rig.views;
+  if (views.size() == 1) views.front().noise = 0.0;  // a weight of one, exactly
+  return std::make_shared<const correlation::GlobalDic>(rig.surface, std::move(views), components,
+                                                        correlation::DicOptions{.pyramid_levels = test.dic.pyramid_levels,
+                                                                                .max_iterations = test.dic.max_iterations,
+                                                                                .tolerance = test.dic.tolerance,
+                                                                                .regularisation = test.dic.regularisation.value_or(0.0),
+                                                                                .low_pass = test.dic.low_pass,
+                                                                                .border = test.dic.border,
+                                                                                .cut_nodes = ends,
+                                                                                .brightness = test.dic.brightness,
+                                                                                .local_brightness = test.dic.local_brightness,
+                                                                                .groups = test.dic.groups,
+                                                                                .left_out = std::move(left_out)});
+}
+
+/// The frames with what is left in all elements of a face at their displacement.
+std::vector<correlation::DicFrame> as_whole(const ObservedFace& face, std::vector<correlation::DicFrame> frames, const std::vector<std::vector<std::filesystem::path>>& files, const Communicator& world) {
+  const auto& cameras = face.whole->cameras();
+  const Eigen::Index elements = cameras.elements();
+  Eigen::MatrixXd rms = Eigen::MatrixXd::Zero(elements * cameras.size(), static_cast<Eigen::Index>(frames.size()));
+  collectively(world, [&] {
+    for (Eigen::Index t = world.rank(); t < rms.cols(); t += world.size()) {
+      std::vector<imaging::BSpline> g;
+      for (const auto& of_camera : files) g.push_back(face.whole->spline(imaging::read_image(of_camera[static_cast<std::size_t>(t)])));
+      const auto seen = cameras.evaluate(g, frames[static_cast<std::size_t>(t)].displacement, Communicator{MPI_COMM_SELF});
+      for (int c = 0; c < cameras.size(); ++c) rms.col(t).segment(c * elements, elements) = seen.cameras[static_cast<std::size_t>(c)].element_rms;
+    }
+  });
+  world.sum(std::span(rms.data(), static_cast<std::size_t>(rms.size())));
+  for (std::size_t t = 0; t < frames.size(); ++t)
+    for (int c = 0; c < cameras.size(); ++c) frames[t].cameras[static_cast<std::size_t>(c)].element_rms = rms.col(static_cast<Eigen::Index>(t)).segment(c * elements, elements);
+  return frames;
+}
+
+/// What is said of elements that are left out.
+std::string in_words(const mesh::Mesh& surface, const std::vector<char>& left_out, const std::string& length) {
+  const auto count = std::count(left_out.begin(), left_out.end(), 1);
+  Eigen::RowVector2d sum = Eigen::RowVector2d::Zero(), low = Eigen::RowVector2d::Constant(INFINITY), high = -low;
+  for (std::size_t e = 0; e < left_out.size(); ++e)
+    for (int i = 0; left_out[e] != 0 && i < 4; ++i) {
+      const Eigen::RowVector2d node = surface.nodes.row(surface.cells(static_cast<Eigen::Index>(e), i)).head<2>();
+      sum += 0.25 * node, low = low.cwiseMin(node), high = high.cwiseMax(node);
+    }
+  sum /= static_cast<double>(count);
+  return fmt::format("{} of {} elements of the surface about ({:.3g}, {:.3g}) {}, from ({:.3g}, {:.3g}) to ({:.3g}, {:.3g}), show the reference's speckle no more in some frames (paint that came off, a reflection): they are left out of all", count,
+                     left_out.size(), sum[0], sum[1], length, low[0], low[1], high[0], high[1]);
 }
 
 /// 1/sigma^2 is the mean of 1/sigma_c^2; infinity where nothing is known yet.
@@ -85,20 +137,7 @@ Observation observe(const io::Case& test, const identification::Specimen& specim
     ObservedFace seen;
     seen.rig = std::make_shared<Rig>(make_rig(test, face.back, face.surface.mesh));
     seen.ends = nodes_of_ends(specimen, face);
-    std::vector<correlation::View> views = seen.rig->views;
-    if (views.size() == 1) views.front().noise = 0.0;  // a weight of one, exactly
-    seen.dic = std::make_unique<correlation::GlobalDic>(
-        seen.rig->surface, std::move(views), face.components,
-        correlation::DicOptions{.pyramid_levels = test.dic.pyramid_levels,
-                                .max_iterations = test.dic.max_iterations,
-                                .tolerance = test.dic.tolerance,
-                                .regularisation = test.dic.regularisation.value_or(0.0),
-                                .low_pass = test.dic.low_pass,
-                                .border = test.dic.border,
-                                .cut_nodes = seen.ends,
-                                .brightness = test.dic.brightness,
-                                .local_brightness = test.dic.local_brightness,
-                                .groups = test.dic.groups});
+    seen.dic = seen.whole = make_dic(test, *seen.rig, face.components, seen.ends, {});
     for (std::size_t c = 0; c < seen.rig->views.size(); ++c) {
       measure_noise(*seen.rig, c, seen.dic->correlation(static_cast<int>(c)).quadrature());
       doubt_saturation(test, *seen.rig, c, seen.dic->correlation(static_cast<int>(c)).quadrature());
@@ -232,18 +271,36 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
   const auto frames = observation.places.size();
   std::vector<std::vector<correlation::DicFrame>> of_face;
   progress.known.resize(observation.faces.size());
+  std::vector<std::string> left_out;
   for (std::size_t k = 0; k < observation.faces.size(); ++k) {
-    const auto& face = observation.faces[k];
+    auto& face = observation.faces[k];
     std::vector<std::vector<std::filesystem::path>> files;
     for (const int c : face.rig->cameras) {
       files.emplace_back();
       for (int place : observation.places) files.back().push_back(test.cameras[static_cast<std::size_t>(c)].images[static_cast<std::size_t>(place)]);
     }
-    of_face.push_back(face.dic->run(world, files, [&](int t, const correlation::DicFrame& frame) {
-      if (done && observation.faces.size() == 1) done(observation.places[static_cast<std::size_t>(t)], frame);
-    }, std::move(progress.known[k]), [&](const correlation::DicSeries& series) {
-      if (progress.reached) progress.reached(k, series);
-    }));
+    correlation::DicSeries known = std::move(progress.known[k]);
+    // Found lost first where the correlation went astray, which takes what lies around it along; then where the motion without these does not carry the reference.
+    for (constexpr int rounds = 2;;) {
+      const std::vector<char> without = known.left_out;
+      const int round = known.round;
+      face.dic = without.empty() ? face.whole : make_dic(test, *face.rig, face.whole->cameras().dofs_per_node(), face.ends, without);
+      auto series = face.dic->run(world, files, [&](int t, const correlation::DicFrame& frame) {
+        if (done && observation.faces.size() == 1) done(observation.places[static_cast<std::size_t>(t)], frame);
+      }, std::move(known), [&](const correlation::DicSeries& reached) {
+        if (progress.reached) progress.reached(k, reached);
+      });
+      std::vector<char> lost;
+      if (round < rounds) lost = correlation::lost_elements(face.whole->cameras(), round == 0 ? series : as_whole(face, series, files, world));
+      if (lost.empty() || lost == without) {
+        if (!without.empty()) left_out.push_back(in_words(face.rig->surface, without, test.units.length));
+        of_face.push_back(std::move(series));
+        break;
+      }
+      spdlog::info("{} of {} elements could not be correlated: the frames are correlated again without them", std::count(lost.begin(), lost.end(), 1), lost.size());
+      known = {};
+      known.left_out = std::move(lost), known.round = round + 1;
+    }
   }
   observation.frames.clear();
   for (std::size_t t = 0; t < frames; ++t) {
@@ -272,7 +329,8 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
     }
   }
   if (known.empty()) throw ConvergenceError("no frame could be correlated with the reference: " + unknown.said(frames));
-  observation.left_out = unknown.said(frames);
+  if (auto said = unknown.said(frames); !said.empty()) left_out.push_back(std::move(said));
+  observation.left_out = fmt::format("{}", fmt::join(left_out, "; "));
   if (!observation.left_out.empty()) spdlog::warn("{}", observation.left_out);
   observation.places = std::move(kept);
   observation.frames = std::move(known);

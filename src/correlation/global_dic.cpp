@@ -117,7 +117,7 @@ void GlobalDic::build(const mesh::Mesh& surface, std::vector<View> views, int do
       CorrelationOptions operators{.dofs_per_node = dofs_per_node,
                                    .brightness = options_.brightness,
                                    .local_brightness = options_.local_brightness,
-                                   .quadrature = {.place = views[c].place}};
+                                   .quadrature = {.left_out = options_.left_out, .place = views[c].place}};
       if (level == 0) operators.slope_noise = noise_.slope, operators.low_pass = options_.low_pass;
       if (masked) operators.quadrature.mask = &mask;
       if (level == 0) operators.quadrature.border = options_.border, operators.quadrature.cut_nodes = options_.cut_nodes;
@@ -192,7 +192,7 @@ std::vector<imaging::BSpline> GlobalDic::splines(const std::vector<imaging::Imag
 void GlobalDic::require_sight(const Level& level, const std::vector<View>& views) const {
   int unseen = 0, first = -1;
   for (int e = 0; e < level.cameras->elements(); ++e)
-    if (level.cameras->pixels_of(e) == 0) ++unseen, first = first < 0 ? e : first;
+    if (level.cameras->pixels_of(e) == 0 && (options_.left_out.empty() || options_.left_out[static_cast<std::size_t>(e)] == 0)) ++unseen, first = first < 0 ? e : first;
   if (unseen > 0) {
     Eigen::RowVector3d centre = Eigen::RowVector3d::Zero();
     for (int i = 0; i < 4; ++i) centre += 0.25 * level.cameras->surface().nodes.row(level.cameras->surface().cells(first, i));

@@ -183,6 +183,7 @@ PixelQuadrature quadrature(const mesh::Cells& cells, const InImage& positions, c
   q.first_row.assign(elements + 1, 0);
 #pragma omp parallel for schedule(dynamic, 16)
   for (std::size_t e = 0; e < elements; ++e) {
+    if (!options.left_out.empty() && options.left_out[e] != 0) continue;
     PixelRow row{-1, 0, 0};
     const auto count = [&](int y, int x) {
       if (y != row.row || x != row.column + row.count) row = {y, x, 0}, ++q.first_row[e + 1];
@@ -198,6 +199,7 @@ PixelQuadrature quadrature(const mesh::Cells& cells, const InImage& positions, c
     const Corners corners = corners_of(cells, positions, static_cast<Eigen::Index>(e));
     const Eigen::Vector4d x = bilinear(corners.col(0)), y = bilinear(corners.col(1));
     std::size_t p = q.first[e], r = q.first_row[e];
+    if (p == q.first[e + 1]) continue;
     PixelRow row{-1, 0, 0};
     Eigen::Vector2d local(0.0, 0.0);
     for_each_pixel(corners, reference, mask, [&](int at_row, int column) {

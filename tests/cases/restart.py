@@ -169,10 +169,15 @@ class Trials:
             self.resumes(others, f"{what}, killed in the {where} on {ranks}")
 
     def variants(self):
-        """Perturbed sensitivities, alpha > 0, and three cameras."""
+        """Perturbed sensitivities, alpha > 0, three cameras, and images of which a place is left out once it is found."""
         restart_case.make_three_cameras(self.program, self.folder)
+        restart_case.make_loose_paint(self.folder)
         for name in restart_case.VARIANTS:
-            Trials(self.program, self.folder, name).everywhere(name)
+            trials = Trials(self.program, self.folder, name)
+            if name == "paint":
+                doubts = json.loads((self.folder / "paint_whole/result.json").read_text())["doubts"]
+                require(any("speckle no more" in doubt for doubt in doubts), f"the loose paint is found: {doubts}")
+            trials.everywhere(name)
 
     def kills(self, count):
         for trial in range(count):

@@ -1,5 +1,9 @@
 """A small virtual test for the tests that stop a run and let it go on."""
 import json
+import shutil
+
+import numpy
+from PIL import Image
 
 from runs import SMALL_PLATE, SMALL_TEST, gmsh, run
 
@@ -16,11 +20,12 @@ identify:
 output: {output}
 """
 
-# What else is restarted than the plain case: keys of `identify`, or three cameras on both faces.
+# What else is restarted than the plain case: keys of `identify`, three cameras on both faces, or images with a loose patch of paint.
 VARIANTS = {
     "perturbed": "  sensitivities: perturbed\n",
     "alpha": "  alpha: 0.01\n",
     "cameras": "",
+    "paint": "",
 }
 THREE_CAMERAS = """
   - {{name: mono, pixel_size: 0.08, place: {place}{mono}}}
@@ -45,6 +50,20 @@ def make_three_cameras(program, folder):
     run(program, "virtual", folder / "virtual_three.yaml", 1)
 
 
+def make_loose_paint(folder):
+    """The images of `make`, in the last four of which another part of the picture covers a round place of the specimen."""
+    images = sorted((folder / "made/images").glob("*.png"))
+    (folder / "loose").mkdir()
+    for image in images[:-4]:
+        shutil.copy(image, folder / "loose")
+    for image in images[-4:]:
+        grey = numpy.array(Image.open(image))
+        rows, columns = numpy.mgrid[:grey.shape[0], :grey.shape[1]]
+        place = (columns - 190)**2 + (rows - 250)**2 < 18**2
+        grey[place] = numpy.roll(grey, (-60, -80), (0, 1))[place]
+        Image.fromarray(grey).save(folder / "loose" / image.name)
+
+
 def make(program, folder):
     """Meshes, images and load record."""
     gmsh("plate_with_hole", folder / "fine.msh", length=28, size_hole=0.8, size_far=2.0)
@@ -65,7 +84,8 @@ def case(folder, name, mesh="coarse", eta=1e-3, S_y=265, variant=None, more="", 
         path.write_text(text.format(mesh=mesh, layers=1, at=f", place: {{camera: left, points: {points}}}", E=185e3, S_y=S_y) +
                         IDENTIFY.format(output=name, eta=eta, made="three", more=more, dic=f", groups: {dic_groups}"))
         return path
-    path.write_text(SMALL_PLATE.format(mesh=mesh, layers=1, place=PLACE, images=", images: 'made/images/*.png', reference: 0-1", E=185e3, S_y=S_y) +
+    images = "loose" if variant == "paint" else "made/images"
+    path.write_text(SMALL_PLATE.format(mesh=mesh, layers=1, place=PLACE, images=f", images: '{images}/*.png', reference: 0-1", E=185e3, S_y=S_y) +
                     IDENTIFY.format(output=name, eta=eta, made="made", more=more, dic=f", groups: {dic_groups}"))
     return path
 

@@ -8,6 +8,7 @@
 
 #include "imic3d/correlation/covariance.hpp"
 #include "imic3d/correlation/global_dic.hpp"
+#include "imic3d/correlation/lost_places.hpp"
 #include "imic3d/correlation/smoothing.hpp"
 #include "speckle.hpp"
 
@@ -407,6 +408,65 @@ TEST(GlobalDic, RanksAndGroupsDoNotChangeTheResult) {
     EXPECT_EQ(mine[frame].iterations, together[frame].iterations);
     EXPECT_NEAR(mine[frame].rms, together[frame].rms, 1e-8 * mine[frame].rms);
   }
+}
+
+/// Paint that comes off in two of four frames is left out, and then they converge: where no pixel tells, the motion continues its neighbours'.
+TEST(GlobalDic, PlacesWithoutTheReferencesSpeckleAreLeftOut) {
+  const mesh::Mesh quads = rectangle(20, 20, 150, 140, 13, 12);
+  const Speckle beneath(180, 160, 1.7, 9);
+  const Eigen::Vector2d middle(70.0, 90.0);
+  constexpr double radius = 13.0;
+  const Motion motion = [](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.8 + 0.003 * x.x(), -0.4 - 0.002 * x.y()); };
+  std::mt19937 generator(3);
+  const auto photo = [&](bool loose, double noise) {
+    Image g = photograph(scene().speckle, 180, 160, motion);
+    const Image below = photograph(beneath, 180, 160);
+    for (int y = 0; loose && y < 160; ++y)
+      for (int x = 0; x < 180; ++x)
+        if ((Eigen::Vector2d(x, y) - middle - motion(middle)).norm() < radius) g(x, y) = below(x, y);
+    add_noise(g, noise * 65535, generator);
+    return g;
+  };
+  Image f = scene().reference;
+  add_noise(f, 0.01 * 65535, generator);
+  const DicOptions options{.low_pass = 1.0, .border = 3.0};
+  const GlobalDic dic(quads, *camera(), f, options, "mesh");
+  const std::vector<Image> images = {photo(false, 0.01), photo(false, 0.01), photo(true, 0.01), photo(true, 0.01)};
+  const auto of = [](const std::vector<Image>& series) { return [&series](int frame) { return series[static_cast<std::size_t>(frame)]; }; };
+  const auto before = dic.run(alone, 4, of(images));
+  EXPECT_GT(before[3].rms, 3.0 * before[0].rms);
+  DicOptions without = options;
+  without.left_out = lost_elements(dic.cameras(), before);
+  ASSERT_EQ(without.left_out.size(), 156U);
+  int wrong = 0;
+  for (Eigen::Index e = 0; e < 156; ++e) {
+    double nearest = INFINITY, farthest = 0.0;
+    for (int i = 0; i < 4; ++i) {
+      const double distance = (quads.nodes.row(quads.cells(e, i)).head<2>().transpose() - middle).norm();
+      nearest = std::min(nearest, distance), farthest = std::max(farthest, distance);
+    }
+    const bool left_out = without.left_out[static_cast<std::size_t>(e)] != 0;
+    wrong += left_out ? nearest > radius + 28.3 : farthest < radius;  // neighbours of those on its edge at most
+  }
+  EXPECT_EQ(wrong, 0);
+  const GlobalDic rest(quads, *camera(), f, without, "mesh");
+  const auto after = rest.run(alone, 4, of(images));
+  for (const DicFrame& frame : after) {
+    EXPECT_TRUE(frame.converged);
+    EXPECT_NEAR(frame.rms, after[0].rms, 0.05 * after[0].rms);
+    double largest = 0.0;  // of the nodes in and around the place
+    const Eigen::VectorXd error = frame.displacement - nodal(quads, *camera(), motion);
+    for (Eigen::Index i = 0; i < quads.nodes.rows(); ++i)
+      if ((quads.nodes.row(i).head<2>().transpose() - middle).norm() < radius + 20.0) largest = std::max(largest, error.segment<2>(2 * i).norm());
+    std::cout << "[          ] around the place the motion is off by up to " << largest << " px\n";
+    EXPECT_LT(largest, 0.13);
+  }
+  // Two frames of ten, as when a specimen breaks, are worth less than the place; a picture that is spoilt as a whole tells of no place.
+  std::vector<DicFrame> many(8, before[0]);
+  many.insert(many.end(), 2, before[3]);
+  EXPECT_TRUE(lost_elements(dic.cameras(), many).empty());
+  const auto spoilt = dic.run(alone, 2, of({photo(false, 0.4), photo(false, 0.4)}));
+  EXPECT_TRUE(lost_elements(dic.cameras(), spoilt).empty());
 }
 
 TEST(GlobalDic, ASeriesIsTakenUpWhereItWasLeft) {

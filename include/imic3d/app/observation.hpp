@@ -17,7 +17,8 @@ struct Rig;
 /// One face of the specimen and the cameras that look at it.
 struct ObservedFace {
   std::shared_ptr<Rig> rig;
-  std::unique_ptr<correlation::GlobalDic> dic;
+  std::shared_ptr<const correlation::GlobalDic> dic;    ///< without the elements that `correlate` found lost
+  std::shared_ptr<const correlation::GlobalDic> whole;  ///< with all of them; the same where none is lost
   std::vector<int> ends;             ///< nodes whose motion drives the simulation, ascending; none if none is declared
   std::vector<double> driving_cut_off;  ///< waves that the displacement on the ends has lost in each frame [length]
 };
@@ -31,7 +32,7 @@ struct Observation {
   double noise = 0.0;                ///< of one image; several cameras: 1/noise^2 is the mean of theirs [grey level]
   bool noise_is_measured = false;    ///< from static frames or given; else estimated from the residual of the DIC
   std::vector<correlation::DicFrame> frames;  ///< one per place, after `correlate`; residuals of all faces together
-  std::string left_out;              ///< after `correlate`: which frames could not be correlated or show no more of an end, and which the mesh has left, in words; empty: none
+  std::string left_out;              ///< after `correlate`: where the surface shows the reference's speckle no more, which frames could not be correlated or show no more of an end, and which the mesh has left, in words; empty: none
 };
 
 /// Places the cameras on the reference images and sets up the correlation of each face. Throws InputError.
@@ -49,7 +50,8 @@ struct CorrelationProgress {
   std::function<void(std::size_t face, const correlation::DicSeries&)> reached = {};  ///< on every rank, as GlobalDic::Reached
 };
 
-/// Correlates every frame after the reference; `done` is called on every rank: with one face as the frames come. Collective.
+/// Correlates every frame after the reference; `done` is called on every rank: with one face as the frames come. Where places of the surface are lost
+/// (correlation::lost_elements) the series is correlated again without them, and `done` called again. Collective.
 void correlate(Observation& observation, const io::Case& test, const Communicator& world,
                const std::function<void(int place, const correlation::DicFrame&)>& done = {}, CorrelationProgress progress = {});
 

@@ -32,6 +32,7 @@ struct DicOptions {
   double lost = 0.5;            ///< a frame whose grey levels correlate less than this with the reference's is lost
   int groups = 0;               ///< groups of ranks over frames; 0: plan_frames
   const imaging::Image* mask = nullptr;  ///< pixels of the reference whose level is 0 there are left out (one camera)
+  std::vector<char> left_out = {};  ///< elements whose pixels are left out, in all cameras and frames [elements]; empty: none
 };
 
 /// One of the cameras that look at a mesh.
@@ -84,6 +85,8 @@ struct DicSeries {
   std::vector<Eigen::VectorXd> starts;  ///< displacement of the first frames on the coarse levels [unknowns, length]
   std::vector<char> lost;               ///< which of them the coarse levels lost
   std::vector<DicFrame> frames;         ///< the first frames that are done
+  std::vector<char> left_out = {};      ///< elements without which they are correlated [elements]; empty: none
+  int round = 0;                        ///< how often such elements have been looked for
   std::vector<GroupTime> group_times = {};  ///< what the groups of ranks did with their time on the finer levels, in this run
 };
 

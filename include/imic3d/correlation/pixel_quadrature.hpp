@@ -45,6 +45,7 @@ struct QuadratureOptions {
   const imaging::Image* mask = nullptr;  ///< pixels whose level is 0 there are left out; same size as the reference
   double border = 0.0;         ///< pixels nearer than this to the mesh's contour are left out [px]: at the specimen's edge
                                ///< the spline rings, and that belongs to the background as much as to the specimen
+  std::vector<char> left_out = {};  ///< elements that get no pixels [elements]; empty: none
   std::vector<int> cut_nodes = {};  ///< contour edges between two of these are where the specimen goes on: no border there
   bool clip = false;           ///< elements may reach beyond the reference image: the pixels there are left out
   std::string place = "mesh";  ///< what messages call the mesh or the entry that places it

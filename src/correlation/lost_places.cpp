@@ -1,0 +1,93 @@
+#include "imic3d/correlation/lost_places.hpp"
+
+#include <algorithm>
+
+#include "imic3d/core/median.hpp"
+
+namespace imic3d::correlation {
+
+namespace {
+
+/// Elements that share a node with each.
+std::vector<std::vector<int>> neighbours(const Cameras& cameras) {
+  const auto& cells = cameras.surface().cells;
+  std::vector<std::vector<int>> at_node(static_cast<std::size_t>(cameras.nodes())), beside(static_cast<std::size_t>(cameras.elements()));
+  for (int e = 0; e < cameras.elements(); ++e)
+    for (int i = 0; i < 4; ++i) at_node[static_cast<std::size_t>(cells(e, i))].push_back(e);
+  for (const auto& elements : at_node)
+    for (const int e : elements) beside[static_cast<std::size_t>(e)].insert(beside[static_cast<std::size_t>(e)].end(), elements.begin(), elements.end());
+  return beside;
+}
+
+/// Calls `visit(group)` for what hangs together of the marked elements.
+template <class Visit>
+void for_each_group(const std::vector<char>& marked, const std::vector<std::vector<int>>& beside, const Visit& visit) {
+  std::vector<char> left = marked;
+  for (std::size_t first = 0; first < left.size(); ++first) {
+    if (left[first] == 0) continue;
+    std::vector<int> group = {static_cast<int>(first)};
+    left[first] = 0;
+    for (std::size_t k = 0; k < group.size(); ++k)
+      for (const int other : beside[static_cast<std::size_t>(group[k])])
+        if (std::exchange(left[static_cast<std::size_t>(other)], 0) != 0) group.push_back(other);
+    visit(group);
+  }
+}
+
+/// Variance of the reference's grey levels in each element.
+Eigen::VectorXd speckle(const PixelQuadrature& q) {
+  Eigen::VectorXd variance = Eigen::VectorXd::Zero(q.elements());
+  for (int e = 0; e < q.elements(); ++e) {
+    const auto count = static_cast<Eigen::Index>(q.pixels_of(e));
+    if (count == 0) continue;
+    const Eigen::ArrayXd f = Eigen::Map<const Eigen::ArrayXf>(q.f.data() + q.first[static_cast<std::size_t>(e)], count).cast<double>();
+    variance[e] = (f - f.mean()).square().mean();
+  }
+  return variance;
+}
+
+}  // namespace
+
+std::vector<char> lost_elements(const Cameras& cameras, const std::vector<DicFrame>& frames) {
+  constexpr double beyond = 3.0, doubtful = 1.5;  // of the median
+  constexpr std::size_t enough = 16;               // pixels that tell of an element
+  const auto elements = static_cast<std::size_t>(cameras.elements());
+  const auto beside = neighbours(cameras);
+  std::vector<Eigen::VectorXd> variance;
+  for (int c = 0; c < cameras.size(); ++c) variance.push_back(speckle(cameras[c].quadrature()));
+  std::vector<std::vector<char>> lost;  // [frames][elements]
+  std::vector<char> ever(elements, 0);
+  for (const DicFrame& frame : frames) {
+    auto& here = lost.emplace_back(elements, 0);
+    if (frame.lost) continue;
+    for (int c = 0; c < cameras.size(); ++c) {
+      const Eigen::VectorXd& rms = frame.cameras[static_cast<std::size_t>(c)].element_rms;
+      std::vector<double> seen;
+      for (Eigen::Index e = 0; e < rms.size(); ++e)
+        if (cameras[c].quadrature().pixels_of(static_cast<int>(e)) > 0) seen.push_back(rms[e]);
+      if (seen.empty()) continue;
+      const double usual = median(std::move(seen));
+      std::vector<char> bad(elements, 0);
+      for (std::size_t e = 0; e < elements; ++e) bad[e] = cameras[c].quadrature().pixels_of(static_cast<int>(e)) >= enough && rms[static_cast<Eigen::Index>(e)] > beyond * usual ? 1 : 0;
+      for_each_group(bad, beside, [&](const std::vector<int>& group) {
+        if (std::any_of(group.begin(), group.end(), [&](int e) { return rms[e] * rms[e] > variance[static_cast<std::size_t>(c)][e]; }))
+          for (const int e : group)
+            for (const int other : beside[static_cast<std::size_t>(e)])
+              if (rms[other] > doubtful * usual) here[static_cast<std::size_t>(other)] = 1;
+      });
+    }
+    if (4 * static_cast<std::size_t>(std::count(here.begin(), here.end(), 1)) > elements) here.assign(elements, 0);
+    for (std::size_t e = 0; e < elements; ++e) ever[e] = std::max(ever[e], here[e]);
+  }
+  std::vector<char> left_out(elements, 0);
+  for_each_group(ever, beside, [&](const std::vector<int>& group) {
+    const auto in = std::count_if(lost.begin(), lost.end(), [&](const auto& here) { return std::any_of(group.begin(), group.end(), [&](int e) { return here[static_cast<std::size_t>(e)] != 0; }); });
+    if (in > 1 && 5 * static_cast<std::size_t>(in) > frames.size())
+      for (const int e : group) left_out[static_cast<std::size_t>(e)] = 1;
+  });
+  const auto count = static_cast<std::size_t>(std::count(left_out.begin(), left_out.end(), 1));
+  if (count == 0 || 4 * count > elements) return {};
+  return left_out;
+}
+
+}  // namespace imic3d::correlation
