@@ -14,7 +14,6 @@
 #include "curves.hpp"
 #include "fields.hpp"
 #include "loop_case.hpp"
-#include "placement.hpp"
 #include "rig.hpp"
 #include "several_cameras.hpp"
 
@@ -85,9 +84,9 @@ void check_case(const Communicator& world, const io::Case& test, bool loop) {
   }
   if (!several && !test.cameras.empty() && !test.cameras.front().images.empty()) {
     const auto& camera = test.cameras.front();
-    const auto reference = references_of(test, camera).front();
-    const auto placed = place_camera(camera, specimen.surface.mesh, reference).camera;
-    const double pixel = 1.0 / std::sqrt(std::abs(placed.linear.leftCols<2>().determinant()));
+    const Observation seen = observe(test, specimen);  // says what is doubted of the place and of the pictures
+    const auto& reference = seen.faces.front().rig->views.front().reference;
+    const double pixel = 1.0 / std::sqrt(std::abs(seen.faces.front().dic->correlation().pixels_per_length().determinant()));
     image_pixels = static_cast<double>(reference.width) * reference.height;
     mesh_pixels = mesh::plane_area(specimen.surface.mesh) / (pixel * pixel);
     images = fmt::format("{} frames of {} x {} px, {:.6g} {} per pixel, {:.0f} pixels per element", camera.images.size(),

@@ -141,6 +141,7 @@ Observation observe(const io::Case& test, const identification::Specimen& specim
     for (std::size_t c = 0; c < seen.rig->views.size(); ++c) {
       measure_noise(*seen.rig, c, seen.dic->correlation(static_cast<int>(c)).quadrature());
       doubt_saturation(test, *seen.rig, c, seen.dic->correlation(static_cast<int>(c)).quadrature());
+      doubt_bare_places(test, *seen.rig, c, seen.dic->correlation(static_cast<int>(c)).quadrature(), seen.dic->noise_response().level);
       observation.camera_noise[static_cast<std::size_t>(seen.rig->cameras[c])] = seen.rig->views[c].noise;
       observation.noise_is_measured = observation.noise_is_measured && seen.rig->noise_is_measured[c];
     }

@@ -30,6 +30,36 @@ std::vector<std::string> doubts_of(const io::CameraCase& declared, const imaging
   return doubts;
 }
 
+std::vector<std::vector<Eigen::Vector2d>> contours_of(const mesh::Mesh& surface) {
+  std::vector<std::vector<Eigen::Vector2d>> contours;
+  for (const auto& contour : mesh::contours(surface)) {
+    contours.emplace_back();
+    for (int node : contour) contours.back().push_back(surface.nodes.row(node).head<2>().transpose());
+  }
+  return contours;
+}
+
+/// A place that was declared, where the image shows the specimen's outline elsewhere.
+std::vector<std::string> doubts_of(const io::CameraCase& declared, const mesh::Mesh& surface, const imaging::Image& reference, const imaging::TelecentricCamera& camera) {
+  constexpr double farthest = 0.1, far = 0.01, px = 2.5;  // of the mesh's longer side: where the outline is looked for, what is doubted
+  const auto positions = [&](const imaging::TelecentricCamera& eye) {
+    Eigen::MatrixX2d at(surface.nodes.rows(), 2);
+    for (Eigen::Index i = 0; i < at.rows(); ++i) at.row(i) = eye.project(surface.nodes.row(i).transpose()).transpose();
+    return at;
+  };
+  const Eigen::MatrixX2d here = positions(camera);
+  const double longer = (here.colwise().maxCoeff() - here.colwise().minCoeff()).maxCoeff();
+  const auto found = imaging::outline_near(reference, contours_of(surface), camera, std::max(12.0, farthest * longer));
+  if (!found) return {};
+  const double largest = (positions(found->camera) - here).rowwise().norm().maxCoeff();
+  if (largest < std::max(px, far * longer)) return {};
+  const Eigen::Vector2d origin = found->camera.project(Eigen::Vector3d::Zero());
+  std::vector<std::string> doubts = {fmt::format("cameras.{}.place: the outline in the reference lies up to {:.1f} px beside the mesh's. By it {:.5g} is the length of a pixel, the origin lies at ({:.1f}, {:.1f}), turned by {:.2f} degrees: place: {{auto: outline}} would take these ({} of {} edge points agree, rms {:.2f} px)",
+                                                 declared.name, largest, found->pixel_size, origin.x(), origin.y(), found->rotation, found->agreeing, found->visible, found->rms)};
+  spdlog::warn("{}", doubts.front());
+  return doubts;
+}
+
 }  // namespace
 
 PlacedCamera place_camera(const io::CameraCase& declared, const mesh::Mesh& surface, const imaging::Image& reference) {
@@ -38,16 +68,11 @@ PlacedCamera place_camera(const io::CameraCase& declared, const mesh::Mesh& surf
   imaging::TelecentricCamera camera;
   const bool flip = place.flip != (declared.face == "back");  // the back is seen from the other side
   if (!place.automatic.empty()) {
-    std::vector<std::vector<Eigen::Vector2d>> contours;
-    for (const auto& contour : mesh::contours(surface)) {
-      contours.emplace_back();
-      for (int node : contour) contours.back().push_back(surface.nodes.row(node).head<2>().transpose());
-    }
     imaging::OutlineOptions options;
     if (declared.pixel_size > 0.0) options.pixel_size = declared.pixel_size;
     options.rotation = place.rotation;
     options.flip = flip;
-    const auto found = imaging::place_by_outline(reference, contours, options);
+    const auto found = imaging::place_by_outline(reference, contours_of(surface), options);
     spdlog::info("placed by the outline: {} of {} edge points agree, rms {:.2f} px; {:.6g} per pixel, turned by {:.3f} degrees",
                  found.agreeing, found.visible, found.rms, found.pixel_size, found.rotation);
     camera = found.camera;
@@ -71,6 +96,8 @@ PlacedCamera place_camera(const io::CameraCase& declared, const mesh::Mesh& surf
                      fmt::format("{:g} px and more on its longer side: are the mesh and pixel_size in the units of the case file?", least_extent));
   if (auto mistakes = imaging::check_on_image(camera, nodes, reference.header(), "cameras.place"); !mistakes.empty())
     throw InputError(std::move(mistakes));
+  if (place.automatic.empty())
+    for (auto& doubt : doubts_of(declared, surface, reference, camera)) doubts.push_back(std::move(doubt));
   return {camera, std::move(doubts)};
 }
 

@@ -120,6 +120,26 @@ void doubt_saturation(const io::Case& test, Rig& rig, std::size_t view, const co
   }
 }
 
+void doubt_bare_places(const io::Case& test, Rig& rig, std::size_t view, const correlation::PixelQuadrature& seen, double response) {
+  constexpr std::size_t enough = 36;  // pixels that tell whether an element has speckle
+  constexpr double no_more = 2.0;     // standard deviation of the grey levels over that of noise
+  if (!rig.noise_is_measured[view]) return;
+  const double noise = rig.views[view].noise * response / std::sqrt(static_cast<double>(rig.references(view)));
+  const Eigen::VectorXd variance = correlation::variance_of_elements(seen);
+  int bare = 0;
+  Eigen::RowVector2d middle = Eigen::RowVector2d::Zero();
+  for (int e = 0; e < seen.elements(); ++e) {
+    if (seen.pixels_of(e) < enough || std::sqrt(variance[e]) > no_more * noise) continue;
+    ++bare;
+    for (int i = 0; i < 4; ++i) middle += 0.25 * rig.surface.nodes.row(rig.surface.cells(e, i)).head<2>();
+  }
+  if (bare == 0) return;
+  middle = (middle.array() / bare).unaryExpr([](double x) { return std::abs(x) < 1e-9 ? 0.0 : x; }).eval();
+  rig.doubts.push_back(fmt::format("cameras.{}: {} of {} elements show no speckle, but noise, about ({:.3g}, {:.3g}) {}: does the mesh cover a hole, a shadow or the background? What moves there is not seen",
+                                   test.cameras[static_cast<std::size_t>(rig.cameras[view])].name, bare, seen.elements(), middle[0], middle[1], test.units.length));
+  spdlog::warn("{}", rig.doubts.back());
+}
+
 Rig make_rig(const io::Case& test, bool back, mesh::Mesh surface) {
   Rig rig;
   rig.back = back, rig.surface = std::move(surface), rig.cameras = cameras_of(test, back);

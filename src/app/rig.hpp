@@ -35,6 +35,10 @@ void measure_noise(Rig& rig, std::size_t view, const correlation::PixelQuadratur
 /// Doubts a view of which many pixels of the specimen have the largest or the smallest grey level of its first reference frame.
 void doubt_saturation(const io::Case& test, Rig& rig, std::size_t view, const correlation::PixelQuadrature& seen);
 
+/// Doubts a view in which elements of the surface show nothing but noise: the mesh covers a hole or a shadow there. `response`: of the grey levels that the
+/// correlation sees to noise of the image (imaging::NoiseResponse::level).
+void doubt_bare_places(const io::Case& test, Rig& rig, std::size_t view, const correlation::PixelQuadrature& seen, double response);
+
 /// The residual of one camera at a displacement of its face in units of its noise `sigma` [grey level], as a map of `columns` x `rows`
 /// pixels with NaN off the specimen.
 struct ResidualMap {

@@ -123,6 +123,7 @@ void dic_of_face(const Communicator& world, const io::Case& test, const identifi
   for (std::size_t c = 0; c < count; ++c) {
     measure_noise(rig, c, dic.correlation(static_cast<int>(c)).quadrature());
     doubt_saturation(test, rig, c, dic.correlation(static_cast<int>(c)).quadrature());
+    doubt_bare_places(test, rig, c, dic.correlation(static_cast<int>(c)).quadrature(), dic.noise_response().level);
   }
   std::optional<io::ResultsFile> file;
   collectively(world, [&] {

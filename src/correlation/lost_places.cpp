@@ -34,18 +34,6 @@ void for_each_group(const std::vector<char>& marked, const std::vector<std::vect
   }
 }
 
-/// Variance of the reference's grey levels in each element.
-Eigen::VectorXd speckle(const PixelQuadrature& q) {
-  Eigen::VectorXd variance = Eigen::VectorXd::Zero(q.elements());
-  for (int e = 0; e < q.elements(); ++e) {
-    const auto count = static_cast<Eigen::Index>(q.pixels_of(e));
-    if (count == 0) continue;
-    const Eigen::ArrayXd f = Eigen::Map<const Eigen::ArrayXf>(q.f.data() + q.first[static_cast<std::size_t>(e)], count).cast<double>();
-    variance[e] = (f - f.mean()).square().mean();
-  }
-  return variance;
-}
-
 }  // namespace
 
 std::vector<char> lost_elements(const Cameras& cameras, const std::vector<DicFrame>& frames) {
@@ -54,7 +42,7 @@ std::vector<char> lost_elements(const Cameras& cameras, const std::vector<DicFra
   const auto elements = static_cast<std::size_t>(cameras.elements());
   const auto beside = neighbours(cameras);
   std::vector<Eigen::VectorXd> variance;
-  for (int c = 0; c < cameras.size(); ++c) variance.push_back(speckle(cameras[c].quadrature()));
+  for (int c = 0; c < cameras.size(); ++c) variance.push_back(variance_of_elements(cameras[c].quadrature()));
   std::vector<std::vector<char>> lost;  // [frames][elements]
   std::vector<char> ever(elements, 0);
   for (const DicFrame& frame : frames) {

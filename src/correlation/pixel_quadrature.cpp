@@ -216,6 +216,17 @@ PixelQuadrature quadrature(const mesh::Cells& cells, const InImage& positions, c
   return q;
 }
 
+Eigen::VectorXd variance_of_elements(const PixelQuadrature& q) {
+  Eigen::VectorXd variance = Eigen::VectorXd::Zero(q.elements());
+  for (int e = 0; e < q.elements(); ++e) {
+    const auto count = static_cast<Eigen::Index>(q.pixels_of(e));
+    if (count == 0) continue;
+    const Eigen::ArrayXd f = Eigen::Map<const Eigen::ArrayXf>(q.f.data() + q.first[static_cast<std::size_t>(e)], count).cast<double>();
+    variance[e] = (f - f.mean()).square().mean();
+  }
+  return variance;
+}
+
 imaging::Image footprint(const PixelQuadrature& quadrature, int width, int height) {
   imaging::Image image(width, height);
   for (const PixelRow& row : quadrature.rows)

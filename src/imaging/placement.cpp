@@ -450,20 +450,9 @@ Fit polish(const cv::Mat1f& image, const CoarseImage& classes, const std::vector
 
 bool better(const Fit& a, const Fit& b) { return a.agreeing != b.agreeing ? a.agreeing > b.agreeing : a.rms < b.rms; }
 
-Placement place_bright_specimen(const cv::Mat1f& image, const std::vector<Contour>& contours,
-                                const Vector2d& low, const Vector2d& high, const OutlineOptions& options) {
-  const CoarseImage coarse = coarse_image(image);
-  const auto candidates = search(coarse, contours, low, high, options);
-  if (candidates.empty())
-    throw InputError(
-        "place.auto", "no place in the reference image at which its edges follow the mesh's outline",
-        "an image that shows the specimen's sides against its background, the right pixel_size and mesh, or "
-        "place.points");
-  cv::Mat1f smooth;
-  cv::GaussianBlur(image, smooth, cv::Size(0, 0), 0.7, 0.7, cv::BORDER_REPLICATE);
-  const Freedom freedom = options.affine ? Freedom::affine : options.pixel_size ? Freedom::rigid : Freedom::similarity;
-  const double pixel = candidates.front().pixel_size;
-  double background = 14.0;  // [px], less in narrow holes
+/// How far out of the outline the image is known to be dark [px]: less in narrow holes.
+double background_around(const std::vector<Contour>& contours, double pixel) {
+  double background = 14.0;
   for (const auto& contour : contours) {
     double across = std::numeric_limits<double>::infinity();
     for (const Vector2d& axis :
@@ -477,6 +466,44 @@ Placement place_bright_specimen(const cv::Mat1f& image, const std::vector<Contou
     }
     background = std::min(background, std::max(5.0, 0.6 * across / pixel));
   }
+  return background;
+}
+
+cv::Mat1f smoothed(const cv::Mat1f& image) {
+  cv::Mat1f smooth;
+  cv::GaussianBlur(image, smooth, cv::Size(0, 0), 0.7, 0.7, cv::BORDER_REPLICATE);
+  return smooth;
+}
+
+cv::Mat1f matrix_of(const Image& image) {
+  cv::Mat1f matrix(image.height, image.width);
+  std::copy(image.grey.begin(), image.grey.end(), matrix.begin());
+  return matrix;
+}
+
+Placement placement_of(const Fit& fit, bool flip) {
+  Placement placement;
+  describe(fit.map, flip, placement);
+  placement.rms = fit.rms;
+  placement.agreeing = fit.agreeing;
+  placement.visible = fit.visible;
+  placement.tried = fit.tried;
+  return placement;
+}
+
+Placement place_bright_specimen(const cv::Mat1f& image, const std::vector<Contour>& contours,
+                                const Vector2d& low, const Vector2d& high, const OutlineOptions& options) {
+  const CoarseImage coarse = coarse_image(image);
+  const auto candidates = search(coarse, contours, low, high, options);
+  if (candidates.empty())
+    throw InputError(
+        "place.auto", "no place in the reference image at which its edges follow the mesh's outline",
+        "an image that shows the specimen's sides against its background, the right pixel_size and mesh, or "
+        "place.points");
+  const cv::Mat1f smooth = smoothed(image);
+  const Freedom freedom = options.affine ? Freedom::affine : options.pixel_size ? Freedom::rigid : Freedom::similarity;
+  const double pixel = candidates.front().pixel_size;
+  const double background = background_around(contours, pixel);
   Fit best;
   const auto few = sample_outline(contours, 8.0 * pixel, 6.0 * pixel),
              many = sample_outline(contours, 2.0 * pixel, 6.0 * pixel);
@@ -491,12 +518,7 @@ Placement place_bright_specimen(const cv::Mat1f& image, const std::vector<Contou
   }
   best = polish(smooth, coarse, many, best, freedom, background);
 
-  Placement placement;
-  describe(best.map, options.flip, placement);
-  placement.rms = best.rms;
-  placement.agreeing = best.agreeing;
-  placement.visible = best.visible;
-  placement.tried = best.tried;
+  const Placement placement = placement_of(best, options.flip);
   const auto complain = [&](const std::string& found) {
     throw InputError("place.auto", found, "a mesh of this specimen, the right pixel_size, or place.points");
   };
@@ -542,8 +564,7 @@ Placement place_by_outline(const Image& reference, const std::vector<Contour>& c
                        "a mesh that lies on the image");
   }
 
-  cv::Mat1f image(reference.height, reference.width);
-  std::copy(reference.grey.begin(), reference.grey.end(), image.begin());
+  const cv::Mat1f image = matrix_of(reference);
   Placement placement;
   try {
     placement = place_bright_specimen(image, contours, low, high, options);
@@ -560,6 +581,26 @@ Placement place_by_outline(const Image& reference, const std::vector<Contour>& c
   if (auto mistakes = check_on_image(placement.camera, points, reference.header(), "place.auto"); !mistakes.empty())
     throw InputError(std::move(mistakes));
   return placement;
+}
+
+std::optional<Placement> outline_near(const Image& reference, const std::vector<Contour>& contours, const TelecentricCamera& camera, double reach) {
+  const PlaneMap start{camera.linear.leftCols<2>(), camera.offset};
+  const double pixel = 1.0 / std::sqrt(std::abs(start.linear.determinant())), background = background_around(contours, pixel);
+  const auto few = sample_outline(contours, 8.0 * pixel, 6.0 * pixel), many = sample_outline(contours, 2.0 * pixel, 6.0 * pixel);
+  if (few.empty() || many.empty()) return {};
+  Fit best;
+  const cv::Mat1f image = matrix_of(reference);
+  for (const cv::Mat1f& seen : {image, cv::Mat1f(reference.dynamic() - image)}) {
+    const CoarseImage coarse = coarse_image(seen);
+    const cv::Mat1f smooth = smoothed(seen);
+    const Fit fit = polish(smooth, coarse, many, refine(smooth, coarse, few, start, Freedom::similarity, reach, background), Freedom::similarity, background);
+    if (better(fit, best)) best = fit;
+  }
+  constexpr double clear = 1.0;  // [px]
+  if (best.agreeing < 20 || best.visible < 0.2 * best.tried || best.agreeing < 0.7 * best.visible || best.rms > clear || best.stiffness < 2e-3) return {};
+  for (std::size_t c = 0; c < contours.size(); ++c)
+    if (signed_area(contours[c]) < 0.0 && best.agreeing_of_contour[c] < 0.5 * best.tried_of_contour[c]) return {};
+  return placement_of(best, start.linear.determinant() > 0.0);
 }
 
 std::vector<Mistake> check_on_image(const Camera& camera, std::span<const Eigen::Vector3d> points,

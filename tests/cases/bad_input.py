@@ -243,6 +243,27 @@ TABLE = [
 ]
 
 
+def paint(picture):
+    """What becomes of each image's grey levels."""
+    def apply(folder):
+        for path in sorted(folder.glob("images/*.png")):
+            Image.fromarray(picture(numpy.array(Image.open(path)).astype(float)).astype(numpy.uint8)).save(path)
+    return apply
+
+
+def before_darkness(grey):
+    """The strip alone, bright, 101 x 151 px: 0.0397 mm per pixel."""
+    alone = numpy.zeros_like(grey)
+    alone[20:171, 20:121] = 120 + grey[20:171, 20:121] / 2
+    return alone
+
+
+def with_a_blank(grey):
+    """Nothing in the four elements about (1, 1)."""
+    grey[40:100, 64:126] = 90
+    return grey
+
+
 # What may be meant: a name, what is done to the good case, the warnings.
 DOUBTED = [
     ("image_twice", lambda folder: shutil.copy(folder / "images/frame_2.png", folder / "images/frame_3.png"),
@@ -253,6 +274,11 @@ DOUBTED = [
      ["cameras.left.place.points make the image 4 % larger in one direction than across it: one of them may be in a wrong place of the specimen or of the image"]),
     ("small_elements", both(change("case.yaml", "[[0, -3, 70, 170], [0, 3, 70, 20]]", "[[0, -12, 70, 161], [0, 12, 70, 29]]"), change("case.yaml", "pixel_size: 0.04", "pixel_size: 0.18")),
      ["an element of the surface has 30 pixels in the mean, where 36 and more are wanted: a coarser mesh, or dic.regularisation (waves shorter than some elements) helps"]),
+    ("scale", both(change("case.yaml", "{points: [[0, -3, 70, 170], [0, 3, 70, 20]]}", "{origin: [70, 95]}"), change("case.yaml", "pixel_size: 0.04", "pixel_size: 0.042"), paint(before_darkness)),
+     [r"re:cameras\.left\.place: the outline in the reference lies up to 5\.\d px beside the mesh's\. By it 0\.039[67]\d* is the length of a pixel, the origin lies at \(70\.0, 95\.0\), .*"]),
+    ("scale_as_it_is", both(change("case.yaml", "{points: [[0, -3, 70, 170], [0, 3, 70, 20]]}", "{origin: [70, 95]}"), paint(before_darkness)), []),
+    ("blank", both(change("case.yaml", "pixel_size: 0.04", "pixel_size: 0.04\n    noise: 1"), paint(with_a_blank)),
+     ["cameras.left: 4 of 24 elements show no speckle, but noise, about (1, 1) mm: does the mesh cover a hole, a shadow or the background? What moves there is not seen"]),
     ("pixel_size_in_microns", change("case.yaml", "pixel_size: 0.04", "pixel_size: 40"),
      ["cameras.left.pixel_size is 40 where the points make it 0.04, which is what is used: are they and the mesh in the units of the case file?"]),
 ]
@@ -311,7 +337,7 @@ def main():
         spoil(case)
         statuses, lines, warnings, seconds = run(arguments, case)
         found = faults(statuses, lines, seconds, golden, 0 if golden is None else 2, arguments)
-        if warnings != doubted:
+        if len(warnings) != len(doubted) or not all(map(fits, doubted, warnings)):
             found.append(f"warned {warnings}, not {doubted}")
         if golden is None and found:
             found += ["said:"] + [f"  {line}" for line in lines]

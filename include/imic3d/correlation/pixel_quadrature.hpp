@@ -56,6 +56,9 @@ struct QuadratureOptions {
 [[nodiscard]] PixelQuadrature quadrature(const mesh::Cells& cells, const InImage& positions,
                                          const imaging::BSpline& reference, const QuadratureOptions& options = {});
 
+/// Variance of the reference's grey levels in each element [elements, grey level^2]; 0 without pixels.
+[[nodiscard]] Eigen::VectorXd variance_of_elements(const PixelQuadrature& quadrature);
+
 /// An image that is 255 where the quadrature has a pixel and 0 elsewhere, e.g. as a mask.
 [[nodiscard]] imaging::Image footprint(const PixelQuadrature& quadrature, int width, int height);
 

@@ -59,6 +59,11 @@ struct OutlineOptions {
                                          const std::vector<std::vector<Eigen::Vector2d>>& contours,
                                          const OutlineOptions& options = {});
 
+/// The outline within `reach` [px] of where a camera that was placed otherwise has it: a similarity that starts from there. Nothing where the image does not
+/// show the outline clearly (within a pixel, at 70 % of the points that have an edge, at half of those of a hole), or where the mesh could slide along it.
+[[nodiscard]] std::optional<Placement> outline_near(const Image& reference, const std::vector<std::vector<Eigen::Vector2d>>& contours,
+                                                    const TelecentricCamera& camera, double reach);
+
 /// What is wrong if points of the mesh [length] lie outside the image by more than half a pixel; empty if nothing is.
 [[nodiscard]] std::vector<Mistake> check_on_image(const Camera& camera, std::span<const Eigen::Vector3d> points,
                                                   const ImageHeader& image, const std::string& name);
