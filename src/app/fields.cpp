@@ -189,7 +189,7 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
     for (std::size_t f : judged) least = std::min(least, (points.displacement[f] - points.N * nodal[f]).squaredNorm() / (2.0 * std::max(1.0, static_cast<double>(count) - followed)));
     data.noise = std::sqrt(0.5 * least);
   }
-  spdlog::info("fields: {} frames, points {:.3g} {} apart, noise of a point {:.3g} {}", judged.size(), distance, test.units.length, data.noise, test.units.length);
+  spdlog::info("fields: {} frames, points {:.3g} {} apart, noise of a displacement {:.3g} {}", judged.size(), distance, test.units.length, data.noise * std::sqrt(2.0), test.units.length);
 
   const auto frames = static_cast<Eigen::Index>(judged.size());
   data.displacement.resize(2 * face.nodes.rows(), frames), data.time.resize(frames), data.force.setZero(frames);

@@ -169,10 +169,49 @@ class Identification {
     }
     if (!shown.front().message.empty()) spdlog::warn("{}", shown.front().message);
     output_.model(world_, images_, record_, shown.front(), driven.front());
+    shown_ = shown.front().surface;
     if (!gap()) compare_force(driven.front());
     auto work = model_.work();
     if (by_all_ranks) work += by_all_ranks->work();
     spdlog::info("{} frames simulated with {} factorisations, {} passes over the elements, and {} for derivatives", work.frames, work.factorisations, work.passes, work.derivative_passes);
+  }
+
+  /// In plane stress, driven by the ends, seen in the plane and whole: what the last stage would find on meshes of simulation and correlation that are refined once. Both are driven by the identified model's own motion, smoothed like the measured
+  /// one, whose noise would be answered by either mesh otherwise.
+  void refine() {
+    const bool flat = std::all_of(seen_.faces.begin(), seen_.faces.end(), [](const auto& face) { return face.dic == face.whole && face.dic->cameras().dofs_per_node() == 2; });
+    if (!test_.specimen.plane_stress() || !flat || solver_.functional != id::Functional::displacement_driven || solver_.noise_model.draws == 0) return;
+    try {
+      io::Case refined = test_;
+      ++refined.specimen.refine;
+      const id::Specimen finer = make_specimen(refined);
+      Observation of_finer = on_mesh(seen_, refined, finer);
+      Eigen::SparseMatrix<double> onto(of_finer.faces.back().dic->cameras().unknowns() + finer.faces.back().first_unknown, record_.surface_displacement.rows());
+      std::vector<Eigen::Triplet<double>> entries;
+      for (std::size_t k = 0; k < finer.faces.size(); ++k) {
+        const auto &face = specimen_.faces[k], &its = finer.faces[k];
+        const Eigen::SparseMatrix<double> part = id::of_components(id::interpolation(face.surface.mesh, its.surface.mesh.nodes.leftCols<2>()), its.components);
+        for (int column = 0; column < part.outerSize(); ++column)
+          for (Eigen::SparseMatrix<double>::InnerIterator entry(part, column); entry; ++entry)
+            entries.emplace_back(static_cast<int>(its.first_unknown + entry.row()), static_cast<int>(face.first_unknown) + column, entry.value());
+      }
+      onto.setFromTriplets(entries.begin(), entries.end());
+      id::Record driven = record_, driven_finer = record_;
+      driven.driving = driving_displacement(seen_, shown_);
+      driven_finer.driving = onto * driven.driving, driven_finer.surface_displacement = onto * record_.surface_displacement;
+      const id::ImageData images = judging_images(of_finer, test_);
+      const mechanics::EquilibriumOptions options{.increments = increments_};
+      id::ForwardModel coarse(world_, specimen_, material_.law, driven, options, 1, 1), fine(world_, finer, material_.law, driven_finer, options, 1, 1);
+      const id::Stage& stage = declared_.back();
+      const auto path_of = [&](id::ForwardModel& model) { return model.simulate(id::Control::displacement, {{.parameters = material_.values, .accuracy = {.forces = 1e-9}}}, stage.frames.back() + 1).front(); };
+      const id::Path here = path_of(coarse), there = path_of(fine);
+      const Eigen::VectorXd moved = id::moved_by_mesh(world_, {model_, images_, here}, {fine, images, there}, onto, stage, solver_, material_.values, finer_, difference_);
+      if (moved.size() > 0) output_.refined(material_, stage.free, moved, covariance_);
+    } catch (const ConvergenceError& error) {
+      spdlog::info("what a finer mesh would change is not known: {}", error.what());
+    } catch (const InputError& error) {  // too few pixels for the finer correlation
+      spdlog::info("what a finer mesh would change is not known: {}", error.what());
+    }
   }
 
   /// After everything is written.
@@ -274,6 +313,7 @@ class Identification {
   std::vector<id::Stage> declared_;
   std::vector<StageSummary> stages_;
   std::set<int> on_bound_;
+  Eigen::MatrixXd shown_;  // motion of the surface by the identified model [unknowns x frames, length]
   id::FinerIncrements finer_;  // of the last stage
 };
 
@@ -313,6 +353,7 @@ void identify(const Communicator& world, const CommandOptions& options) {
   identification.run_stages();
   identification.free_at_once();
   identification.show();
+  identification.refine();
   identification.finish(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(), std::move(times));
   identification.require_convergence();
 }

@@ -151,6 +151,18 @@ Observation observe(const io::Case& test, const identification::Specimen& specim
   return observation;
 }
 
+Observation on_mesh(const Observation& seen, const io::Case& test, const identification::Specimen& specimen) {
+  Observation there = seen;
+  for (std::size_t k = 0; k < specimen.faces.size(); ++k) {
+    auto& face = there.faces[k];
+    const mesh::Mesh& surface = specimen.faces[k].surface.mesh;
+    face.rig = std::make_shared<Rig>(*face.rig);
+    face.rig->surface = surface, face.ends = nodes_of_ends(specimen, specimen.faces[k]);
+    face.dic = face.whole = make_dic(test, *face.rig, specimen.faces[k].components, face.ends, {});
+  }
+  return there;
+}
+
 /// What helps where elements have too few pixels for the speckle in them to tell how each of their nodes moves; else empty.
 std::string small_elements(double pixels) {
   constexpr double enough = 36.0;  // six on a side
@@ -438,7 +450,7 @@ void require_one_direction(const Observation& observation, const io::Case& test,
   const char* axis = specimen.axis == 0 ? "x" : "y";
   throw InputError("loads.force", fmt::format("a change of {:+.4g} {} by frame {}, while specimen.loaded moves against specimen.held by {:+.3g} {} along {}", record.force[peak] - before, test.units.force,
                                               record.frames[static_cast<std::size_t>(peak)], length[peak], test.units.length, axis),
-                   fmt::format("the force on specimen.loaded, positive along +{}: a negative loads.force_scale turns its sign, or specimen.held and specimen.loaded belong the other way round", axis));
+                   fmt::format("the force on specimen.loaded, positive along +{}: a negative loads.force_scale turns its sign, specimen.held and specimen.loaded belong the other way round, or the images come in another order than the record's rows", axis));
 }
 
 }  // namespace

@@ -268,6 +268,23 @@ void RunOutput::freed_at_once(const Material& material, const std::vector<int>& 
   spdlog::warn("{}", doubts_.back());
 }
 
+void RunOutput::refined(const Material& material, const std::vector<int>& free, const Eigen::VectorXd& moved, const Eigen::MatrixXd& covariance) {
+  std::vector<double> changes(material.values.size(), std::nan(""));
+  std::vector<std::string> all, moving;
+  for (std::size_t i = 0; i < free.size(); ++i) {
+    const auto& info = material.information[static_cast<std::size_t>(free[i])];
+    const double change = moved[static_cast<Eigen::Index>(i)], deviation = std::sqrt(std::max(0.0, covariance(free[i], free[i])));
+    changes[static_cast<std::size_t>(free[i])] = change;
+    all.push_back(fmt::format("{} by {:+.2g} {}", info.name, change, info.unit));
+    if (std::abs(change) > std::max(deviation, test_.identify.eta * std::abs(material.values[static_cast<std::size_t>(free[i])]))) moving.push_back(fmt::format("{} by {:+.2g} {} ({:.1f} standard deviations)", info.name, change, info.unit, std::abs(change) / deviation));
+  }
+  spdlog::info("the mesh refined once would change {}", fmt::join(all, ", "));
+  if (file_) io::write_refined(*file_, changes);
+  if (moving.empty()) return;
+  doubts_.push_back(fmt::format("the mesh is coarse: refined once (specimen.refine: {}) it would change {}, which no standard deviation holds", test_.specimen.refine + 1, fmt::join(moving, ", ")));
+  spdlog::warn("{}", doubts_.back());
+}
+
 void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covariance,
                        const std::vector<StageSummary>& stages, double force_left, double seconds, const GroupTimes& groups) {
   if (!file_) return;

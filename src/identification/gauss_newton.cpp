@@ -531,4 +531,19 @@ FreedAtOnce free_at_once(Communicator world, ForwardModel& model, const ImageDat
   return {solve_symmetric(normal.matrix, normal.right), std::move(noise)};
 }
 
+Eigen::VectorXd moved_by_mesh(Communicator world, const OnMesh& coarse, const OnMesh& fine, const Eigen::SparseMatrix<double>& onto, const Stage& stage, const GaussNewtonOptions& options,
+                              const std::vector<double>& parameters, const FinerIncrements& finer, const Eigen::VectorXd& difference) {
+  Linearisation at = linearise(coarse.model, coarse.images, parameters, stage, options, accuracy_of_steps(options, 0.0));
+  at.frames = std::min({at.frames, coarse.path.frames, fine.path.frames});
+  if (at.frames == 0) return {};
+  const auto normal = [&](const OnMesh& mesh, Linearisation there, const Addition& endless) {
+    there.surface = mesh.path.surface.leftCols(at.frames), there.reaction = mesh.path.reaction.head(at.frames);
+    add(there, 1.0, endless);
+    return assemble(world, mesh.model, mesh.images, there, stage, options, difference);
+  };
+  const NormalEquations here = normal(coarse, at, finer.endless);
+  for (auto& s : at.sensitivity) s = (onto * s).eval();
+  return solve_symmetric(here.matrix, normal(fine, at, {.surface = onto * finer.endless.surface, .reaction = finer.endless.reaction}).right - here.right);
+}
+
 }  // namespace imic3d::identification

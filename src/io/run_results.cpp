@@ -118,6 +118,7 @@ void declare_identification(ResultsFile& file, const Case& test, const RunPlan& 
   file.declare(group + "on_bound", {n}, "-", "1 where a free parameter ended on a bound: its standard deviation says nothing", Storage::integer);
   file.declare(group + "at_once/change", {n}, unit, "of parameters that stages found one after another, if all were free at once (one step of Eq. 10); else NaN");
   file.declare(group + "at_once/standard_deviation", {n}, unit, "standard deviation if all were free at once; else NaN");
+  file.declare(group + "refined_mesh/change", {n}, unit, "change on a mesh that is refined once (one step of Eq. 10); NaN: not found");
   file.declare(group + "iterations/count", {1}, "-", "number of rows that are written", Storage::integer);
   file.declare(group + "iterations/stage", {most}, "-", "stage of the iteration, from 0", Storage::integer);
   file.declare(group + "iterations/iteration", {most}, "-", "number within the stage, 0: the start", Storage::integer);
@@ -217,5 +218,7 @@ void write_freed_at_once(ResultsFile& file, std::span<const double> changes, std
   file.write("identification/at_once/change", changes);
   file.write("identification/at_once/standard_deviation", deviations);
 }
+
+void write_refined(ResultsFile& file, std::span<const double> changes) { file.write("identification/refined_mesh/change", changes); }
 
 }  // namespace imic3d::io

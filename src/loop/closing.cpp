@@ -155,7 +155,13 @@ class Loop {
     for (int pass = 0; pass < 2; ++pass) {
       if (const auto known = experiment_.learned(); known && !known->at.empty() && !moved_far(known->at, best)) break;  // scatter of bars, which is put back with no model, is learned again
       const std::vector<double> at = best.values;
-      experiment_.learn_bias(at);
+      try {
+        experiment_.learn_bias(at);
+      } catch (const ConvergenceError& error) {
+        if (const auto known = experiment_.learned(); !known || known->at.empty()) throw;
+        say(fmt::format("  what was learned before stands: {}", error.what()));
+        break;
+      }
       best = fit(experiment_, plain, rows_, free, at);
       say(fmt::format("  what mesh, correlation and scatter err by is learned: chi {:.3f}", chi(best)));
     }
@@ -399,9 +405,11 @@ class Loop {
     trial.model.added.push_back(trial.candidate);
     const bool several_ways = shaped(trial.candidate) || from_afar(at, trial.candidate), somewhere = !candidate(trial.candidate).elsewhere.empty();
     bool fitted = false;
-    for (const auto& start : starts_of(at, i)) {
+    const auto starts = starts_of(at, i);
+    for (std::size_t n = 0; n < starts.size(); ++n) {
       try {
-        Fit one = identified(at.ground->weight, trial.model, start);
+        Fit one = identified(at.ground->weight, trial.model, starts[n]);
+        say(fmt::format("    {}, start {} of up to {}: chi {:.3f} after {} iterations", candidate(trial.candidate).name, n + 1, starts.size(), chi(one), one.iterations));
         if (!fitted || cost(one, somewhere) < cost(trial.model.fit, somewhere)) trial.model.fit = std::move(one);
         fitted = true;
         const bool down_to_noise = chi(trial.model.fit) < at.misfit.null_fitted && !(somewhere && chi_held_out(trial.model.fit) > at.misfit.null_held_out);
@@ -418,6 +426,7 @@ class Loop {
     }
     if (at.ground->learned && trial.model.fit.cost < 0.7 * at.fit.cost) {
       Model settled = trial.model;
+      say("    what the model with it errs by, and its null, are found anew");
       try {
         settle(settled);
         trial.model = std::move(settled);

@@ -13,6 +13,9 @@ namespace {
 /// Of series whose differences are marks, and whose derivatives are marks and noise; of those that are only looked at.
 constexpr mechanics::Accuracy accuracy_of_series{.forces = 1e-10, .derivatives = 1e-6}, accuracy_of_bias{.forces = 1e-7};
 
+/// The finer mesh of a model that an effect was added to: strain that softens it localises there, and takes its series hundreds of increments a frame, if it can be followed at all.
+constexpr int cuts_of_bias = 2;
+
 Eigen::Matrix<double, Eigen::Dynamic, 2> in_plane(const mesh::Mesh& surface) { return surface.nodes.leftCols<2>(); }
 
 /// A nodal field of one surface at the nodes of another [components * nodes square].
@@ -208,6 +211,7 @@ std::vector<FieldExperiment::Series> FieldExperiment::simulate(const std::vector
       };
       const Eigen::MatrixXd driving = on_variant(one.driving), beyond = driven_beyond(with, one.loading);
       id::Run run{.parameters = one.law, .driving = &driving, .free = one.free, .straight = one.straight, .accuracy = one.variant.synthetic ? accuracy_of_bias : accuracy_of_series};
+      if (one.variant.synthetic && !bias_->at.empty()) run.accuracy.cuts = cuts_of_bias;
       if (beyond.size() > 0) run.beyond = &beyond;
       for (const auto& direction : one.directions) run.directions.push_back({.prescribed = with.specimen.from_surface(id::Control::displacement) * on_variant(direction)});
       for (const int shape : one.uneven) run.directions.push_back(uneven_end(with, shape));

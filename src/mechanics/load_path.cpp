@@ -65,7 +65,7 @@ int LoadPath::go_to(const LoadStep& step, const Eigen::VectorXd* near, int incre
       start = start == Start::offered ? Start::continued : Start::standing;
       continue;
     }
-    if (++cuts > options_.max_cuts) {
+    if (++cuts > (accuracy_.cuts > 0 ? accuracy_.cuts : options_.max_cuts)) {
       status.limit_point = outcome == Outcome::limit_point;
       status.message = fmt::format("no equilibrium at frame {} of the series (time {:.6g}) in {} increments{}", frame_ + 1, step.time, count,
                                    status.limit_point ? ": the prescribed force is at or beyond the maximum load that the "

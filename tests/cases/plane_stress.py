@@ -73,6 +73,7 @@ def virtual_test(program, folder):
     judge("force_driven", values[1], [3, 1, 2, 3])
     run(program, "identify", cases["displacement_driven"], 2)
     judge("displacement_driven", identified(folder / "displacement_driven"), [3, 3, 5, 15])
+    refined_mesh(program, folder, cases["displacement_driven"])
     text = (folder / "force_1/results.xdmf").read_text()
     xml.etree.ElementTree.fromstring(text)
     require("Quadrilateral" in text and "Hexahedron" not in text, "ParaView gets quadrilaterals")
@@ -86,6 +87,21 @@ def virtual_test(program, folder):
 def identified(folder):
     result = json.loads((folder / "result.json").read_text())
     return numpy.array([result["parameters"][name]["value"] for name in TRUTH])
+
+
+def refined_mesh(program, folder, case):
+    """What a run says of a mesh that is refined once is what a run on that mesh finds."""
+    fine = folder / "refined.yaml"
+    fine.write_text(case.read_text().replace("layers: 3", "layers: 3, refine: 1").replace("output: displacement_driven", "output: refined"))
+    run(program, "identify", fine, 2)
+    before, after = (json.loads((folder / name / "result.json").read_text()) for name in ("displacement_driven", "refined"))
+    for name in ("S_y", "H", "delta"):
+        one, other = before["parameters"][name], after["parameters"][name]
+        said, found = one["refined_mesh"]["change"], other["value"] - one["value"]
+        require(abs(said - found) < 0.3 * abs(found) + one["standard_deviation"], f"{name}: {said:+.4g} said, {found:+.4g} found, standard deviation {one['standard_deviation']:.2g}")
+    doubted = any("the mesh is coarse" in doubt for doubt in before.get("doubts", []))
+    far = any(abs(one["refined_mesh"]["change"]) > one["standard_deviation"] for one in before["parameters"].values() if "refined_mesh" in one)
+    require(doubted == far, f"doubted where that is more than a standard deviation: {doubted}")
 
 
 def judge(functional, values, limits):

@@ -149,8 +149,9 @@ class Curves final : public Experiment {
   }
   bool takes_simulations(int parameter) const override { return costly && parameter >= 2; }
   void learn_bias(const std::vector<double>& values) override {
+    if (!learns) throw ConvergenceError("the model on a finer mesh cannot follow");
     learned_at = values;
-    put_back(std::make_shared<Size>(values[2 + kink]));
+    put_back(std::make_shared<Size>(values));
   }
   std::shared_ptr<const Learned> learned() const override { return bias_of_kink > 0.0 ? learned_ : nullptr; }
   void put_back(const std::shared_ptr<const Learned>& learned) override { learned_ = std::dynamic_pointer_cast<const Size>(learned); }
@@ -164,6 +165,7 @@ class Curves final : public Experiment {
   double bias_of_kink = 0.0;  // what the mesh errs by where there is one
   double unlike_twins = 0.2;  // the rest of gain
   bool follows = true;        // what its model is asked for
+  bool learns = true;         // what its synthetic test is
   bool records_offset = true;
   bool knows_disturbance = true;  // the noise of what drives it
   std::function<bool(const std::vector<double>&)> within = [](const auto&) { return true; };  // sets that its model can follow
@@ -192,7 +194,7 @@ class Curves final : public Experiment {
 
  private:
   struct Size final : Learned {
-    explicit Size(double size) : kink(size) {}
+    explicit Size(const std::vector<double>& values) : kink(values[2 + Curves::kink]) { at = values; }
     double kink;
   };
   std::shared_ptr<const Size> learned_;

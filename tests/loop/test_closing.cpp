@@ -761,6 +761,25 @@ TEST(Closing, AModelThatErrsByMoreThanItExplainsIsNotPlausible) {
   }
 }
 
+/// Where the finer mesh cannot be followed again, what was learned before at other values stands; without any there is no loop.
+TEST(Closing, WhatWasLearnedBeforeStands) {
+  for (const bool before : {true, false}) {
+    Curves experiment(4);
+    experiment.bias_of_kink = 0.1;
+    std::vector<double> far;
+    for (const auto& p : experiment.parameters()) far.push_back(p.value);
+    far[1] *= 2.0;
+    if (before) experiment.learn_bias(far);
+    experiment.learns = false;
+    if (!before) {
+      EXPECT_THROW((void)close_loop(experiment, usual), ConvergenceError);
+      continue;
+    }
+    EXPECT_EQ(close_loop(experiment, usual).verdict, Verdict::nothing_found);
+    EXPECT_EQ(experiment.learned_at, far);
+  }
+}
+
 /// What a loop with a record of `known` answers says, and all its answers.
 struct Recorded {
   Report report;

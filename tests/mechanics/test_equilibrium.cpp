@@ -368,6 +368,8 @@ TEST(Equilibrium, AForceBeyondTheMaximumLoadIsNoticed) {
   const auto status = equilibrium.run(steps, parameters, 0.0, [&](int, const FrameState&) { ++frames; });
   EXPECT_EQ(frames, 2);
   EXPECT_EQ(status.frames, 2);
+  EXPECT_EQ(status.increments.back(), 16);  // four doublings
+  EXPECT_EQ(equilibrium.run(steps, parameters, 0.0, [](int, const FrameState&) {}, {}, {}, nullptr, {}, {.cuts = 2}).increments.back(), 4);
   EXPECT_TRUE(status.limit_point) << status.message;
 }
 

@@ -55,6 +55,9 @@ struct CorrelationProgress {
 void correlate(Observation& observation, const io::Case& test, const Communicator& world,
                const std::function<void(int place, const correlation::DicFrame&)>& done = {}, CorrelationProgress progress = {});
 
+/// What was seen, to be judged on another mesh of the specimen; its frames are those of the mesh before. Throws InputError (too few pixels).
+[[nodiscard]] Observation on_mesh(const Observation& seen, const io::Case& test, const identification::Specimen& specimen);
+
 /// The residual of pure DIC that noise explains in a camera of a face [grey level].
 [[nodiscard]] double residual_of_noise(const Observation& seen, const ObservedFace& face, std::size_t camera);
 /// The residual of pure DIC in a frame over that which noise explains, rms of the cameras.

@@ -155,6 +155,17 @@ struct FreedAtOnce {
 FreedAtOnce free_at_once(Communicator world, ForwardModel& model, const ImageData& images, const Stage& all, const GaussNewtonOptions& options,
                          const std::vector<double>& parameters, const FinerIncrements& finer);
 
+/// A test on one of two meshes.
+struct OnMesh {
+  ForwardModel& model;      ///< its record is that mesh's
+  const ImageData& images;  ///< judged on its surface
+  const Path& path;         ///< simulated there, by what drives the other mesh alike
+};
+/// By what one step of Eq. 10 moves the free parameters of `stage` from what they are on a coarse mesh to what they are on a fine one [free]; empty where nothing can be simulated.
+/// `onto`: displacement of the fine surface from that of the coarse one. `finer`, `difference`: of that stage, on the coarse mesh. Collective over `world`. Throws ConvergenceError where derivatives are not found.
+Eigen::VectorXd moved_by_mesh(Communicator world, const OnMesh& coarse, const OnMesh& fine, const Eigen::SparseMatrix<double>& onto, const Stage& stage, const GaussNewtonOptions& options,
+                              const std::vector<double>& parameters, const FinerIncrements& finer, const Eigen::VectorXd& difference);
+
 /// Noise of the reaction R of a DIC-driven simulation [force] that comes from the noise of the displacement prescribed on
 /// the ends: the rms reaction to `driving`, random displacements of the surface [unknowns x draws, length], from
 /// rest, with the law `parameters`, elastic. Where the specimen yields its tangent is lower and so is the noise:

@@ -60,6 +60,7 @@ struct EquilibriumOptions {
 struct Accuracy {
   double forces = 0.0;  ///< `tolerance` where no images take part; given and no smaller, corrections with a kept factor end there, not at round-off
   double derivatives = 0.0;  ///< `derivative_tolerance`
+  int cuts = 0;              ///< `max_cuts`
 };
 
 /// The optical part of Eq. 7 beside the forces, multiplied by k_0/(1/alpha - 1): (K + stiffness) dU = F_ext - F_int + force.
