@@ -74,16 +74,14 @@ std::vector<correlation::DicFrame> as_whole(const ObservedFace& face, std::vecto
 
 /// What is said of elements that are left out.
 std::string in_words(const mesh::Mesh& surface, const std::vector<char>& left_out, const std::string& length) {
-  const auto count = std::count(left_out.begin(), left_out.end(), 1);
-  Eigen::RowVector2d sum = Eigen::RowVector2d::Zero(), low = Eigen::RowVector2d::Constant(INFINITY), high = -low;
-  for (std::size_t e = 0; e < left_out.size(); ++e)
-    for (int i = 0; left_out[e] != 0 && i < 4; ++i) {
-      const Eigen::RowVector2d node = surface.nodes.row(surface.cells(static_cast<Eigen::Index>(e), i)).head<2>();
-      sum += 0.25 * node, low = low.cwiseMin(node), high = high.cwiseMax(node);
-    }
-  sum /= static_cast<double>(count);
-  return fmt::format("{} of {} elements of the surface about ({:.3g}, {:.3g}) {}, from ({:.3g}, {:.3g}) to ({:.3g}, {:.3g}), show the reference's speckle no more in some frames (paint that came off, a reflection): they are left out of all", count,
-                     left_out.size(), sum[0], sum[1], length, low[0], low[1], high[0], high[1]);
+  std::vector<std::string> places;
+  for (const auto& patch : correlation::patches(surface, left_out)) {
+    Eigen::RowVector2d middle = Eigen::RowVector2d::Zero();
+    for (const int e : patch)
+      for (int i = 0; i < 4; ++i) middle += surface.nodes.row(surface.cells(e, i)).head<2>() / (4.0 * static_cast<double>(patch.size()));
+    places.push_back(fmt::format("{} about ({:.3g}, {:.3g}) {}", patch.size(), middle[0], middle[1], length));
+  }
+  return fmt::format("{} of {} elements of the surface, {}, show the reference's speckle no more in some frames (paint that came off, a reflection): they are left out of all", std::count(left_out.begin(), left_out.end(), 1), left_out.size(), fmt::join(places, ", "));
 }
 
 /// 1/sigma^2 is the mean of 1/sigma_c^2; infinity where nothing is known yet.

@@ -17,4 +17,7 @@ namespace imic3d::correlation {
 /// than a fifth of the frames, and in more than one: a specimen that cracks in the last of many keeps the place in all others.
 [[nodiscard]] std::vector<char> lost_elements(const Cameras& cameras, const std::vector<DicFrame>& frames);
 
+/// The marked elements of a surface [elements, 0 or 1] by what hangs together at nodes.
+[[nodiscard]] std::vector<std::vector<int>> patches(const mesh::Mesh& surface, const std::vector<char>& marked);
+
 }  // namespace imic3d::correlation
