@@ -133,6 +133,7 @@ def main():
     area = numpy.pi * (radius * PIXEL)**2 / (3.5 * 3)
     require(largest == f"loose_{place}" and 0.4 * area < places[largest] < 2.5 * area, f"where it is ({largest}): {places[largest]:.3f} of the place, {area:.3f} are the patch")
     require("speckle no more" in result["doubts"][-1] and result["verdict"] == "nothing found", f"the motion does without it: {result['doubts'][-1]}")
+    require(int(result["doubts"][-1].split()[0]) <= 6, "without no more than the patch has spoilt")
     off = max(abs(one["value"] - true) / one["standard_deviation"] for true, one in ((E, result["before"]["parameters"]["E"]), (NU, result["before"]["parameters"]["nu"])))
     require(off < 3.5, f"E and nu are off by {off:.1f} standard deviations at most")
     require(abs(light["map"]["frame"] - onset) <= FRAMES, "the map says where and when something is left")
