@@ -14,6 +14,7 @@
 #include "imic3d/app/output.hpp"
 #include "imic3d/app/program.hpp"
 #include "imic3d/app/setup.hpp"
+#include "imic3d/core/blocks.hpp"
 #include "imic3d/core/interrupt.hpp"
 #include "imic3d/core/log.hpp"
 #include "imic3d/identification/equilibrium_gap.hpp"
@@ -185,26 +186,20 @@ class Identification {
       io::Case refined = test_;
       ++refined.specimen.refine;
       const id::Specimen finer = make_specimen(refined);
-      Observation of_finer = on_mesh(seen_, refined, finer);
-      Eigen::SparseMatrix<double> onto(of_finer.faces.back().dic->cameras().unknowns() + finer.faces.back().first_unknown, record_.surface_displacement.rows());
-      std::vector<Eigen::Triplet<double>> entries;
-      for (std::size_t k = 0; k < finer.faces.size(); ++k) {
-        const auto &face = specimen_.faces[k], &its = finer.faces[k];
-        const Eigen::SparseMatrix<double> part = id::of_components(id::interpolation(face.surface.mesh, its.surface.mesh.nodes.leftCols<2>()), its.components);
-        for (int column = 0; column < part.outerSize(); ++column)
-          for (Eigen::SparseMatrix<double>::InnerIterator entry(part, column); entry; ++entry)
-            entries.emplace_back(static_cast<int>(its.first_unknown + entry.row()), static_cast<int>(face.first_unknown) + column, entry.value());
-      }
-      onto.setFromTriplets(entries.begin(), entries.end());
-      id::Record driven = record_, driven_finer = record_;
-      driven.driving = driving_displacement(seen_, shown_);
-      driven_finer.driving = onto * driven.driving, driven_finer.surface_displacement = onto * record_.surface_displacement;
+      const Observation of_finer = on_mesh(seen_, refined, finer);
+      std::size_t k = 0;
+      const Eigen::SparseMatrix<double> onto = blocks(specimen_.faces, [&](const id::Face& face) { return id::between(face.surface.mesh, finer.faces[k++].surface.mesh, face.components); });
+      const Eigen::MatrixXd driving = driving_displacement(seen_, shown_);
+      id::Record record = record_;
+      record.driving = onto * driving, record.surface_displacement = onto * record_.surface_displacement;
       const id::ImageData images = judging_images(of_finer, test_);
-      const mechanics::EquilibriumOptions options{.increments = increments_};
-      id::ForwardModel coarse(world_, specimen_, material_.law, driven, options, 1, 1), fine(world_, finer, material_.law, driven_finer, options, 1, 1);
+      id::ForwardModel fine(world_, finer, material_.law, record, {.increments = increments_}, 1, 1);
       const id::Stage& stage = declared_.back();
-      const auto path_of = [&](id::ForwardModel& model) { return model.simulate(id::Control::displacement, {{.parameters = material_.values, .accuracy = {.forces = 1e-9}}}, stage.frames.back() + 1).front(); };
-      const id::Path here = path_of(coarse), there = path_of(fine);
+      id::Run run{.parameters = material_.values, .increments = increments_, .accuracy = {.forces = 1e-9}};
+      const auto path_of = [&](id::ForwardModel& model) { return model.simulate(id::Control::displacement, {run}, stage.frames.back() + 1).front(); };
+      const id::Path there = path_of(fine);
+      run.driving = &driving;
+      const id::Path here = path_of(model_);
       const Eigen::VectorXd moved = id::moved_by_mesh(world_, {model_, images_, here}, {fine, images, there}, onto, stage, solver_, material_.values, finer_, difference_);
       if (moved.size() > 0) output_.refined(material_, stage.free, moved, covariance_);
     } catch (const ConvergenceError& error) {

@@ -174,7 +174,7 @@ Eigen::MatrixXd correlated_images(const Observation& seen, const io::Case& test,
       return image;
     };
     // The motion is known: no coarse images have to find it.
-    const Eigen::SparseMatrix<double> onto = identification::of_components(identification::interpolation(made.surface.mesh, face.dic->cameras().surface().nodes.leftCols<2>()), face.dic->cameras().dofs_per_node());
+    const Eigen::SparseMatrix<double> onto = identification::between(made.surface.mesh, face.dic->cameras().surface(), face.dic->cameras().dofs_per_node());
     correlation::DicSeries known;
     for (Eigen::Index t = 0; t < U.cols(); ++t) known.starts.emplace_back(onto * U.col(t).segment(made.first_unknown, made.unknowns())), known.lost.push_back(0);
     const auto frames = face.dic->run(world, static_cast<int>(U.cols()), correlation::GlobalDic::SourceOfAll(photograph), {}, std::move(known));

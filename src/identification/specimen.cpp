@@ -251,4 +251,6 @@ Specimen make_specimen(mesh::Mesh volume, const std::string& held, const std::st
   return specimen;
 }
 
+Eigen::SparseMatrix<double> between(const mesh::Mesh& from, const mesh::Mesh& to, int components) { return of_components(interpolation(from, to.nodes.leftCols<2>()), components); }
+
 }  // namespace imic3d::identification

@@ -13,13 +13,10 @@ namespace {
 /// Of series whose differences are marks, and whose derivatives are marks and noise; of those that are only looked at.
 constexpr mechanics::Accuracy accuracy_of_series{.forces = 1e-10, .derivatives = 1e-6}, accuracy_of_bias{.forces = 1e-7};
 
-/// The finer mesh of a model that an effect was added to: strain that softens it localises there, and takes its series hundreds of increments a frame, if it can be followed at all.
+/// Of a synthetic test that is made again, of other values: strain that softens the law localises on the finer mesh, and takes its series hundreds of increments a frame, if it can be followed at all.
 constexpr int cuts_of_bias = 2;
 
 Eigen::Matrix<double, Eigen::Dynamic, 2> in_plane(const mesh::Mesh& surface) { return surface.nodes.leftCols<2>(); }
-
-/// A nodal field of one surface at the nodes of another [components * nodes square].
-Eigen::SparseMatrix<double> between(const mesh::Mesh& from, const mesh::Mesh& to, int components) { return id::of_components(id::interpolation(from, in_plane(to)), components); }
 
 /// Of two faces: x and y of each as the mean of both at the same place [unknowns square].
 Eigen::SparseMatrix<double> mean_of(const std::vector<FieldFace>& faces) {
@@ -97,9 +94,9 @@ FieldExperiment::Variant& FieldExperiment::variant(const Key& wanted) {
     made.from_variant = made.to_variant;
   } else {
     std::size_t k = 0;
-    made.to_variant = blocks(measured_.faces, [&](const FieldFace& face) { return between(face.surface, made.specimen.faces[k++].surface.mesh, face.components); });
+    made.to_variant = blocks(measured_.faces, [&](const FieldFace& face) { return id::between(face.surface, made.specimen.faces[k++].surface.mesh, face.components); });
     k = 0;
-    made.from_variant = blocks(measured_.faces, [&](const FieldFace& face) { return between(made.specimen.faces[k++].surface.mesh, face.surface, face.components); });
+    made.from_variant = blocks(measured_.faces, [&](const FieldFace& face) { return id::between(made.specimen.faces[k++].surface.mesh, face.surface, face.components); });
   }
   if (measured_.faces.size() == 2) made.to_variant = (made.to_variant * mean_of(measured_.faces)).eval();
   const Eigen::Index before = before_test ? 1 : 0, frames = measured_.force.size() + before;

@@ -82,4 +82,7 @@ struct Specimen {
 /// A matrix for one number a node [k x n] as that for several components a node [components * k x components * n].
 [[nodiscard]] Eigen::SparseMatrix<double> of_components(const Eigen::SparseMatrix<double>& scalar, int components = 2);
 
+/// A nodal field of several components of one quad mesh at the nodes of another [components * nodes of `to` x components * nodes of `from`].
+[[nodiscard]] Eigen::SparseMatrix<double> between(const mesh::Mesh& from, const mesh::Mesh& to, int components);
+
 }  // namespace imic3d::identification
