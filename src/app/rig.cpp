@@ -85,6 +85,12 @@ mesh::Mesh surface_of(const io::Case& test, bool back) {
   return mesh::front_surface(mesh).mesh;
 }
 
+double joint_noise(const std::vector<double>& sigma) {
+  double inverse = 0.0;
+  for (const double one : sigma) inverse += 1.0 / (one * one * static_cast<double>(sigma.size()));
+  return 1.0 / std::sqrt(inverse);
+}
+
 void measure_noise(Rig& rig, std::size_t view, const correlation::PixelQuadrature& seen) {
   auto& at = rig.views[view];
   if (rig.noise_is_measured[view] || rig.statics[view].size() < 2) return;

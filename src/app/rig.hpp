@@ -30,6 +30,8 @@ struct Rig {
 [[nodiscard]] Rig make_rig(const io::Case& test, bool back, mesh::Mesh surface);
 /// The face that `imic3d dic` works on, without a volume: quadrilaterals lie at z = 0, their back at -thickness.
 [[nodiscard]] mesh::Mesh surface_of(const io::Case& test, bool back);
+/// Of cameras together [grey level]: 1/sigma^2 is the mean of 1/sigma_c^2; infinity where nothing is known yet.
+[[nodiscard]] double joint_noise(const std::vector<double>& sigma);
 /// Measures the noise of a view on the pixels of the specimen, where it is not declared and there are several reference frames.
 void measure_noise(Rig& rig, std::size_t view, const correlation::PixelQuadrature& seen);
 /// Doubts a view of which many pixels of the specimen have the largest or the smallest grey level of its first reference frame.

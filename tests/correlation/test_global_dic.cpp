@@ -469,6 +469,33 @@ TEST(GlobalDic, PlacesWithoutTheReferencesSpeckleAreLeftOut) {
   EXPECT_TRUE(lost_elements(dic.cameras(), spoilt).empty());
 }
 
+/// What tells of a lost place: more than the speckle's own contrast is left, in enough pixels, and not all over the picture.
+TEST(GlobalDic, APlaceIsLostByItsContrastItsPixelsAndItsSize) {
+  mesh::Mesh quads = rectangle(20, 20, 140, 140, 10, 10);
+  for (int i = 0; i < 11; ++i) quads.nodes(i, 1) = 32.0 - 4.2;  // a border of 3 px leaves the first row of elements few pixels
+  const GlobalDic dic(quads, *camera(), scene().reference, {.low_pass = 1.0, .border = 3.0}, "mesh");
+  const auto& q = dic.correlation().quadrature();
+  const double contrast = std::sqrt(variance_of_elements(q)[55]);
+  const auto lost = [&](const std::vector<int>& elements, double left) {
+    Eigen::VectorXd rms = Eigen::VectorXd::Constant(100, 0.02 * contrast);
+    for (const int e : elements) rms[e] = left * contrast;
+    DicFrame frame;
+    frame.cameras.push_back({.element_rms = rms});
+    return lost_elements(dic.cameras(), std::vector<DicFrame>(4, frame));
+  };
+  ASSERT_GT(q.pixels_of(55), 100U);
+  ASSERT_LT(q.pixels_of(5), 16U);
+  ASSERT_GT(q.pixels_of(5), 0U);
+  std::vector<char> one(100, 0);
+  one[55] = 1;
+  EXPECT_EQ(lost({55}, 2.0), one);
+  EXPECT_TRUE(lost({55}, 0.5).empty()) << "25 times the median, but the speckle is there";
+  EXPECT_TRUE(lost({5}, 2.0).empty()) << "a few pixels";
+  std::vector<int> many;
+  for (int e = 30; e < 60; ++e) many.push_back(e);
+  EXPECT_TRUE(lost(many, 2.0).empty()) << "a picture that is spoilt";
+}
+
 TEST(GlobalDic, ASeriesIsTakenUpWhereItWasLeft) {
   const Communicator world;
   constexpr int count = 5;
