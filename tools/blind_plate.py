@@ -5,7 +5,7 @@ declared). Something is done to the test that the case file does not declare, an
 images   a speckle of discs given by formulas, mapped back sample by sample, averaged over the pixels, with noise, in 8 bits: 250 x 320 px
 fields   the displacement at points as a subset correlation would give it, with noise, rounded
 
-tools/blind_plate.py {images,fields} [--reduced] [--waist] [--by imic3d] [--seeds N] [--nulls N] [--only NAME,NAME] [--bricks N,N,N] [--grey-noise N] [--frames N] [--mesh HOLE,FAR] [--out FOLDER] [--imic3d PROGRAM]
+tools/blind_plate.py {images,fields} [--reduced] [--waist] [--by imic3d] [--seeds N] [--nulls N] [--only NAME,NAME] [--bricks N,N,N] [--grey-noise N] [--noise N] [--theory simo] [--frames N] [--mesh HOLE,FAR] [--out FOLDER] [--imic3d PROGRAM]
 tools/blind_plate.py {images,fields} --together [...]
 tools/blind_plate.py images --identify [...]
 
@@ -40,7 +40,7 @@ LAW = cx.Law()
 TRUTH = dict(E=LAW.E, S_y=LAW.S_y, H=LAW.H, delta=LAW.delta)
 FRAMES, STRAIN, REST = 16, 4.0, 4
 LENGTH, DECLARED_LENGTH = 40.0, 24.0  # [mm]
-# A plate of half a millimetre is no plane stress at the hole's edge: 27 standard deviations of all points together, which the loop sees.
+# A plate of half a millimetre is no plane stress at the hole's edge: 27 standard deviations of all points together, which the loop sees; one of a millimetre is among the trials.
 THICKNESS, RADIUS = 0.1, 2.5
 LOAD_NOISE = 2.0  # [N]
 NOISE, STEP, SUBSET = 2e-3, 0.5, 0.3  # of a point, step and subset of the points [mm]
@@ -51,7 +51,7 @@ DECLARED = {
 }
 # What the generator can do to a test. Lengths in mm, forces in N, times in frames; `mesh`: declared sizes at the hole and far from it.
 NOTHING = dict(force_offset=0.0, force_gain=1.0, force_delay=0.0, preload=0.0, jumps=0.0, hole_radius_error=0.0, nu=LAW.nu, magnification_drift=0.0, drift_with_load=0.0, inverse_distance=0.0, k1=0.0,
-               bump=0.0, oscillation=0.0, debonded=0.0, dropped=0, duplicated=0, black=0.0, white=255.0, jpeg=0, declared_noise=0.0, force_unit=1.0, thickness=THICKNESS, declared="power", mesh=None, leave_out=[])
+               bump=0.0, oscillation=0.0, debonded=0.0, dropped=0, duplicated=0, black=0.0, white=255.0, jpeg=0, declared_noise=0.0, force_unit=1.0, true_thickness=THICKNESS, thickness=THICKNESS, declared="power", mesh=None, leave_out=[])
 
 
 def waisted(points):
@@ -66,19 +66,20 @@ class Waisted(cx.Plate):
 
 
 class Generator:
-    """The plate's front face in every frame, for each hole and Poisson's ratio: nodes (n, 2), faces (m, 8), displacement (FRAMES + 1, n, 3), force (FRAMES + 1); simulated once."""
+    """The plate's front face in every frame, for each hole, Poisson's ratio and thickness: nodes (n, 2), faces (m, 8), displacement (FRAMES + 1, n, 3), force (FRAMES + 1); simulated once."""
 
-    def __init__(self, folder, bricks, increment, waist, program=None):
-        self.folder, self.bricks, self.increment, self.waist, self.program = folder, bricks, increment, waist, program
+    def __init__(self, folder, bricks, increment, waist, program=None, theory="hencky"):
+        self.folder, self.bricks, self.increment, self.waist, self.program, self.theory = folder, bricks, increment, waist, program, theory
 
-    def __call__(self, radius, nu):
-        file = self.folder / f"radius_{radius:.5f}_nu_{nu:.5f}.npz"
+    def __call__(self, radius, nu, thickness=THICKNESS):
+        thick, other = thickness != THICKNESS, self.theory != "hencky"
+        file = self.folder / (f"radius_{radius:.5f}_nu_{nu:.5f}" + f"_thickness_{thickness:g}" * thick + f"_{self.theory}" * other + ".npz")
         if not file.exists() and self.program:
             np.savez(file, **self.by_imic3d(radius, nu, file.with_suffix("")))
         elif not file.exists():
             around, outward, along = self.bricks
-            plate = (Waisted if self.waist else cx.Plate)(length=LENGTH, thickness=THICKNESS, radius=radius, around=around, outward=outward, along=along, through=1)
-            result = simulate(SimpleNamespace(strain=STRAIN, frames=FRAMES, theory="hencky", increment=self.increment), cx.Law(nu=nu), file.with_suffix(""), plate)
+            plate = (Waisted if self.waist else cx.Plate)(length=LENGTH, thickness=thickness, radius=radius, around=around, outward=outward, along=along, through=2 if thick else 1)
+            result = simulate(SimpleNamespace(strain=STRAIN, frames=FRAMES, theory=self.theory, increment=self.increment), cx.Law(nu=nu), file.with_suffix(""), plate)
             np.savez(file, **dict(zip(("nodes", "faces", "displacement", "force"), result)))
         known = np.load(file)
         return known["nodes"], known["faces"], known["displacement"][STATIC - 1:], known["force"][STATIC - 1:]
@@ -102,7 +103,7 @@ output: run
 
 def test(generator, p, random):
     """The test as it is recorded, the reference first: nodes (n, 2), faces (m, 8), the nodes where the camera sees them (FRAMES + 1, n, 2), force (FRAMES + 1)."""
-    nodes, faces, u, force = generator(RADIUS + p["hole_radius_error"], p["nu"])
+    nodes, faces, u, force = generator(RADIUS + p["hole_radius_error"], p["nu"], p["true_thickness"])
     time = np.arange(FRAMES + 1.0)
     record = np.interp(time - p["force_delay"], time, force) * p["force_gain"] + p["force_offset"]
     if p["preload"]:
@@ -238,7 +239,7 @@ EFFECTS = {
 NULLS = {"nu": LAW.nu, "force_gain": 1.0}
 FOUND_AS = {"bump": "step_of_magnification"}
 OUTSIDE = {"oscillating magnification": dict(oscillation=1e-3), "debonded patch": dict(debonded=0.5), "force jumps": dict(jumps=5.0)}
-OTHERS = {"power_term": dict(declared="linear"), "coarse mesh": dict(mesh=(3.5, 6.0))}
+OTHERS = {"power_term": dict(declared="linear"), "coarse mesh": dict(mesh=(3.5, 6.0)), "plane stress": dict(true_thickness=1.0, thickness=1.0)}
 PAIRS = [("force zero", "lens distortion"), ("hole radius", "magnification drift")]
 # Faults of a test that no effect of the library is, on images: any name is a wrong one.
 FAULTS = {
@@ -299,12 +300,13 @@ def identified(kind, generator, folder, program, nulls):
 
 
 def main():
-    global GREY_NOISE, FRAMES
+    global GREY_NOISE, NOISE, FRAMES
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("kind", choices=("images", "fields"))
     parser.add_argument("--reduced", action="store_true", help="one null and three effects at 10 x MDE (those of --only, all of which must be named; of fields the paper's pair of laws, too), from a coarser simulation; fails where a verdict is wrong")
     parser.add_argument("--waist", action="store_true", help="a plate with a waist and an elliptical hole")
     parser.add_argument("--by", choices=("calculix", "imic3d"), default="calculix")
+    parser.add_argument("--theory", choices=("hencky", "simo"), default="hencky", help="of CalculiX: imic3d's, or its own (docs/verification.md)")
     parser.add_argument("--together", action="store_true", help="three plates in one loop")
     parser.add_argument("--identify", action="store_true", help="imic3d identify where nothing is missing")
     parser.add_argument("--seeds", type=int, default=1)
@@ -313,18 +315,19 @@ def main():
     parser.add_argument("--only", default="", help="names, with commas between them")
     parser.add_argument("--bricks", help="CalculiX's, of a quarter of the plate: around the hole, outwards, along the rest (12,14,7; reduced 8,9,5)")
     parser.add_argument("--grey-noise", type=float, default=GREY_NOISE, help="of an image [grey levels]")
+    parser.add_argument("--noise", type=float, default=NOISE, help="of a point of a field [mm]")
     parser.add_argument("--frames", type=int, default=FRAMES, help="to the same elongation")
     parser.add_argument("--mesh", help="declared sizes of elements at the hole and far from it [mm]")
     parser.add_argument("--out", type=Path)
     parser.add_argument("--imic3d", default="build/release/imic3d")
     options = parser.parse_args()
-    usual = (options.frames, options.grey_noise, options.mesh) == (FRAMES, GREY_NOISE, None)
-    out = options.out or Path(f"runs/blind_{options.kind}" + ("" if usual else f"_{options.frames}_frames_noise_{options.grey_noise:g}" + (f"_mesh_{options.mesh}" if options.mesh else "")))
+    given = {"frames": (options.frames, FRAMES), "grey_noise": (options.grey_noise, GREY_NOISE), "noise": (options.noise, NOISE), "mesh": (options.mesh, None), "theory": (options.theory, "hencky")}
+    out = options.out or Path("_".join([f"runs/blind_{options.kind}"] + [f"{key}_{value}" for key, (value, usual) in given.items() if value != usual]))
     bricks = options.bricks or ("8,9,5" if options.reduced else "12,14,7")
-    GREY_NOISE, FRAMES = options.grey_noise, options.frames
+    GREY_NOISE, NOISE, FRAMES = options.grey_noise, options.noise, options.frames
     if options.mesh:
         NOTHING["mesh"] = tuple(float(size) for size in options.mesh.split(","))
-    generator = Generator(out / options.by, [int(n) for n in bricks.split(",")], 0.1 if options.reduced else 0.05, options.waist, options.imic3d if options.by == "imic3d" else None)
+    generator = Generator(out / options.by, [int(n) for n in bricks.split(",")], 0.1 if options.reduced else 0.05, options.waist, options.imic3d if options.by == "imic3d" else None, options.theory)
     suite = blind.Suite(out, options.imic3d, lambda folder, planted, seed: make(options.kind, generator, folder, planted, seed), TRUTH)
     if options.identify and options.kind != "images":
         parser.error("--identify: images")

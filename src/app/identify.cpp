@@ -177,36 +177,29 @@ class Identification {
     spdlog::info("{} frames simulated with {} factorisations, {} passes over the elements, and {} for derivatives", work.frames, work.factorisations, work.passes, work.derivative_passes);
   }
 
-  /// In plane stress, driven by the ends, seen in the plane and whole: what the last stage would find on meshes of simulation and correlation that are refined once. Both are driven by the identified model's own motion, smoothed like the measured
-  /// one, whose noise would be answered by either mesh otherwise.
-  void refine() {
-    const bool flat = std::all_of(seen_.faces.begin(), seen_.faces.end(), [](const auto& face) { return face.dic == face.whole && face.dic->cameras().dofs_per_node() == 2; });
-    if (!test_.specimen.plane_stress() || !flat || solver_.functional != id::Functional::displacement_driven || solver_.noise_model.draws == 0) return;
-    try {
-      io::Case refined = test_;
-      ++refined.specimen.refine;
-      const id::Specimen finer = make_specimen(refined);
-      const Observation of_finer = on_mesh(seen_, refined, finer);
-      std::size_t k = 0;
-      const Eigen::SparseMatrix<double> onto = blocks(specimen_.faces, [&](const id::Face& face) { return id::between(face.surface.mesh, finer.faces[k++].surface.mesh, face.components); });
-      const Eigen::MatrixXd driving = driving_displacement(seen_, shown_);
-      id::Record record = record_;
-      record.driving = onto * driving, record.surface_displacement = onto * record_.surface_displacement;
-      const id::ImageData images = judging_images(of_finer, test_);
-      id::ForwardModel fine(world_, finer, material_.law, record, {.increments = increments_}, 1, 1);
-      const id::Stage& stage = declared_.back();
-      id::Run run{.parameters = material_.values, .increments = increments_, .accuracy = {.forces = 1e-9}};
-      const auto path_of = [&](id::ForwardModel& model) { return model.simulate(id::Control::displacement, {run}, stage.frames.back() + 1).front(); };
-      const id::Path there = path_of(fine);
-      run.driving = &driving;
-      const id::Path here = path_of(model_);
-      const Eigen::VectorXd moved = id::moved_by_mesh(world_, {model_, images_, here}, {fine, images, there}, onto, stage, solver_, material_.values, finer_, difference_);
-      if (moved.size() > 0) output_.refined(material_, stage.free, moved, covariance_);
-    } catch (const ConvergenceError& error) {
-      spdlog::info("what a finer mesh would change is not known: {}", error.what());
-    } catch (const InputError& error) {  // too few pixels for the finer correlation
-      spdlog::info("what a finer mesh would change is not known: {}", error.what());
-    }
+  /// In plane stress, driven by the ends: what the last stage would find on meshes of simulation and correlation that are refined once, where all of the face is seen, and if it simulated the specimen in space.
+  void doubt_the_model() {
+    if (!test_.specimen.plane_stress() || solver_.functional != id::Functional::displacement_driven || solver_.noise_model.draws == 0) return;
+    using Finer = RunOutput::Finer;
+    const auto say = [&](Finer finer, const char* what, const auto& moved) {
+      try {
+        if (const Eigen::VectorXd by = moved(); by.size() > 0) output_.moved_by(finer, material_, declared_.back().free, by, covariance_);
+      } catch (const ConvergenceError& error) {
+        spdlog::info("what {} would change is not known: {}", what, error.what());
+      } catch (const InputError& error) {  // too few pixels for the finer correlation
+        spdlog::info("what {} would change is not known: {}", what, error.what());
+      }
+    };
+    if (std::all_of(seen_.faces.begin(), seen_.faces.end(), [](const auto& face) { return face.dic == face.whole && face.dic->cameras().dofs_per_node() == 2; }))
+      say(Finer::mesh, "a finer mesh", [&] {
+        io::Case refined = test_;
+        ++refined.specimen.refine;
+        const id::Specimen finer = make_specimen(refined);
+        const Observation of_finer = on_mesh(seen_, refined, finer);
+        const id::ImageData images = judging_images(of_finer, test_);
+        return moved_to(finer, material_.law, &images);
+      });
+    say(Finer::in_space, "a simulation in space", [&] { return moved_to(make_specimen(test_, false, {.numerics = {.in_space = true}}), extended_law(test_, {}, true), nullptr); });
   }
 
   /// After everything is written.
@@ -223,6 +216,32 @@ class Identification {
   }
 
  private:
+  /// By what one step of Eq. 10 moves the parameters of the last stage with the simulation of `other`, seen on its own surface by `images`, or by the declared ones. Both simulations are driven by the identified
+  /// model's own motion, smoothed like the measured one, whose noise would be answered by either mesh otherwise.
+  [[nodiscard]] Eigen::VectorXd moved_to(const id::Specimen& other, const std::shared_ptr<const material::FiniteStrainLaw>& law, const id::ImageData* images) {
+    const auto mapped = [](const id::Specimen& from, const id::Specimen& to) {
+      std::size_t k = 0;
+      return blocks(from.faces, [&](const id::Face& face) { return id::between(face.surface.mesh, to.faces[k++].surface.mesh, face.components); });
+    };
+    Eigen::SparseMatrix<double> onto = mapped(specimen_, other);
+    const Eigen::MatrixXd driving = driving_displacement(seen_, shown_);
+    id::Record record = record_;
+    record.driving = onto * driving, record.surface_displacement = onto * record_.surface_displacement;
+    id::ForwardModel model(world_, other, law, record, {.increments = increments_}, 1, 1);
+    const id::Stage& stage = declared_.back();
+    id::Run run{.parameters = material_.values, .increments = increments_, .accuracy = {.forces = 1e-9}};
+    const auto path_of = [&](id::ForwardModel& by) { return by.simulate(id::Control::displacement, {run}, stage.frames.back() + 1).front(); };
+    id::Path there = path_of(model);
+    run.driving = &driving;
+    const id::Path here = path_of(model_);
+    if (images == nullptr) {
+      there.surface = (mapped(other, specimen_) * there.surface).eval();
+      onto.resize(specimen_.projection.rows(), specimen_.projection.rows());
+      onto.setIdentity();
+    }
+    return id::moved_by_mesh(world_, {model_, images_, here}, {images ? model : model_, images ? *images : images_, there}, onto, stage, solver_, material_.values, finer_, difference_);
+  }
+
   [[nodiscard]] bool gap() const { return solver_.functional == id::Functional::equilibrium_gap; }
 
   /// What the model leaves of the force in the fitted frames, in units of its noise there.
@@ -348,7 +367,7 @@ void identify(const Communicator& world, const CommandOptions& options) {
   identification.run_stages();
   identification.free_at_once();
   identification.show();
-  identification.refine();
+  identification.doubt_the_model();
   identification.finish(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(), std::move(times));
   identification.require_convergence();
 }

@@ -15,6 +15,7 @@
 #include "imic3d/app/program.hpp"
 #include "imic3d/app/setup.hpp"
 #include "imic3d/core/interrupt.hpp"
+#include "imic3d/core/linear.hpp"
 #include "imic3d/core/log.hpp"
 #include "imic3d/correlation/smoothing.hpp"
 #include "imic3d/io/run_results.hpp"
@@ -38,6 +39,23 @@
 namespace imic3d::app {
 
 namespace {
+
+/// What parameters would be off by in plane stress alone, without what a simulation in space shows beyond it; empty where that is less than their standard deviations.
+std::string taken_off_plane_stress(const loop::FieldExperiment& experiment, const loop::Model& model) {
+  const auto& fit = model.fit;
+  if (experiment.in_space().size() == 0 || experiment.in_space().size() != fit.residual.size() || fit.free.empty()) return {};
+  const Eigen::VectorXd shift = least_squares(fit.sensitivity, model.ground->weight(experiment.in_space()));
+  std::vector<std::string> off;
+  for (std::size_t k = 0; k < fit.free.size(); ++k) {
+    const auto i = static_cast<Eigen::Index>(k);
+    const auto& info = experiment.parameters()[static_cast<std::size_t>(fit.free[k])].info;
+    const double deviations = std::abs(shift[i]) / std::sqrt(std::max(model.covariance(i, i), 1e-300));
+    if (!info.shape && deviations > 1.0) off.push_back(fmt::format("{} by {:+.2g} {} ({:.1f} standard deviations)", info.name, shift[i], info.unit, deviations));
+  }
+  if (off.empty()) return {};
+  return fmt::format("the specimen is thick for plane stress: what a simulation in space shows beyond it is taken off here, without that (imic3d identify) parameters would be off, {}; specimen.kinematics: 3d has it in the model", fmt::join(off, ", "));
+}
+
 
 /// What the loop knows of a rig.
 loop::FieldFace field_face(const io::Case& test, const ObservedFace& seen, const identification::Face& face, const Eigen::SparseMatrix<double>& M) {
@@ -119,7 +137,7 @@ loop::DeclaredModel declared_model(const io::Case& test, const Material& materia
     for (std::size_t j = 0; j < extended.information.size(); ++j)
       if (extended.declared[j] == 0) model.lacking.push_back(extended.information[j]);
   }
-  model.extended = [&test](const std::vector<std::string>& effects) { return extended_law(test, effects); };
+  model.extended = [&test](const std::vector<std::string>& effects, bool in_space) { return extended_law(test, effects, in_space); };
   model.specimen = [&test](const loop::MeshChange& change) { return make_specimen(test, false, change); };
   model.thickness = test.specimen.thickness;
   model.increments = test.identify.increments();
@@ -172,6 +190,10 @@ class FieldTest final : public LoopTest {
     app::say(groups);
     if (seen_) test_.doubts = doubts_of(test_, *seen_);
     for (auto& doubt : unlikely_values(test_, material_, report.final.fit.values)) test_.doubts.push_back(std::move(doubt));
+    if (auto doubt = taken_off_plane_stress(*experiment_, report.final); !doubt.empty()) {
+      spdlog::warn("{}", doubt);
+      test_.doubts.push_back(std::move(doubt));
+    }
     collectively(world_, [&] {
       if (world_.is_root()) write_loop_report(folder, test_, *experiment_, report, fields, light_, seen_ ? seen_->left_out : "", groups, seconds);
     });

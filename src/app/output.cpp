@@ -268,7 +268,7 @@ void RunOutput::freed_at_once(const Material& material, const std::vector<int>& 
   spdlog::warn("{}", doubts_.back());
 }
 
-void RunOutput::refined(const Material& material, const std::vector<int>& free, const Eigen::VectorXd& moved, const Eigen::MatrixXd& covariance) {
+void RunOutput::moved_by(Finer finer, const Material& material, const std::vector<int>& free, const Eigen::VectorXd& moved, const Eigen::MatrixXd& covariance) {
   std::vector<double> changes(material.values.size(), std::nan(""));
   std::vector<std::string> all, moving;
   for (std::size_t i = 0; i < free.size(); ++i) {
@@ -278,10 +278,11 @@ void RunOutput::refined(const Material& material, const std::vector<int>& free, 
     all.push_back(fmt::format("{} by {:+.2g} {}", info.name, change, info.unit));
     if (std::abs(change) > std::max(deviation, test_.identify.eta * std::abs(material.values[static_cast<std::size_t>(free[i])]))) moving.push_back(fmt::format("{} by {:+.2g} {} ({:.1f} standard deviations)", info.name, change, info.unit, std::abs(change) / deviation));
   }
-  spdlog::info("the mesh refined once would change {}", fmt::join(all, ", "));
-  if (file_) io::write_refined(*file_, changes);
+  spdlog::info("{} would change {}", finer == Finer::mesh ? "the mesh refined once" : "a simulation in space", fmt::join(all, ", "));
+  if (file_) io::write_change(*file_, finer == Finer::mesh ? "refined_mesh" : "in_space", changes);
   if (moving.empty()) return;
-  doubts_.push_back(fmt::format("the mesh is coarse: refined once (specimen.refine: {}) it would change {}, which no standard deviation holds", test_.specimen.refine + 1, fmt::join(moving, ", ")));
+  const std::string why = finer == Finer::mesh ? fmt::format("the mesh is coarse: refined once (specimen.refine: {}) it", test_.specimen.refine + 1) : "the specimen is thick for plane stress: a simulation in space (specimen.kinematics: 3d)";
+  doubts_.push_back(fmt::format("{} would change {}, which no standard deviation holds", why, fmt::join(moving, ", ")));
   spdlog::warn("{}", doubts_.back());
 }
 

@@ -20,6 +20,9 @@ namespace {
 /// Young's modulus and the yield stress are declared within this factor of what they are, if units are as they should be.
 constexpr double largest_change = 5.0;
 
+/// Layers of elements of half the thickness, where a specimen that is declared in plane stress is simulated in space.
+constexpr int layers_in_space = 2;
+
 material::LawChoice choice(const io::MaterialCase& declared, bool plane_stress = false) {
   return {.law = declared.law,
           .hardening = declared.hardening,
@@ -121,8 +124,8 @@ std::vector<std::string> unlikely_values(const io::Case& test, const Material& m
   return doubts;
 }
 
-std::shared_ptr<const material::FiniteStrainLaw> extended_law(const io::Case& test, const std::vector<std::string>& effects) {
-  material::LawChoice chosen = choice(test.material, test.specimen.plane_stress());
+std::shared_ptr<const material::FiniteStrainLaw> extended_law(const io::Case& test, const std::vector<std::string>& effects, bool in_space) {
+  material::LawChoice chosen = choice(test.material, test.specimen.plane_stress() && !in_space);
   chosen.effects.insert(chosen.effects.end(), effects.begin(), effects.end());
   return material::make_law(chosen);
 }
@@ -167,19 +170,20 @@ identification::Specimen make_specimen(const io::Case& test, bool all_components
       change.place(point);
       node.head<2>() = point.transpose();
     }
-  for (int i = 0; i < declared.refine + change.refinements; ++i) mesh = mesh::refine(mesh);
-  if (declared.plane_stress()) {
+  for (int i = 0; i < declared.refine + change.numerics.refinements; ++i) mesh = mesh::refine(mesh);
+  const bool plane_stress = declared.plane_stress() && !change.numerics.in_space, half = declared.mid_plane_symmetry || declared.plane_stress();
+  if (plane_stress) {
     mesh.thickness = change.thickness * declared.thickness;
     if (!change.place)  // said once
       for (const auto& key : declared.unused) spdlog::info("specimen.{} says nothing in plane stress", key);
   } else if (mesh.type == mesh::CellType::quad4) {
-    const double thickness = declared.mid_plane_symmetry ? 0.5 * declared.thickness : declared.thickness;
-    mesh = mesh::extrude(mesh, thickness, declared.layers << change.refinements);
-    if (declared.layer_ratio != 1.0) mesh::grade_layers(mesh, std::pow(declared.layer_ratio, std::exp2(-change.refinements)), declared.mid_plane_symmetry);
+    const int layers = declared.plane_stress() ? layers_in_space : declared.layers;
+    mesh = mesh::extrude(mesh, half ? 0.5 * declared.thickness : declared.thickness, layers << change.numerics.refinements);
+    if (!declared.plane_stress() && declared.layer_ratio != 1.0) mesh::grade_layers(mesh, std::pow(declared.layer_ratio, std::exp2(-change.numerics.refinements)), half);
   } else if (mesh.node_groups.contains(declared.front)) {
     mesh::choose_front(mesh, declared.front);
   }
-  if (!declared.plane_stress()) mesh.nodes.col(2) *= change.thickness;
+  if (!plane_stress) mesh.nodes.col(2) *= change.thickness;
   if (declared.quadratic()) mesh = mesh::quadratic(mesh);
   if (declared.one_point()) mesh.integration = declared.element == "hex8r" ? mesh::Integration::one_point : mesh::Integration::one_point_stabilised;
   if (change.section) mesh.section = loop::of_cells(mesh, change.section);
@@ -188,7 +192,7 @@ identification::Specimen make_specimen(const io::Case& test, bool all_components
     mesh.initial_axis = declared.axis == "x" ? 0 : 1;
   }
   return identification::make_specimen(std::move(mesh), declared.held, declared.loaded, declared.axis == "x" ? 0 : 1,
-                                       declared.mid_plane_symmetry && !declared.plane_stress(), "specimen", faces);
+                                       half && !plane_stress, "specimen", faces);
 }
 
 SimulationTasks simulation_tasks(const io::Case& test) {

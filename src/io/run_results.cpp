@@ -119,6 +119,7 @@ void declare_identification(ResultsFile& file, const Case& test, const RunPlan& 
   file.declare(group + "at_once/change", {n}, unit, "of parameters that stages found one after another, if all were free at once (one step of Eq. 10); else NaN");
   file.declare(group + "at_once/standard_deviation", {n}, unit, "standard deviation if all were free at once; else NaN");
   file.declare(group + "refined_mesh/change", {n}, unit, "change on a mesh that is refined once (one step of Eq. 10); NaN: not found");
+  file.declare(group + "in_space/change", {n}, unit, "change if the specimen were simulated in space, not in plane stress (one step of Eq. 10); NaN: not found");
   file.declare(group + "iterations/count", {1}, "-", "number of rows that are written", Storage::integer);
   file.declare(group + "iterations/stage", {most}, "-", "stage of the iteration, from 0", Storage::integer);
   file.declare(group + "iterations/iteration", {most}, "-", "number within the stage, 0: the start", Storage::integer);
@@ -219,6 +220,6 @@ void write_freed_at_once(ResultsFile& file, std::span<const double> changes, std
   file.write("identification/at_once/standard_deviation", deviations);
 }
 
-void write_refined(ResultsFile& file, std::span<const double> changes) { file.write("identification/refined_mesh/change", changes); }
+void write_change(ResultsFile& file, const std::string& by, std::span<const double> changes) { file.write("identification/" + by + "/change", changes); }
 
 }  // namespace imic3d::io

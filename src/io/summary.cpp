@@ -52,11 +52,12 @@ json parameters(const ResultsFile& file) {
     for (std::size_t i = 0; i < names.size(); ++i)
       if (std::isfinite(change[i])) table[names[i]]["at_once"] = {{"change", change[i]}, {"standard_deviation", then[i]}};
   }
-  if (file.has("identification/refined_mesh/change"))
-    for (std::size_t i = 0; const auto change : file.read("identification/refined_mesh/change")) {
-      if (std::isfinite(change)) table[names[i]]["refined_mesh"] = {{"change", change}};
-      ++i;
-    }
+  for (const std::string by : {"refined_mesh", "in_space"})
+    if (file.has("identification/" + by + "/change"))
+      for (std::size_t i = 0; const auto change : file.read("identification/" + by + "/change")) {
+        if (std::isfinite(change)) table[names[i]][by] = {{"change", change}};
+        ++i;
+      }
   if (file.has("identification/on_bound"))
     for (std::size_t i = 0; const auto mark : file.read_integers("identification/on_bound")) table[names[i++]]["on_bound"] = mark > 0;
   return table;

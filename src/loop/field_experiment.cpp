@@ -269,19 +269,28 @@ std::pair<Eigen::MatrixXd, Eigen::VectorXd> FieldExperiment::unwhitened(const st
   return {measured_.displacement - bias_->displacement - p.displacement, measured_.force - bias_->force - p.force};
 }
 
-std::vector<FieldExperiment::Series> FieldExperiment::synthetic_tests(const std::vector<double>& values, const Eigen::MatrixXd& driving_as_seen) {
-  const auto one = [&](const Eigen::MatrixXd& driving, double refined, double increments) {
+FieldExperiment::SyntheticTests FieldExperiment::synthetic_tests(const std::vector<double>& values, const Eigen::MatrixXd& driving_as_seen) {
+  const auto one = [&](const Eigen::MatrixXd& driving, const Numerics& numerics) {
     Simulation made = simulation_of(values, true_motion(values, driving));
-    std::vector<double>& key = specimen_key(made);
-    key[0] += refined, key[1] *= increments * more_increments();
+    made.variant.numerics = numerics;
     made.variant.synthetic = true;
     return made;
   };
   std::vector<Simulation> wanted;
-  for (int refined = refinements(); refined > 0; --refined) wanted.push_back(one(driving_as_seen, refined, 1.0));
-  for (const double increments : {1.0, again, 1.0}) wanted.push_back(one(measured_.driving, 0.0, increments));
+  for (int refined = refinements(); refined > 0; --refined) wanted.push_back(one(driving_as_seen, {.refinements = refined, .increments_factor = more_increments()}));
+  for (const int increments : {1, again, 1}) wanted.push_back(one(measured_.driving, {.increments_factor = increments * more_increments()}));
   wanted.back().straight = true;
-  return simulate(wanted);
+  for (const bool in_space : {false, true})
+    if (scene().plane) wanted.push_back(one(driving_as_seen, {.in_space = in_space}));
+  for (int shape = 0; scene().plane && shape < uneven_shapes(); ++shape) wanted.back().uneven.push_back(shape);
+  auto series = simulate(wanted);
+  auto place = series.begin();
+  const auto next = [&place] { return std::move(*place++); };
+  SyntheticTests made;
+  for (int refined = refinements(); refined > 0; --refined) made.refined.push_back(next());
+  made.few = next(), made.many = next(), made.straight = next();
+  if (scene().plane) made.flat = next(), made.in_space = next();
+  return made;
 }
 
 void FieldExperiment::learn_bias(const std::vector<double>& values) {
@@ -295,7 +304,7 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
   // the synthetic test would lack what smoothing takes away.
   const auto nominal = followed(measured_.driving);
   const Eigen::MatrixXd driving = measured_.smooth(nominal.displacement);
-  const auto series = synthetic_tests(values, driving);
+  const auto [refined, few, many, straight, flat, in_space] = synthetic_tests(values, driving);
   const auto left = [&](const Series& made) {
     if (made.R.size() == 0) throw ConvergenceError("the model on a finer mesh cannot follow the measured displacement of the ends");
     const Prediction seen = observed(values, {measured_.correlate(made.specimen, made.surface), made.R});
@@ -308,10 +317,10 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
     learned.doubt.conservativeResize(column.size(), learned.doubt.cols() + 1);
     learned.doubt.rightCols(1) = column;
   };
-  Prediction bias = left(series[0]);
+  Prediction bias = left(refined[0]);
   if (refinements() > 1) {
     // What further refinements would show, each a share q of the one before.
-    const Prediction coarser = left(series[1]), last{bias.displacement - coarser.displacement, bias.force - coarser.force};
+    const Prediction coarser = left(refined[1]), last{bias.displacement - coarser.displacement, bias.force - coarser.force};
     const Eigen::VectorXd first = of_noise(coarser);
     const double q = std::clamp(first.dot(of_noise(last)) / std::max(1e-300, first.squaredNorm()), 0.0, 0.7), beyond = q / (1.0 - q);
     doubt_too(0.1 * of_noise(bias));  // synthetic images are not real ones
@@ -320,7 +329,6 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
   } else {
     doubt_too(of_noise(bias));
   }
-  const auto &few = series[series.size() - 3], &many = series[series.size() - 2], &straight = series.back();
   if (few.R.size() > 0 && many.R.size() > 0) {
     constexpr double all = again / (again - 1.0);  // what infinitely many increments would show: the error goes with their length
     const Prediction of_few = observed(values, {few.U, few.R}), of_many = observed(values, {many.U, many.R});
@@ -331,6 +339,15 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
   if (few.R.size() > 0 && straight.R.size() > 0) {  // how the ends go between two frames no image tells
     const Prediction bent = observed(values, {few.U, few.R}), other = observed(values, {straight.U, straight.R});
     doubt_too(0.5 * of_noise({bent.displacement - other.displacement, bent.force - other.force}));
+  }
+  if (flat.R.size() > 0 && in_space.R.size() > 0) {
+    const Prediction of_flat = observed(values, {flat.U, flat.R}), thick = observed(values, {in_space.U, in_space.R});
+    const Prediction more{thick.displacement - of_flat.displacement, thick.force - of_flat.force};
+    bias.displacement += more.displacement, bias.force += more.force;
+    learned.in_space = of_noise(more);
+    doubt_too(0.25 * learned.in_space);
+    const double share = std::pow(std::min(1.0, scene().thickness / scene().span(1 - scene().axis) / uneven_thickness), 2);
+    for (std::size_t k = 0; k < in_space.dU.size(); ++k) doubt_too(share * whitened(in_space.dU[k], in_space.dR[k]));
   }
   if (const auto second = second_order_of_noise(values, nominal)) {
     bias.displacement += second->displacement, bias.force += second->force;
@@ -346,7 +363,8 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
     if (const Eigen::VectorXd unknown = effects_[k]->unknown_in_record(values_of(k, values), scene_of(k)); unknown.size() > 0)
       for (Eigen::Index t = 0; t < unknown.size(); ++t)  // of each frame for itself
         if (unknown[t] > 0.1 * measured_.force_noise) doubt_too(whitened(Eigen::MatrixXd::Zero(nominal.displacement.rows(), nominal.displacement.cols()), unknown[t] * Eigen::VectorXd::Unit(unknown.size(), t)));
-  if (differentiable_) {
+  for (const auto& column : theory_in_doubt(values)) doubt_too(column);
+  if (differentiable_ && !scene().plane) {
     std::vector<Tangent> uneven;
     for (int shape = 0; shape < uneven_shapes(); ++shape) uneven.push_back({.uneven = shape});
     if (!uneven.empty())
@@ -355,15 +373,31 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
   bias_ = std::make_shared<Bias>(std::move(learned));
 }
 
+std::vector<Eigen::VectorXd> FieldExperiment::theory_in_doubt(const std::vector<double>& values) {
+  constexpr double known_to = 1e-3;
+  std::vector<std::vector<double>> sets;
+  std::vector<double> in_steps;
+  for (std::size_t j = 0; j < model_.values.size(); ++j) {
+    if (values[j] == 0.0) continue;
+    sets.push_back(values), sets.back()[j] += parameters_[j].step;
+    in_steps.push_back(known_to * values[j] / parameters_[j].step);
+  }
+  const auto residual = residuals_near(values, sets);
+  std::vector<Eigen::VectorXd> columns;
+  for (std::size_t k = 0; k < sets.size(); ++k)
+    if (residual[0].size() > 0 && residual[1 + k].size() > 0) columns.push_back(in_steps[k] * (residual[1 + k] - residual[0]));
+  return columns;
+}
+
 std::vector<Eigen::MatrixXd> FieldExperiment::learned_numbers() const {
   if (!measured_.correlate) return {};
-  return {bias_->displacement, bias_->force, bias_->doubt, Eigen::MatrixXd::Constant(1, 1, static_cast<double>(bias_->of_numerics))};
+  return {bias_->displacement, bias_->force, bias_->doubt, Eigen::MatrixXd::Constant(1, 1, static_cast<double>(bias_->of_numerics)), bias_->in_space};
 }
 
 void FieldExperiment::learn_again(const std::vector<double>& values, const std::vector<Eigen::MatrixXd>& numbers) {
   if (!measured_.correlate) return;
   Bias learned(values, numbers.at(0), numbers.at(1));
-  learned.doubt = numbers.at(2), learned.of_numerics = static_cast<Eigen::Index>(numbers.at(3)(0, 0));
+  learned.doubt = numbers.at(2), learned.of_numerics = static_cast<Eigen::Index>(numbers.at(3)(0, 0)), learned.in_space = numbers.at(4);
   bias_ = std::make_shared<Bias>(std::move(learned));
 }
 

@@ -48,11 +48,10 @@ Eigen::VectorXd of_cells(const mesh::Mesh& mesh, const std::function<double(cons
 }
 
 MeshChange FieldExperiment::mesh_of(const Key& wanted) const {
-  const std::vector<double>& key = wanted.specimen;
+  const std::vector<double>& values = wanted.specimen;
   MeshChange change;
-  if (key.empty()) return change;
-  change.refinements = static_cast<int>(key[0]);
-  const std::vector<double> values(key.begin() + 3, key.end());
+  change.numerics = wanted.numerics;
+  if (values.empty()) return change;
   change.place = [this, values](Eigen::Vector2d& point) {
     for (std::size_t k = 0; k < effects_.size(); ++k) effects_[k]->place(values_of(k, values), scene_of(k), point);
   };
@@ -62,7 +61,7 @@ MeshChange FieldExperiment::mesh_of(const Key& wanted) const {
     return factor;
   };
   for (std::size_t k = 0; k < effects_.size(); ++k) change.thickness *= effects_[k]->thickness(values_of(k, values));
-  if (key[2] > 0.5)
+  if (wanted.before_test)
     change.initial_strain = [this, values](const Eigen::Vector3d& point) {
       double strain = 0.0;
       for (std::size_t k = 0; k < effects_.size(); ++k) strain += effects_[k]->initial_strain(values_of(k, values), scene_of(k), point);
@@ -72,7 +71,6 @@ MeshChange FieldExperiment::mesh_of(const Key& wanted) const {
 }
 
 FieldExperiment::Variant& FieldExperiment::variant(const Key& wanted) {
-  const std::vector<double>& key = wanted.specimen;
   auto& variants = wanted.synthetic ? groups_->synthetic_variants : groups_->variants;
   for (auto it = variants.begin(); it != variants.end(); ++it)
     if (it->first == wanted) {
@@ -80,12 +78,10 @@ FieldExperiment::Variant& FieldExperiment::variant(const Key& wanted) {
       return variants.front().second;
     }
   while (variants.size() > (wanted.synthetic ? 3 : 6)) variants.erase(std::prev(variants.end()));
-  const double increments = key.empty() ? 1.0 : key[1];
-  const bool before_test = !key.empty() && key[2] > 0.5;
   variants.emplace_front(wanted, Variant{});
   Variant& made = variants.front().second;
   made.specimen = model_.specimen(mesh_of(wanted));
-  made.before_test = before_test;
+  made.before_test = wanted.before_test;
   const auto unknowns = made.specimen.projection.rows();
   const bool same = std::equal(made.specimen.faces.begin(), made.specimen.faces.end(), measured_.faces.begin(), measured_.faces.end(), [](const auto& a, const auto& b) { return a.surface.mesh.nodes.rows() == b.surface.nodes.rows() && a.surface.mesh.nodes == b.surface.nodes; });
   if (same && unknowns == measured_.unknowns()) {
@@ -99,21 +95,21 @@ FieldExperiment::Variant& FieldExperiment::variant(const Key& wanted) {
     made.from_variant = blocks(measured_.faces, [&](const FieldFace& face) { return id::between(made.specimen.faces[k++].surface.mesh, face.surface, face.components); });
   }
   if (measured_.faces.size() == 2) made.to_variant = (made.to_variant * mean_of(measured_.faces)).eval();
-  const Eigen::Index before = before_test ? 1 : 0, frames = measured_.force.size() + before;
+  const Eigen::Index before = wanted.before_test ? 1 : 0, frames = measured_.force.size() + before;
   id::Record record;
   record.time.resize(frames);
   record.time.tail(measured_.force.size()) = measured_.time;
   record.start_time = measured_.start_time;
-  if (before_test) record.time[0] = measured_.start_time, record.start_time -= 1e-9 * (1.0 + std::abs(measured_.start_time));
+  if (wanted.before_test) record.time[0] = measured_.start_time, record.start_time -= 1e-9 * (1.0 + std::abs(measured_.start_time));
   record.force = Eigen::VectorXd::Zero(frames);
   record.surface_displacement = record.driving = Eigen::MatrixXd::Zero(unknowns, frames);
-  made.model = std::make_unique<id::ForwardModel>(groups_->of(wanted).group(), made.specimen, wanted.law_effects.empty() ? model_.law : model_.extended(wanted.law_effects), std::move(record),
-                                                  mechanics::EquilibriumOptions{.increments = model_.increments * static_cast<int>(increments), .derivative_tolerance = 1e-5, .memory_of_factors = 100.0, .with_fields = false}, 1, 1);
+  made.model = std::make_unique<id::ForwardModel>(groups_->of(wanted).group(), made.specimen, wanted.law_effects.empty() && !wanted.numerics.in_space ? model_.law : model_.extended(wanted.law_effects, wanted.numerics.in_space), std::move(record),
+                                                  mechanics::EquilibriumOptions{.increments = model_.increments * wanted.numerics.increments_factor, .derivative_tolerance = 1e-5, .memory_of_factors = 100.0, .with_fields = false}, 1, 1);
   // Nearly the same series as the last one of these ranks, of another law or specimen.
   const auto alike = std::find_if(std::next(variants.begin()), variants.end(), [&](const auto& other) {
-    return !other.second.before_test && other.second.specimen.volume.nodes.rows() == made.specimen.volume.nodes.rows();
+    return !other.first.before_test && other.second.specimen.volume.nodes.rows() == made.specimen.volume.nodes.rows();
   });
-  if (!before_test && alike != variants.end()) {
+  if (!wanted.before_test && alike != variants.end()) {
     auto solutions = alike->second.model->solutions();
     for (auto& solution : solutions) solution.free.clear();
     made.model->start_from(std::move(solutions));
@@ -137,7 +133,7 @@ Eigen::MatrixXd FieldExperiment::driven_beyond(const Variant& with, const std::v
   return beyond;
 }
 
-int FieldExperiment::uneven_shapes() const { return !scene().plane && faces_.size() == 1 ? 6 * (uneven_degree + 1) : 0; }
+int FieldExperiment::uneven_shapes() const { return faces_.size() == 1 ? 6 * (uneven_degree + 1) : 0; }
 
 id::Direction FieldExperiment::uneven_end(const Variant& with, int shape) const {
   const int kind = shape / 2 % 3, across = 1 - scene().axis, degree = shape / 6;
@@ -258,7 +254,7 @@ FieldExperiment::Simulation FieldExperiment::simulation_of(const std::vector<dou
   }
   if (!one.variant.law_effects.empty()) {
     one.law.clear();
-    const auto law = model_.extended(one.variant.law_effects);
+    const auto law = model_.extended(one.variant.law_effects, false);
     for (const auto& info : law->parameters()) {
       const auto same = [&](const Parameter& p) { return p.info.name == info.name; };
       one.law.push_back(values[static_cast<std::size_t>(std::find_if(parameters_.begin(), parameters_.end(), same) - parameters_.begin())]);
@@ -282,8 +278,8 @@ FieldExperiment::Simulation FieldExperiment::simulation_of(const std::vector<dou
     }
   }
   if (changed) {
-    one.variant.specimen = {0.0, 1.0, before_test ? 1.0 : 0.0};
-    one.variant.specimen.insert(one.variant.specimen.end(), own.begin(), own.end());
+    one.variant.specimen = own;
+    one.variant.before_test = before_test;
   }
   if (loaded) one.loading = own;
   return one;
@@ -317,21 +313,14 @@ FieldExperiment::Prediction FieldExperiment::observed(const std::vector<double>&
   return true_one;
 }
 
-std::vector<double>& FieldExperiment::specimen_key(Simulation& one) const {
-  std::vector<double>& key = one.variant.specimen;
-  if (key.empty()) {
-    key = {0.0, 1.0, 0.0};
-    for (const auto& p : parameters_) key.push_back(p.info.null_value.value_or(0.0));
-  }
-  return key;
-}
-
 FieldExperiment::Simulation FieldExperiment::with_section(Simulation one, const std::vector<double>& values) const {
   const auto put = [&](std::span<double> own) {
     for (std::size_t k = 0; k < effects_.size(); ++k)
       if (effects_[k]->acts_on_section()) std::ranges::copy(values_of(k, values), own.begin() + static_cast<std::ptrdiff_t>(first_[k]));
   };
-  put(std::span(specimen_key(one)).subspan(3));
+  if (one.variant.specimen.empty())
+    for (const auto& p : parameters_) one.variant.specimen.push_back(p.info.null_value.value_or(0.0));
+  put(one.variant.specimen);
   if (!one.loading.empty()) put(one.loading);
   return one;
 }
@@ -350,10 +339,9 @@ std::vector<std::pair<double, FieldExperiment::Simulation>> FieldExperiment::sim
     Numerics numerics;
     effects_[k]->numerics(numerics);
     const auto its = values_of(k, values);
-    if ((numerics.refinements == 0 && numerics.increments_factor == 1) || its[0] == 0.0) continue;
+    if (numerics == Numerics{} || its[0] == 0.0) continue;
     Simulation other = simulation_of(values, smooth_ends_);
-    std::vector<double>& key = specimen_key(other);
-    key[0] = numerics.refinements, key[1] = numerics.increments_factor;
+    other.variant.numerics = numerics;
     all.emplace_back(its[0], std::move(other));
     all.emplace_back(-its[0], simulation_of(values, smooth_ends_));
   }

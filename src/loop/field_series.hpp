@@ -15,7 +15,9 @@ namespace imic3d::loop {
 
 /// Law, geometry, numerics and ends of one series.
 struct FieldExperiment::Key {
-  std::vector<double> specimen;          // values of the effects' parameters that change it or the numerics; empty: as declared
+  std::vector<double> specimen;          // values of the effects' parameters that change it; empty: as declared
+  Numerics numerics{};
+  bool before_test = false;              // an initial strain: the first frame is the specimen at rest
   std::vector<std::string> law_effects;  // beside the declared ones
   bool synthetic = false;                // of a synthetic test: large, few at once
   auto operator<=>(const Key&) const = default;
@@ -48,6 +50,13 @@ struct FieldExperiment::Series {
   std::vector<Eigen::VectorXd> dR;
   identification::Specimen specimen{};  // of a synthetic test, with what its own faces do [unknowns x frames]
   Eigen::MatrixXd surface{};
+};
+
+/// The series of a synthetic test: on refined meshes, the finest first; in as many increments on the declared mesh, in `again` times as many, and with ends that go straight from frame to frame; of
+/// plane stress also as it is declared, and in space. The first and the last two are driven alike. Empty forces where the model could not follow.
+struct FieldExperiment::SyntheticTests {
+  std::vector<Series> refined;
+  Series few, many, straight, flat, in_space;
 };
 
 struct FieldExperiment::Variant {

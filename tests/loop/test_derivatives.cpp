@@ -75,7 +75,7 @@ TEST(ResidualsNear, WhatHasNoDerivativeIsSimulated) {
 
 TEST(ResidualsNear, ALawEffectThatIsThereIsDifferentiated) {
   Strip strip(0.0);
-  const auto extended = [](const std::vector<std::string>& effects) {
+  const auto extended = [](const std::vector<std::string>& effects, bool /*in_space*/ = false) {
     return material::make_law({.law = "j2", .hardening = "power_linear", .tie_initial_modulus = true, .effects = effects, .table_strain = {}});
   };
   strip.model.extended = extended;

@@ -39,7 +39,7 @@ struct ExtendedMaterial : Material {
 };
 [[nodiscard]] ExtendedMaterial make_extended_material(const io::Case& test);
 /// The declared law with these effects beside its own.
-[[nodiscard]] std::shared_ptr<const material::FiniteStrainLaw> extended_law(const io::Case& test, const std::vector<std::string>& effects);
+[[nodiscard]] std::shared_ptr<const material::FiniteStrainLaw> extended_law(const io::Case& test, const std::vector<std::string>& effects, bool in_space = false);
 
 /// Cameras that look at the front, or at the back, as places in Case::cameras.
 [[nodiscard]] std::vector<int> cameras_of(const io::Case& test, bool back);

@@ -79,8 +79,8 @@ void write_identified(ResultsFile& file, std::span<const double> values, std::sp
 
 /// What parameters that stages found one after another would change by, free at once, and their standard deviations then [P each], NaN for others.
 void write_freed_at_once(ResultsFile& file, std::span<const double> changes, std::span<const double> deviations);
-/// What each parameter would change by on a mesh that is refined once; NaN where that was not found.
-void write_refined(ResultsFile& file, std::span<const double> changes);
+/// What each parameter would change by: on a mesh that is refined once (`refined_mesh`), simulated in space (`in_space`); NaN where that was not found.
+void write_change(ResultsFile& file, const std::string& by, std::span<const double> changes);
 
 /// The .xdmf for a results file, to be put beside it; opens in ParaView (with its "XDMF Reader"; the Xdmf3 readers skip
 /// the fields). Its time is the frame's number, because static frames share a time. Every frame is there; those that are

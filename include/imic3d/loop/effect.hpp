@@ -80,6 +80,8 @@ struct Light {
 struct Numerics {
   int refinements = 0;           ///< of the mesh, beyond the declared ones
   int increments_factor = 1;     ///< times the declared load increments between two frames
+  bool in_space = false;         ///< with elements through the thickness where plane stress is declared
+  auto operator<=>(const Numerics&) const = default;
 };
 
 /// An effect acts at one link of the chain; the functions of the other links leave things as they are. `values` are those of

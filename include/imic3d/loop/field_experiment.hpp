@@ -62,11 +62,11 @@ struct FieldData {
 
 /// How the specimen is to be made differently from what is declared.
 struct MeshChange {
-  std::function<void(Eigen::Vector2d&)> place;                     ///< moves a node of the declared 2D mesh (or its column)
-  std::function<double(const Eigen::Vector3d&)> section;           ///< factor of a cell by its middle
-  std::function<double(const Eigen::Vector3d&)> initial_strain;    ///< of a cell by its middle
+  std::function<void(Eigen::Vector2d&)> place{};                   ///< moves a node of the declared 2D mesh (or its column)
+  std::function<double(const Eigen::Vector3d&)> section{};          ///< factor of a cell by its middle
+  std::function<double(const Eigen::Vector3d&)> initial_strain{};   ///< of a cell by its middle
   double thickness = 1.0;                                          ///< factor of the declared one
-  int refinements = 0;                                             ///< beyond the declared ones
+  Numerics numerics{};                                             ///< of the mesh, beyond the declared ones
 };
 
 /// A number for each cell from its middle [cells].
@@ -78,8 +78,8 @@ struct DeclaredModel {
   std::vector<double> values, priors;      ///< priors: standard deviations, 0 where nothing is known
   std::vector<char> free;                  ///< declared unknown
   std::vector<ParameterInfo> lacking;      ///< parameters of the effects of the law that are not declared
-  /// The declared law with these effects beside its own.
-  std::function<std::shared_ptr<const material::FiniteStrainLaw>(const std::vector<std::string>& effects)> extended;
+  /// The declared law with these effects beside its own; `in_space`: not that of plane stress.
+  std::function<std::shared_ptr<const material::FiniteStrainLaw>(const std::vector<std::string>& effects, bool in_space)> extended;
   std::function<identification::Specimen(const MeshChange&)> specimen;
   double thickness = 1.0;
   int increments = 1;                      ///< between two frames
@@ -115,6 +115,8 @@ class FieldExperiment final : public Experiment {
   /// What was learned, in units of the noise [N].
   [[nodiscard]] Eigen::VectorXd bias() const { return whitened(bias_->displacement, bias_->force); }
   [[nodiscard]] Doubt doubt() const override;
+  /// What a simulation in space has more than that of plane stress, in units of the noise [N], as it was learned and is taken off; empty where none was made.
+  [[nodiscard]] const Eigen::VectorXd& in_space() const { return bias_->in_space; }
   [[nodiscard]] std::shared_ptr<const Learned> learned() const override { return measured_.correlate ? bias_ : nullptr; }
   void put_back(const std::shared_ptr<const Learned>& learned) override {
     if (const auto bias = std::dynamic_pointer_cast<const Bias>(learned)) bias_ = bias;
@@ -144,6 +146,7 @@ class FieldExperiment final : public Experiment {
     /// depth would add, where that is not seen.
     Eigen::MatrixXd doubt;
     Eigen::Index of_numerics = 0;  // columns of mesh and increments
+    Eigen::VectorXd in_space{};    // what a simulation in space has more than that of plane stress, in units of the noise [N]; empty where none was made
     Bias(std::vector<double> values, Eigen::MatrixXd u, Eigen::VectorXd f) : displacement(std::move(u)), force(std::move(f)) { at = std::move(values); }
   };
   struct Simulation;  // what one series is made of
@@ -172,10 +175,12 @@ class FieldExperiment final : public Experiment {
   [[nodiscard]] identification::Direction uneven_end(const Variant& with, int shape) const;
   [[nodiscard]] int uneven_shapes() const;
   static constexpr int uneven_degree = 4;
-  static constexpr double uneven_motion = 0.01, uneven_traction = 0.03;
+  static constexpr double uneven_motion = 0.01, uneven_traction = 0.03, uneven_thickness = 0.4;
   struct Tangent;     // what a series is differentiated by
   /// The prediction without camera and load cell, and its derivatives. Without forces where the model could not follow.
   [[nodiscard]] std::pair<Prediction, std::vector<Prediction>> differentiate(const std::vector<double>& values, const std::vector<Tangent>& tangents);
+  /// What each number of the law changes where it is off by what theories of the same law differ by [N each], in units of the noise. Collective.
+  [[nodiscard]] std::vector<Eigen::VectorXd> theory_in_doubt(const std::vector<double>& values);
   /// How the prediction moves with the displacement that drives the ends [unknowns x frames]: by the derivatives of the simulation; by simulations.
   [[nodiscard]] std::vector<Prediction> responses(const std::vector<double>& values, const std::vector<Eigen::MatrixXd>& changes);
   [[nodiscard]] std::vector<Prediction> differences(const std::vector<double>& values, const std::vector<Eigen::MatrixXd>& changes);
@@ -217,10 +222,10 @@ class FieldExperiment final : public Experiment {
   Eigen::MatrixXd disturbance_;     // one more draw of the noise of what drives the ends [unknowns x frames]; empty until it is asked for
   struct Groups;
   std::unique_ptr<Groups> groups_;
-  /// The series of a synthetic test, side by side: on refined meshes, the finest first, whose ends are driven by `driving_as_seen` [unknowns x frames]; then on the declared mesh in the same and in
-  /// `again` times as many increments, and in the same with ends that go straight from frame to frame.
-  [[nodiscard]] std::vector<Series> synthetic_tests(const std::vector<double>& values, const Eigen::MatrixXd& driving_as_seen);
-  static constexpr double again = 4.0;
+  struct SyntheticTests;
+  /// Side by side; `driving_as_seen` [unknowns x frames] drives the ends of refined meshes, the measured ones those of the others.
+  [[nodiscard]] SyntheticTests synthetic_tests(const std::vector<double>& values, const Eigen::MatrixXd& driving_as_seen);
+  static constexpr int again = 4;
   /// What the noise of what drives the ends changes in the mean, the model not being linear in it: sim(d) - E sim(d + noise), from pairs of opposite draws.
   [[nodiscard]] std::optional<Prediction> second_order_of_noise(const std::vector<double>& values, const Prediction& nominal);
   /// Parameters of effects that every test has a little of, and how much (standard deviation). Ends that are cut from a longer specimen do not move alike at every depth once it yields, which one face
@@ -230,10 +235,7 @@ class FieldExperiment final : public Experiment {
   /// How often the mesh of a synthetic test is refined: in space twice would be 64 times the elements.
   [[nodiscard]] int refinements() const { return scene().plane ? 2 : 1; }
   /// Its increments over the declared ones.
-  [[nodiscard]] double more_increments() const { return scene().plane ? 4.0 : 2.0; }
-  /// The part of a simulation's key that says geometry and numerics (refinements, factor of the increments, whether there is a state before the test, values of all parameters), made if the
-  /// simulation is that of the declared ones.
-  [[nodiscard]] std::vector<double>& specimen_key(Simulation& one) const;
+  [[nodiscard]] int more_increments() const { return scene().plane ? 4 : 2; }
   /// The simulation with the section that `values` make.
   [[nodiscard]] Simulation with_section(Simulation one, const std::vector<double>& values) const;
   /// Relative change of the cells' section from one key to another [cells of `specimen`].
