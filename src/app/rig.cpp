@@ -48,6 +48,13 @@ void place_specimen(Rig& rig, const io::Case& test, const std::vector<correlatio
   rig.surface.nodes.col(2) += side * pose.shape;
   rig.placed = true;
   spdlog::info("points of the mesh: rms {:.2f} px", pose.points_rms);
+  const auto doubt = [&rig](std::string text) {
+    spdlog::warn("{}", text);
+    rig.doubts.push_back(std::move(text));
+  };
+  if (const double likely = std::max(0.3, 3.0 * place.deviation); pose.points_rms > likely)
+    doubt(fmt::format("specimen.place.points: once the images have placed the specimen they lie {:.2f} px (rms) beside it, deviation: {:g} lets {:.2g} be: were they read in another image than that of camera {}, or is its calibration another one's?",
+                      pose.points_rms, place.deviation, likely, pinholes[static_cast<std::size_t>(options.camera)].name));
   if (pinholes.size() > 1) {
     const std::string unit = test.units.length;
     spdlog::info("{} of {} patches of {} found in the other cameras lie on a plane, rms {:.3g} {}", pose.matched, pose.patches,
@@ -58,6 +65,9 @@ void place_specimen(Rig& rig, const io::Case& test, const std::vector<correlatio
                    pose.camera_change[k].head<3>().norm(), pose.camera_change[k].tail<3>().norm(), unit);
     if (options.shape > 0.0)
       spdlog::info("{:.3f} with the shape: from {:.4g} to {:.4g} {} off the plane", pose.rms_shape, pose.shape.minCoeff(), pose.shape.maxCoeff(), unit);
+    constexpr double unlike = 0.7;  // half of what two images have that have nothing to do with each other, sqrt(2)
+    if (const double left = options.shape > 0.0 ? pose.rms_shape : options.cameras ? pose.rms_cameras : pose.rms_pose; left > unlike)
+      doubt(fmt::format("the references of the cameras differ by {:.2f} of their contrast on the mesh (normalised; {:.2f}: nothing in common): are the cameras exchanged in the calibration, is it of another set-up, or of images of another size?", left, std::sqrt(2.0)));
   }
 }
 

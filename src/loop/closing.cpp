@@ -320,10 +320,10 @@ class Loop {
     for (std::size_t i = 0; i < at.others.size(); ++i)
       if (!stands_out(at, scores[i]) && (waiting.empty() ? beyond_limit(at, scores[i]) : scores[i].z > at.scores.threshold)) doubtful.push_back(i);
     for (auto* list : {&waiting, &doubtful}) std::sort(list->begin(), list->end(), [&](std::size_t a, std::size_t b) { return scores[a].z > scores[b].z; });
-    // As many as are asked for, and all that are as good as the best within their noise.
+    // As many as are asked for, and all that are as good as the best within their noise, and within a twentieth: marks are tangents, which err by some percent.
     const auto taken_from = [&](std::vector<std::size_t>& list) {
       std::size_t count = std::min(list.size(), static_cast<std::size_t>(options_.rivals));
-      while (count < list.size() && scores[list[count]].z >= scores[list.front()].z - 1.0) ++count;
+      while (count < list.size() && scores[list[count]].z >= scores[list.front()].z - std::max(1.0, scores[list.front()].z / 20.0)) ++count;
       const auto end = list.begin() + static_cast<std::ptrdiff_t>(count);
       const std::vector<std::size_t> taken(list.begin(), end);
       list.erase(list.begin(), end);

@@ -62,5 +62,18 @@ for name in ("results.xdmf", "mesh_on_left.png", "residual_right_frame_0002.png"
     assert (folder / "results_1" / name).stat().st_size > 500, name
 refused = subprocess.run([program, "identify", "case.yaml"], cwd=folder, capture_output=True, text=True)
 assert refused.returncode == 2
+
+def check(name, old, new):
+    text = (folder / "case.yaml").read_text()
+    assert old in text
+    (folder / name).write_text(text.replace(old, new))
+    done = subprocess.run([program, "check", name], cwd=folder, capture_output=True, text=True)
+    return done.stdout + done.stderr
+
+
+assert "lie" not in (said := check("right.yaml", "title: stereo", "title: right")) and "contrast on the mesh" not in said, said
+assert "specimen.place.points: once" in (said := check("other_camera.yaml", "specimen: {mesh: mesh.msh, place: {", "specimen: {mesh: mesh.msh, place: {camera: right, deviation: 0.1, ")), said
+(folder / "other.xml").write_text((folder / "cal.xml").read_text().replace("180 10.0 0 ", "180 10.0 0.6 "))
+assert "of their contrast on the mesh" in (said := check("other.yaml", "calibration: cal.xml", "calibration: other.xml")), said
 print("passed")
 end()

@@ -483,6 +483,23 @@ TEST(Closing, RivalsAsGoodAsTheBestAreTried) {
   EXPECT_EQ(report.set.size(), 2U);
 }
 
+/// Where the misfit is large scores that differ by far more than noise are alike still: their marks are tangents.
+TEST(Closing, RivalsWithinATwentiethOfALargeScoreAreTried) {
+  LoopOptions one_rival = usual;
+  one_rival.rivals = 1;
+  Curves experiment(5, {{Curves::twin, 40.0}}, 0.0, 5000U, 10.0);
+  experiment.unlike_twins = 0.1;
+  const Report report = close_loop(experiment, one_rival);
+  const auto z = [&](int effect) {
+    const auto& others = report.declared.others;
+    return report.declared.scores.candidates.at(static_cast<std::size_t>(std::find(others.begin(), others.end(), effect) - others.begin())).z;
+  };
+  ASSERT_GT(z(Curves::twin) - z(Curves::gain), 1.0);
+  ASSERT_GT(z(Curves::gain), 0.95 * z(Curves::twin));
+  const auto& trials = report.rounds.at(0).trials;
+  EXPECT_TRUE(std::any_of(trials.begin(), trials.end(), [](const Trial& one) { return one.candidate == Curves::gain; }));
+}
+
 /// Where those with the largest scores help nothing, the others beyond the limit have their turn before it is said that no known effect helps.
 TEST(Closing, OthersBeyondTheLimitAreTriedWhereTheBestDoNotHelp) {
   LoopOptions one_rival = usual;
