@@ -71,6 +71,55 @@ TEST(Declared, InPlaneStressTheThicknessScalesTheForce) {
   EXPECT_LT((strip.data.force - missing_with - (1.1 * force.array() + 120.0).matrix()).norm(), 1e-9 * force.norm());
 }
 
+/// What a simulation in space shows beyond that of plane stress is learned, and taken off.
+TEST(Learned, WhatASimulationInSpaceShowsBeyondPlaneStress) {
+  const auto law = [](bool in_space) { return material::make_law({.law = "j2", .hardening = "power_linear", .tie_initial_modulus = true, .plane_stress = !in_space, .table_strain = {}}); };
+  const auto in = [&](bool space) {
+    Strip strip(0.0);
+    strip.data.correlate = [](const identification::Specimen& made, const Eigen::MatrixXd& U) {  // the nodes of the declared mesh are among those of a finer one
+      return Eigen::MatrixXd(identification::of_components(identification::interpolation(made.surface.mesh, identification::testing::strip().nodes.leftCols<2>())) * U);
+    };
+    strip.model.law = law(space);
+    strip.model.extended = [law](const std::vector<std::string>&, bool in_space) { return law(in_space); };
+    strip.model.specimen = [space](const MeshChange& change) {
+      mesh::Mesh quads = identification::testing::strip();
+      for (int i = 0; i < change.numerics.refinements; ++i) quads = mesh::refine(quads);
+      if (!space && !change.numerics.in_space) return identification::make_specimen(std::move(quads), "bottom", "top", 1, false);
+      return identification::make_specimen(mesh::extrude(quads, 0.5, 1), "bottom", "top", 1, true);
+    };
+    return strip.experiment();
+  };
+  FieldExperiment plane = in(false), space = in(true);
+  const auto values = declared(plane);
+  const Eigen::VectorXd found = plane.residuals({values}).front(), beyond = found - space.residuals({declared(space)}).front();
+  plane.learn_bias(values);
+  EXPECT_GT(beyond.norm(), 10.0);
+  EXPECT_LT((plane.in_space() - beyond).norm(), 0.02 * beyond.norm());
+  space.learn_bias(declared(space));
+  EXPECT_EQ(space.in_space().size(), 0);
+  FieldExperiment other = in(false);
+  other.learn_again(values, plane.learned_numbers());
+  EXPECT_EQ(other.in_space(), plane.in_space());
+}
+
+/// Theories of one law differ: the null has each of its numbers as known to a thousandth.
+TEST(Learned, TheLawIsInDoubtByAThousandth) {
+  Strip strip(0.0);
+  strip.data.correlate = [](const identification::Specimen&, const Eigen::MatrixXd& U) { return U; };
+  FieldExperiment experiment = strip.experiment();
+  const auto values = declared(experiment);
+  experiment.learn_bias(values);
+  const Eigen::MatrixXd doubt = experiment.doubt().whole;
+  const auto numbers = static_cast<Eigen::Index>(strip.model.values.size());
+  ASSERT_GE(doubt.cols(), 30 + numbers);  // those of uneven ends are the last ones
+  for (Eigen::Index j = 0; j < numbers; ++j) {
+    auto more = values, less = values;
+    more[static_cast<std::size_t>(j)] *= 1.0005, less[static_cast<std::size_t>(j)] *= 0.9995;
+    const Eigen::VectorXd expected = experiment.residuals({more}).front() - experiment.residuals({less}).front();
+    EXPECT_LT((doubt.col(doubt.cols() - 30 - numbers + j) - expected).norm(), 0.02 * expected.norm()) << strip.model.information[static_cast<std::size_t>(j)].name;
+  }
+}
+
 TEST(Declared, AFreeEffectIsIdentified) {
   Strip strip(120.0);
   strip.model.effects = {{.effect = "force_zero", .quantity = "force_offset", .value = {}, .lower = -200.0, .upper = {}, .free = true}};
