@@ -362,7 +362,7 @@ def main():
                 suite.trial("effect", name, multiple, {parameter: size}, 1 + seed, FOUND_AS.get(parameter, parameter))
                 if multiple == "10" and not options.reduced:
                     suite.trial("without", name, "-", {parameter: size, "leave_out": [name]}, 50 + seed)
-    for seed in seeds("thick plate") if not options.reduced else []:
+    for seed in seeds("thick plate") if not options.reduced and options.by == "calculix" else []:
         suite.trial("null", "thick plate", "-", THICK, 1 + seed)
     for name, planted in OTHERS.items():
         for seed in seeds(name) if not options.reduced or (name == "power_term" and options.kind == "fields") else []:

@@ -197,9 +197,24 @@ class Identification {
         const id::Specimen finer = make_specimen(refined);
         const Observation of_finer = on_mesh(seen_, refined, finer);
         const id::ImageData images = judging_images(of_finer, test_);
-        return moved_to(finer, material_.law, &images);
+        id::ForwardModel fine(world_, finer, material_.law, on_surface_of(finer), {.increments = increments_}, 1, 1);
+        const Eigen::MatrixXd driving = driving_displacement(seen_, shown_);
+        const id::Path there = path_of_last_stage(fine), here = path_of_last_stage(model_, &driving);
+        return id::moved_by_mesh(world_, {model_, images_, here}, {fine, images, there}, mapped(specimen_, finer), declared_.back(), solver_, material_.values, finer_, difference_);
       });
-    say(Finer::in_space, "a simulation in space", [&] { return moved_to(make_specimen(test_, false, {.numerics = {.in_space = true}}), extended_law(test_, {}, true), nullptr); });
+    say(Finer::in_space, "a simulation in space", [&] {
+      const auto law = extended_law(test_, {}, true);
+      const auto path_of = [&](double part) {
+        const id::Specimen solid = make_specimen(test_, false, {.numerics = {.in_space = true, .of_thickness = part}});
+        id::ForwardModel model(world_, solid, law, on_surface_of(solid), {.increments = increments_}, 1, 1);
+        id::Path path = path_of_last_stage(model);
+        path.surface = (mapped(solid, specimen_) * path.surface).eval(), path.reaction /= part;
+        return path;
+      };
+      Eigen::SparseMatrix<double> same(specimen_.projection.rows(), specimen_.projection.rows());
+      same.setIdentity();
+      return id::moved_by_mesh(world_, {model_, images_, path_of(loop::thin)}, {model_, images_, path_of(1.0)}, same, declared_.back(), solver_, material_.values, finer_, difference_);
+    });
   }
 
   /// After everything is written.
@@ -216,30 +231,21 @@ class Identification {
   }
 
  private:
-  /// By what one step of Eq. 10 moves the parameters of the last stage with the simulation of `other`, seen on its own surface by `images`, or by the declared ones. Both simulations are driven by the identified
-  /// model's own motion, smoothed like the measured one, whose noise would be answered by either mesh otherwise.
-  [[nodiscard]] Eigen::VectorXd moved_to(const id::Specimen& other, const std::shared_ptr<const material::FiniteStrainLaw>& law, const id::ImageData* images) {
-    const auto mapped = [](const id::Specimen& from, const id::Specimen& to) {
-      std::size_t k = 0;
-      return blocks(from.faces, [&](const id::Face& face) { return id::between(face.surface.mesh, to.faces[k++].surface.mesh, face.components); });
-    };
-    Eigen::SparseMatrix<double> onto = mapped(specimen_, other);
-    const Eigen::MatrixXd driving = driving_displacement(seen_, shown_);
+  /// Displacement of the faces of one specimen from that of another's.
+  [[nodiscard]] static Eigen::SparseMatrix<double> mapped(const id::Specimen& from, const id::Specimen& to) {
+    std::size_t k = 0;
+    return blocks(from.faces, [&](const id::Face& face) { return id::between(face.surface.mesh, to.faces[k++].surface.mesh, face.components); });
+  }
+  /// The record whose ends the identified model's own motion drives, smoothed like the measured one, whose noise another mesh would answer otherwise.
+  [[nodiscard]] id::Record on_surface_of(const id::Specimen& other) const {
+    const Eigen::SparseMatrix<double> onto = mapped(specimen_, other);
     id::Record record = record_;
-    record.driving = onto * driving, record.surface_displacement = onto * record_.surface_displacement;
-    id::ForwardModel model(world_, other, law, record, {.increments = increments_}, 1, 1);
-    const id::Stage& stage = declared_.back();
-    id::Run run{.parameters = material_.values, .increments = increments_, .accuracy = {.forces = 1e-9}};
-    const auto path_of = [&](id::ForwardModel& by) { return by.simulate(id::Control::displacement, {run}, stage.frames.back() + 1).front(); };
-    id::Path there = path_of(model);
-    run.driving = &driving;
-    const id::Path here = path_of(model_);
-    if (images == nullptr) {
-      there.surface = (mapped(other, specimen_) * there.surface).eval();
-      onto.resize(specimen_.projection.rows(), specimen_.projection.rows());
-      onto.setIdentity();
-    }
-    return id::moved_by_mesh(world_, {model_, images_, here}, {images ? model : model_, images ? *images : images_, there}, onto, stage, solver_, material_.values, finer_, difference_);
+    record.driving = onto * driving_displacement(seen_, shown_), record.surface_displacement = onto * record_.surface_displacement;
+    return record;
+  }
+  [[nodiscard]] id::Path path_of_last_stage(id::ForwardModel& model, const Eigen::MatrixXd* driving = nullptr) const {
+    const id::Run run{.parameters = material_.values, .driving = driving, .increments = increments_, .accuracy = {.forces = 1e-9}};
+    return model.simulate(id::Control::displacement, {run}, declared_.back().frames.back() + 1).front();
   }
 
   [[nodiscard]] bool gap() const { return solver_.functional == id::Functional::equilibrium_gap; }

@@ -183,7 +183,7 @@ identification::Specimen make_specimen(const io::Case& test, bool all_components
   } else if (mesh.node_groups.contains(declared.front)) {
     mesh::choose_front(mesh, declared.front);
   }
-  if (!plane_stress) mesh.nodes.col(2) *= change.thickness;
+  if (!plane_stress) mesh.nodes.col(2) *= change.thickness * change.numerics.of_thickness;
   if (declared.quadratic()) mesh = mesh::quadratic(mesh);
   if (declared.one_point()) mesh.integration = declared.element == "hex8r" ? mesh::Integration::one_point : mesh::Integration::one_point_stabilised;
   if (change.section) mesh.section = loop::of_cells(mesh, change.section);

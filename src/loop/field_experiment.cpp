@@ -280,8 +280,8 @@ FieldExperiment::SyntheticTests FieldExperiment::synthetic_tests(const std::vect
   for (int refined = refinements(); refined > 0; --refined) wanted.push_back(one(driving_as_seen, {.refinements = refined, .increments_factor = more_increments()}));
   for (const int increments : {1, again, 1}) wanted.push_back(one(measured_.driving, {.increments_factor = increments * more_increments()}));
   wanted.back().straight = true;
-  for (const bool in_space : {false, true})
-    if (scene().plane) wanted.push_back(one(driving_as_seen, {.in_space = in_space}));
+  for (const double part : {thin, 1.0})
+    if (scene().plane) wanted.push_back(one(driving_as_seen, {.in_space = true, .of_thickness = part}));
   for (int shape = 0; scene().plane && shape < uneven_shapes(); ++shape) wanted.back().uneven.push_back(shape);
   auto series = simulate(wanted);
   auto place = series.begin();
@@ -289,7 +289,7 @@ FieldExperiment::SyntheticTests FieldExperiment::synthetic_tests(const std::vect
   SyntheticTests made;
   for (int refined = refinements(); refined > 0; --refined) made.refined.push_back(next());
   made.few = next(), made.many = next(), made.straight = next();
-  if (scene().plane) made.flat = next(), made.in_space = next();
+  if (scene().plane) made.flat = next(), made.flat.R /= thin, made.in_space = next();
   return made;
 }
 

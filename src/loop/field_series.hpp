@@ -53,7 +53,7 @@ struct FieldExperiment::Series {
 };
 
 /// The series of a synthetic test: on refined meshes, the finest first; in as many increments on the declared mesh, in `again` times as many, and with ends that go straight from frame to frame; of
-/// plane stress also as it is declared, and in space. The first and the last two are driven alike. Empty forces where the model could not follow.
+/// plane stress also in space, on the declared mesh: thin, which is plane stress by the same elements, and as thick as it is. The first and the last two are driven alike. Empty forces where the model could not follow.
 struct FieldExperiment::SyntheticTests {
   std::vector<Series> refined;
   Series few, many, straight, flat, in_space;

@@ -81,6 +81,7 @@ struct Numerics {
   int refinements = 0;           ///< of the mesh, beyond the declared ones
   int increments_factor = 1;     ///< times the declared load increments between two frames
   bool in_space = false;         ///< with elements through the thickness where plane stress is declared
+  double of_thickness = 1.0;     ///< so large a part of it, in space: a small one is plane stress with the same elements
   auto operator<=>(const Numerics&) const = default;
 };
 

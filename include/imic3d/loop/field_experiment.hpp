@@ -72,6 +72,9 @@ struct MeshChange {
 /// A number for each cell from its middle [cells].
 [[nodiscard]] Eigen::VectorXd of_cells(const mesh::Mesh& mesh, const std::function<double(const Eigen::Vector3d&)>& of_point);
 
+/// Part of the thickness with which a simulation in space is one of plane stress: what it has beyond that goes with the thickness squared.
+constexpr double thin = 0.05;
+
 struct DeclaredModel {
   std::shared_ptr<const material::FiniteStrainLaw> law;
   std::vector<ParameterInfo> information;  ///< of the law's parameters, in its order
