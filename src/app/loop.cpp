@@ -41,8 +41,9 @@ namespace imic3d::app {
 namespace {
 
 /// What parameters would be off by in plane stress alone, without what a simulation in space shows beyond it; empty where that is less than their standard deviations.
-std::string taken_off_plane_stress(const loop::FieldExperiment& experiment, const loop::Model& model) {
+std::string taken_off_plane_stress(const loop::FieldExperiment& experiment, const loop::Model& model, bool plane_stress) {
   const auto& fit = model.fit;
+  if (plane_stress && experiment.in_space().size() == 0) return "what plane stress errs by is not known: the specimen could not be simulated in space";
   if (experiment.in_space().size() == 0 || experiment.in_space().size() != fit.residual.size() || fit.free.empty()) return {};
   const Eigen::VectorXd shift = least_squares(fit.sensitivity, model.ground->weight(experiment.in_space()));
   std::vector<std::string> off;
@@ -190,7 +191,7 @@ class FieldTest final : public LoopTest {
     app::say(groups);
     if (seen_) test_.doubts = doubts_of(test_, *seen_);
     for (auto& doubt : unlikely_values(test_, material_, report.final.fit.values)) test_.doubts.push_back(std::move(doubt));
-    if (auto doubt = taken_off_plane_stress(*experiment_, report.final); !doubt.empty()) {
+    if (auto doubt = taken_off_plane_stress(*experiment_, report.final, test_.specimen.plane_stress()); !doubt.empty()) {
       spdlog::warn("{}", doubt);
       test_.doubts.push_back(std::move(doubt));
     }

@@ -107,7 +107,7 @@ FieldExperiment::Variant& FieldExperiment::variant(const Key& wanted) {
                                                   mechanics::EquilibriumOptions{.increments = model_.increments * wanted.numerics.increments_factor, .derivative_tolerance = 1e-5, .memory_of_factors = 100.0, .with_fields = false}, 1, 1);
   // Nearly the same series as the last one of these ranks, of another law or specimen.
   const auto alike = std::find_if(std::next(variants.begin()), variants.end(), [&](const auto& other) {
-    return !other.first.before_test && other.second.specimen.volume.nodes.rows() == made.specimen.volume.nodes.rows();
+    return !other.first.before_test && other.first.numerics.of_thickness == wanted.numerics.of_thickness && other.second.specimen.volume.nodes.rows() == made.specimen.volume.nodes.rows();
   });
   if (!wanted.before_test && alike != variants.end()) {
     auto solutions = alike->second.model->solutions();

@@ -48,8 +48,8 @@ class RunOutput {
   void identified(const std::vector<double>& values, const Eigen::MatrixXd& covariance, const std::set<int>& on_bound);
   /// Of parameters that stages found one after another; a doubt where they would move by more than noise.
   void freed_at_once(const Material& material, const std::vector<int>& free, const identification::FreedAtOnce& at_once);
-  /// What parameters would change by on a finer mesh, or in space; a doubt where that is more than their standard deviations.
   enum class Finer { mesh, in_space };
+  /// What parameters would change by on a finer mesh, or in space; a doubt where that is more than their standard deviations.
   void moved_by(Finer finer, const Material& material, const std::vector<int>& free, const Eigen::VectorXd& moved, const Eigen::MatrixXd& covariance);
   void simulation_frame(int place, const mechanics::FrameState& state);
   /// Residual of the model on every frame (collective) and the force of the DIC-driven simulation; pictures of the
