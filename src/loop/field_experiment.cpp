@@ -346,8 +346,6 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
     bias.displacement += more.displacement, bias.force += more.force;
     learned.in_space = of_noise(more);
     doubt_too(0.25 * learned.in_space);
-    const double share = std::pow(std::min(1.0, scene().thickness / scene().span(1 - scene().axis) / uneven_thickness), 2);
-    for (std::size_t k = 0; k < in_space.dU.size(); ++k) doubt_too(share * whitened(in_space.dU[k], in_space.dR[k]));
   }
   if (const auto second = second_order_of_noise(values, nominal)) {
     bias.displacement += second->displacement, bias.force += second->force;
@@ -364,7 +362,10 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
       for (Eigen::Index t = 0; t < unknown.size(); ++t)  // of each frame for itself
         if (unknown[t] > 0.1 * measured_.force_noise) doubt_too(whitened(Eigen::MatrixXd::Zero(nominal.displacement.rows(), nominal.displacement.cols()), unknown[t] * Eigen::VectorXd::Unit(unknown.size(), t)));
   for (const auto& column : theory_in_doubt(values)) doubt_too(column);
-  if (differentiable_ && !scene().plane) {
+  if (learned.in_space.size() > 0) {
+    const double share = std::pow(std::min(1.0, scene().thickness / scene().span(1 - scene().axis) / uneven_thickness), 2);
+    for (std::size_t k = 0; k < in_space.dU.size(); ++k) doubt_too(share * whitened(in_space.dU[k], in_space.dR[k]));
+  } else if (differentiable_ && !scene().plane) {
     std::vector<Tangent> uneven;
     for (int shape = 0; shape < uneven_shapes(); ++shape) uneven.push_back({.uneven = shape});
     if (!uneven.empty())

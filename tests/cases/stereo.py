@@ -71,7 +71,7 @@ def check(name, old, new):
     return done.stdout + done.stderr
 
 
-assert "lie" not in (said := check("right.yaml", "title: stereo", "title: right")) and "contrast on the mesh" not in said, said
+assert "specimen.place.points" not in (said := check("right.yaml", "title: stereo", "title: right")) and "contrast on the mesh" not in said, said
 assert "specimen.place.points: once" in (said := check("other_camera.yaml", "specimen: {mesh: mesh.msh, place: {", "specimen: {mesh: mesh.msh, place: {camera: right, deviation: 0.1, ")), said
 (folder / "other.xml").write_text((folder / "cal.xml").read_text().replace("180 10.0 0 ", "180 10.0 0.6 "))
 assert "of their contrast on the mesh" in (said := check("other.yaml", "calibration: cal.xml", "calibration: other.xml")), said
