@@ -113,7 +113,7 @@ LightFindings look_at_light(const Observation& seen, const io::Case& test, int f
       for (int t = 0; t < frames; ++t) {
         const auto& frame = seen.frames[static_cast<std::size_t>(t)];
         const auto image = imaging::read_image(test.cameras[number].images[static_cast<std::size_t>(seen.places[static_cast<std::size_t>(t)])]);
-        camera.frames.push_back(statistics.back().frame(image, frame.displacement.segment(unknowns, face.dic->cameras().unknowns())));
+        camera.frames.push_back(statistics.back().frame(image, frame.displacement.segment(unknowns, face.dic->cameras().unknowns()), off_epipolar(seen, k, static_cast<int>(c), static_cast<std::size_t>(t))));
         const auto& of_camera = frame.cameras[all_cameras + c];
         listed["rms"].push_back(of_camera.rms);
         if (camera.optics.gain_and_offset_fitted) listed["gain"].push_back(of_camera.gain), listed["offset"].push_back(of_camera.offset);

@@ -58,7 +58,7 @@ std::vector<correlation::DicFrame> as_whole(const ObservedFace& face, std::vecto
     for (Eigen::Index t = world.rank(); t < rms.cols(); t += world.size()) {
       std::vector<imaging::BSpline> g;
       for (const auto& of_camera : files) g.push_back(face.whole->spline(imaging::read_image(of_camera[static_cast<std::size_t>(t)])));
-      const auto seen = cameras.evaluate(g, frames[static_cast<std::size_t>(t)].displacement, Communicator{MPI_COMM_SELF});
+      const auto seen = cameras.evaluate(g, frames[static_cast<std::size_t>(t)].displacement, Communicator{MPI_COMM_SELF}, correlation::Gradient::reference, face.dic->cameras().off_epipolar(frames[static_cast<std::size_t>(t)].epipolar));
       for (int c = 0; c < cameras.size(); ++c) rms.col(t).segment(c * elements, elements) = seen.cameras[static_cast<std::size_t>(c)].element_rms;
     }
   });
@@ -86,14 +86,15 @@ correlation::DicFrame joined(const std::vector<correlation::DicFrame>& faces) {
   correlation::DicFrame all = faces.front();
   double squares = 0.0, coefficient = 0.0;
   all.pixels = all.dropped = 0.0;
-  Eigen::Index unknowns = 0, elements = 0;
-  for (const auto& face : faces) unknowns += face.displacement.size(), elements += face.element_rms.size();
-  all.displacement.resize(unknowns), all.element_rms.resize(elements), all.cameras.clear();
-  unknowns = elements = all.hardly_seen = 0;
+  Eigen::Index unknowns = 0, elements = 0, modes = 0;
+  for (const auto& face : faces) unknowns += face.displacement.size(), elements += face.element_rms.size(), modes += face.epipolar.size();
+  all.displacement.resize(unknowns), all.element_rms.resize(elements), all.epipolar.resize(modes), all.cameras.clear();
+  unknowns = elements = modes = all.hardly_seen = 0;
   for (const auto& face : faces) {
     all.displacement.segment(unknowns, face.displacement.size()) = face.displacement;
     all.element_rms.segment(elements, face.element_rms.size()) = face.element_rms;
-    unknowns += face.displacement.size(), elements += face.element_rms.size();
+    all.epipolar.segment(modes, face.epipolar.size()) = face.epipolar;
+    unknowns += face.displacement.size(), elements += face.element_rms.size(), modes += face.epipolar.size();
     all.converged = all.converged && face.converged, all.lost = all.lost || face.lost;
     all.iterations = std::max(all.iterations, face.iterations);
     squares += face.pixels * face.rms * face.rms, coefficient += face.pixels * face.coefficient;
@@ -147,6 +148,7 @@ Observation on_mesh(const Observation& seen, const io::Case& test, const identif
     face.rig->surface = surface, face.ends = nodes_of_ends(specimen, specimen.faces[k]);
     face.dic = face.whole = make_dic(test, *face.rig, specimen.faces[k].components, face.ends, {});
   }
+  for (auto& frame : there.frames) frame.epipolar.resize(0);  // modes of the mesh before
   return there;
 }
 
@@ -237,6 +239,15 @@ struct Unknown {
 };
 
 }  // namespace
+
+correlation::InImage off_epipolar(const Observation& seen, std::size_t face, int camera, std::size_t t) {
+  const Eigen::VectorXd& epipolar = seen.frames[t].epipolar;
+  if (epipolar.size() == 0) return {};
+  Eigen::Index first = 0;
+  for (std::size_t k = 0; k < face; ++k) first += seen.faces[k].dic->cameras().epipolar_modes();
+  const auto& cameras = seen.faces[face].dic->cameras();
+  return cameras.off_epipolar(camera, epipolar.segment(first, cameras.epipolar_modes()));
+}
 
 double residual_of_noise(const Observation& seen, const ObservedFace& face, std::size_t camera) {
   return seen.camera_noise[static_cast<std::size_t>(face.rig->cameras[camera])] * residual_of_unit_noise(seen, face);
@@ -341,6 +352,16 @@ std::vector<std::string> doubts_of(const io::Case& test, const Observation& seen
   auto doubts = test.doubts;
   for (const auto& face : seen.faces) doubts.insert(doubts.end(), face.rig->doubts.begin(), face.rig->doubts.end());
   if (!seen.left_out.empty()) doubts.push_back(seen.left_out);
+  io::Frames numbers;
+  for (const int place : seen.places) numbers.push_back(test.frames[static_cast<std::size_t>(place)]);
+  std::size_t first = 0;
+  for (const auto& face : seen.faces) {
+    if (auto doubt = doubt_off_epipolar(test, *face.rig, first, numbers, seen.frames); !doubt.empty()) {
+      spdlog::warn("{}", doubt);
+      doubts.push_back(std::move(doubt));
+    }
+    first += face.rig->cameras.size();
+  }
   if (const Eigen::VectorXd force = force_at_rest(test); force.size() > 0) {
     constexpr double beyond_chance = 3.5;
     const double noise = force_noise(seen, test) / std::sqrt(static_cast<double>(force.size()));

@@ -78,7 +78,7 @@ double share_of_light(const io::Case& test, const Observation& seen, std::size_t
   const auto& correlation = face.dic->correlation();
   const auto& camera = test.cameras[static_cast<std::size_t>(face.rig->cameras.front())];
   const auto image = face.dic->spline(imaging::read_image(camera.images[static_cast<std::size_t>(seen.places[t])]));
-  const std::vector<float> residual = correlation.residual(image, seen.frames[t].displacement.head(face.dic->cameras().unknowns()));
+  const std::vector<float> residual = correlation.residual(image, seen.frames[t].displacement.head(face.dic->cameras().unknowns()), off_epipolar(seen, 0, 0, t));
   const auto& grey = correlation.quadrature().f;
   double n = 0.0, f = 0.0, r = 0.0, ff = 0.0, fr = 0.0, rr = 0.0;
   for (std::size_t p = 0; p < residual.size(); ++p) {
@@ -233,7 +233,7 @@ void RunOutput::draw_residual(int t, const identification::Record& record, const
       const auto image = dic.spline(imaging::read_image(test_.cameras[camera].images[place]));
       const double sigma = seen_.camera_noise[camera] * dic.noise_response().level;
       const auto map = [&](const Eigen::MatrixXd& displacement) {
-        return residual_map(dic, static_cast<int>(c), image, displacement.col(t).segment(face.first_unknown, face.unknowns()), sigma);
+        return residual_map(dic, static_cast<int>(c), image, displacement.col(t).segment(face.first_unknown, face.unknowns()), sigma, off_epipolar(seen_, k, static_cast<int>(c), static_cast<std::size_t>(t)));
       };
       const ResidualMap above = map(shown.surface), below = map(record.surface_displacement);
       constexpr int gap = 12;

@@ -262,7 +262,7 @@ identification::ImageData make_image_data(const Observation& observation, const 
           *size += 4UL * static_cast<std::size_t>(fresh.width()) * static_cast<std::size_t>(fresh.height());
           spline = *size < budget ? &kept->emplace(std::pair{t, camera}, std::move(fresh)).first->second : &fresh;
         });
-        const auto seen = cameras[c].evaluate(*spline, displacement.segment(first, cameras.unknowns()), group, correlation::Gradient::reference, correlation::Precision::full);
+        const auto seen = cameras[c].evaluate(*spline, displacement.segment(first, cameras.unknowns()), group, correlation::Gradient::reference, correlation::Precision::full, off_epipolar(observation, k, c, static_cast<std::size_t>(t)));
         all.b.segment(first, cameras.unknowns()) += weight * seen.b;
         all.squares += weight * seen.squares, all.pixels += seen.pixels;
         squares += weight * seen.element_squares, pixels += seen.element_pixels;

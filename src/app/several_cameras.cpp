@@ -177,6 +177,8 @@ void dic_of_face(const Communicator& world, const io::Case& test, const identifi
   nlohmann::json json, table = nlohmann::json::array();
   std::string csv = "frame,converged,iterations";
   for (const auto* camera : cameras) csv += ",rms_" + camera->name;
+  const bool epipolar = dic.cameras().epipolar_modes() > 0;
+  for (const auto* camera : cameras) csv += epipolar ? ",off_epipolar_" + camera->name : "";
   csv += ",tx,ty,tz,rx_degree,ry_degree,rz_degree,E_xx,E_yy,E_xy,mean_u_z,bending_u_z\n";
   fmt::print("\n{}\n  residual [grey level], motion of the middle [{}], rotation [degree], mean Green-Lagrange strain [1e-6], u_z beyond the rigid motion\n",
              test.title, test.units.length);
@@ -190,14 +192,15 @@ void dic_of_face(const Communicator& world, const io::Case& test, const identifi
                         {frame.element_rms.data(), static_cast<std::size_t>(frame.element_rms.size())});
     const Eigen::Vector3d unknown = nothing.head<3>();
     const Motion motion = known ? motion_of(rig.surface, frame.displacement, dofs) : Motion{unknown, unknown, unknown, unknown[0], unknown[0]};
-    std::vector<double> rms;
-    for (const auto& own : frame.cameras) rms.push_back(own.rms);
-    csv += fmt::format("{},{},{},{:.5g},{:.8g},{:.6g},{:.6g},{:.8g},{:.6g}\n", number, static_cast<int>(known), frame.iterations, fmt::join(rms, ","),
+    std::vector<double> rms, off;
+    for (const auto& own : frame.cameras) rms.push_back(own.rms), off.push_back(known ? own.off_epipolar : nothing[0]);
+    csv += fmt::format("{},{},{},{:.5g}{},{:.8g},{:.6g},{:.6g},{:.8g},{:.6g}\n", number, static_cast<int>(known), frame.iterations, fmt::join(rms, ","), epipolar ? fmt::format(",{:.5g}", fmt::join(off, ",")) : "",
                        fmt::join(std::span(motion.translation.data(), 3), ","), fmt::join(std::span(motion.rotation.data(), 3), ","),
                        fmt::join(std::span(motion.strain.data(), 3), ","), motion.out_of_plane, motion.bending);
     table.push_back({{"frame", number}, {"converged", known}, {"iterations", frame.iterations}, {"residual", rms}, {"translation", numbers(motion.translation)},
                      {"rotation_degree", numbers(motion.rotation)}, {"mean_strain", numbers(motion.strain)},
                      {"mean_out_of_plane", motion.out_of_plane}, {"bending_out_of_plane", motion.bending}});
+    if (epipolar) table.back()["off_epipolar"] = off;
     const Eigen::Vector3d micro = 1e6 * motion.strain;
     fmt::print("  {:5}  {:.2f}   {:9.4f}   {:8.4f}   {:8.0f}   {:.4f}{}\n", number, fmt::join(rms, " "), fmt::join(std::span(motion.translation.data(), 3), " "),
                fmt::join(std::span(motion.rotation.data(), 3), " "), fmt::join(std::span(micro.data(), 3), " "), motion.bending, frame.lost ? "   lost" : known ? "" : "   not converged");
@@ -207,7 +210,7 @@ void dic_of_face(const Communicator& world, const io::Case& test, const identifi
     if (frames.size() <= 12 || t + 1 == frames.size())
       for (std::size_t c = 0; c < count; ++c) {
         const auto map = residual_map(dic, static_cast<int>(c), dic.spline(imaging::read_image(images[c][t])), frame.displacement,
-                                      noise[c].sigma * dic.noise_response().level * std::sqrt(1.0 + 1.0 / noise[c].references));
+                                      noise[c].sigma * dic.noise_response().level * std::sqrt(1.0 + 1.0 / noise[c].references), dic.cameras().off_epipolar(static_cast<int>(c), frame.epipolar));
         io::draw_map(folder / fmt::format("residual_{}_frame_{:04d}.png", cameras[c]->name, number), map.values, map.columns, map.rows,
                      {.legend = fmt::format("{}: f - g(x + u), frame {} [its noise]", cameras[c]->name, number), .lower = -5.0, .upper = 5.0});
       }
@@ -242,6 +245,12 @@ void dic_of_face(const Communicator& world, const io::Case& test, const identifi
   io::draw_pictures(*file, folder);
   auto doubts = test.doubts;
   doubts.insert(doubts.end(), rig.doubts.begin(), rig.doubts.end());
+  io::Frames all;
+  for (const int place : places) all.push_back(test.frames[static_cast<std::size_t>(place)]);
+  if (auto doubt = doubt_off_epipolar(test, rig, 0, all, frames); !doubt.empty()) {
+    spdlog::warn("{}", doubt);
+    doubts.push_back(std::move(doubt));
+  }
   io::write_report(folder / "report.html", *file, io::pictures_in(folder), doubts);
   fmt::print("  {:.0f} s; report: {}\n", seconds, (folder / "report.html").string());
 }

@@ -30,6 +30,60 @@ Cameras::Cameras(std::vector<std::shared_ptr<const Correlation>> cameras, const 
   }
 }
 
+void Cameras::find_epipolar_modes(const std::function<Eigen::MatrixXd(const Eigen::MatrixXd&)>& solve) {
+  if (size() < 2 || dofs_per_node() < 3) return;
+  const Eigen::Index rows = 2 * size(), across = rows - 3;
+  Eigen::VectorXd root(rows);  // of the weights: the images' motions are compared in these
+  for (int c = 0; c < size(); ++c) root.segment<2>(2 * c).setConstant(std::sqrt(weight(c)));
+  const auto jacobian = [&](const Eigen::Vector3d& point) {
+    Eigen::MatrixXd J(rows, 3);
+    for (int c = 0; c < size(); ++c) J.middleRows<2>(2 * c) = root[2 * c] * (*this)[c].camera().jacobian(point);
+    return J;
+  };
+  const Eigen::RowVector3d middle = 0.5 * (surface().nodes.colwise().minCoeff() + surface().nodes.colwise().maxCoeff());
+  const Eigen::RowVector3d half = 0.5 * (surface().nodes.colwise().maxCoeff() - surface().nodes.colwise().minCoeff());
+  // What no motion of the surface makes, in the middle; elsewhere what is left of that, in the images that see the place: smooth, whatever the basis.
+  const Eigen::MatrixXd J = jacobian(middle.transpose());
+  const Eigen::MatrixXd off = symmetric_eigen(Eigen::MatrixXd::Identity(rows, rows) - J * pseudo_inverse(J)).vectors.rightCols(across);
+  constexpr Eigen::Index degree = 6;  // 1 x y x^2 xy y^2
+  modes_.assign(static_cast<std::size_t>(size()), Eigen::MatrixXd::Zero(2 * nodes(), degree * across));
+  for (int node = 0; node < nodes(); ++node) {
+    const Eigen::RowVector3d at = (surface().nodes.row(node) - middle) / half.head<2>().maxCoeff();
+    Eigen::RowVector<double, degree> polynomial;
+    polynomial << 1.0, at[0], at[1], at[0] * at[0], at[0] * at[1], at[1] * at[1];
+    Eigen::MatrixXd here = jacobian(surface().nodes.row(node).transpose()), seen = off;
+    for (int c = 0; c < size(); ++c)
+      if (sees_[static_cast<std::size_t>(c)][static_cast<std::size_t>(node)] == 0) here.middleRows<2>(2 * c).setZero(), seen.middleRows<2>(2 * c).setZero();
+    const Eigen::MatrixXd still_off = seen - here * (pseudo_inverse(here) * seen);
+    for (int c = 0; c < size(); ++c)
+      for (Eigen::Index k = 0; k < across; ++k) modes_[static_cast<std::size_t>(c)].block<2, degree>(2 * node, degree * k) = still_off.block<2, 1>(2 * c, k) * polynomial / root[2 * c];
+  }
+  Eigen::MatrixXd square = Eigen::MatrixXd::Zero(degree * across, degree * across), force = Eigen::MatrixXd::Zero(unknowns(), degree * across);
+  for (std::size_t c = 0; c < modes_.size(); ++c) {
+    const Eigen::MatrixXd in_image = weights_[c] * cameras_[c]->M_in_image(modes_[c]);
+    square += modes_[c].transpose() * in_image, force += cameras_[c]->projected(in_image);
+  }
+  const SymmetricEigen own = symmetric_eigen(square);
+  constexpr double nothing = 1e-9, much = 0.5;
+  Eigen::MatrixXd orthogonal = own.vectors * (own.values.array() > nothing * own.values.maxCoeff()).select(own.values.array().max(1e-300).rsqrt(), 0.0).matrix().asDiagonal();
+  const Eigen::MatrixXd as_motion = force * orthogonal;
+  const SymmetricEigen made_up = symmetric_eigen(as_motion.transpose() * solve(as_motion));
+  const auto kept = static_cast<Eigen::Index>((made_up.values.array() < much).count());
+  orthogonal = (orthogonal * made_up.vectors.leftCols(kept)).eval();
+  for (auto& of_camera : modes_) of_camera = (of_camera * orthogonal).eval();
+}
+
+InImage Cameras::off_epipolar(int c, const Eigen::VectorXd& epipolar) const {
+  if (epipolar.size() == 0) return {};
+  return (modes_[static_cast<std::size_t>(c)] * epipolar).reshaped<Eigen::RowMajor>(nodes(), 2);
+}
+
+std::vector<InImage> Cameras::off_epipolar(const Eigen::VectorXd& epipolar) const {
+  std::vector<InImage> all;
+  for (int c = 0; c < size(); ++c) all.push_back(off_epipolar(c, epipolar));
+  return all;
+}
+
 std::size_t Cameras::pixels_of(int element) const {
   std::size_t pixels = 0;
   for (const auto& camera : cameras_) pixels += camera->quadrature().pixels_of(element);
@@ -57,14 +111,15 @@ Eigen::SparseMatrix<double> Cameras::sum_of_gradient_noise(std::span<const doubl
 }
 
 JointEvaluation Cameras::evaluate(std::span<const imaging::BSpline> g, const Eigen::VectorXd& U, const Communicator& group,
-                                  Gradient gradient) const {
+                                  Gradient gradient, const std::vector<InImage>& off) const {
   JointEvaluation all;
-  all.b = Eigen::VectorXd::Zero(unknowns());
+  all.b = Eigen::VectorXd::Zero(unknowns()), all.b_epipolar = Eigen::VectorXd::Zero(epipolar_modes());
   Eigen::VectorXd squares = Eigen::VectorXd::Zero(elements()), pixels = squares;
   all.least = 1.0;
   for (std::size_t c = 0; c < cameras_.size(); ++c) {
-    Evaluation seen = cameras_[c]->evaluate(g[c], U, group, gradient);
+    Evaluation seen = cameras_[c]->evaluate(g[c], U, group, gradient, Precision::single, off.empty() ? InImage{} : off[c]);
     all.b += weights_[c] * seen.b;
+    if (!modes_.empty()) all.b_epipolar += weights_[c] * modes_[c].transpose() * seen.in_image.reshaped<Eigen::RowMajor>();
     all.pixels += seen.pixels, all.dropped += seen.dropped;
     all.coefficient += seen.pixels * seen.coefficient;
     if (seen.pixels + seen.dropped > 0.0) all.least = std::min(all.least, seen.coefficient);

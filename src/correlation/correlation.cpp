@@ -202,6 +202,29 @@ Eigen::SparseMatrix<double> Correlation::M(const Eigen::VectorXd& U, const Eigen
       &U);
 }
 
+Eigen::MatrixXd Correlation::M_in_image(const Eigen::MatrixXd& motions) const {
+  Eigen::MatrixXd forces = Eigen::MatrixXd::Zero(motions.rows(), motions.cols());
+  for (int e = 0; e < elements(); ++e) {
+    std::size_t pair = 0;
+    for (int i = 0; i < 4; ++i)
+      for (int j = i; j < 4; ++j, ++pair) {
+        const auto& sums = gram_[static_cast<std::size_t>(e)][pair];
+        const Eigen::Matrix2d M{{sums[0], sums[1]}, {sums[1], sums[2]}};
+        const int row = 2 * surface_.cells(e, i), column = 2 * surface_.cells(e, j);
+        forces.middleRows<2>(row) += M * motions.middleRows<2>(column);
+        if (i != j) forces.middleRows<2>(column) += M * motions.middleRows<2>(row);
+      }
+  }
+  return forces;
+}
+
+Eigen::MatrixXd Correlation::projected(const Eigen::MatrixXd& in_image) const {
+  Eigen::MatrixXd forces(unknowns(), in_image.cols());
+  for (int node = 0; node < nodes(); ++node)
+    forces.middleRows(node * dofs_, dofs_) = camera_->jacobian(surface_.nodes.row(node).transpose()).leftCols(dofs_).transpose() * in_image.middleRows<2>(2 * node);
+  return forces;
+}
+
 Eigen::SparseMatrix<double> Correlation::gradient_noise() const {
   return assemble(
       [this](int, const std::array<double, 4>& sums) {
@@ -295,14 +318,15 @@ const float* Correlation::smoothed_alike(int element, const std::vector<Eigen::M
 }
 
 template <class Real>
-void Correlation::interpolate(const imaging::BSpline& g, int element, const InImage& shift, const Eigen::VectorXd& U, bool slopes,
+void Correlation::interpolate(const imaging::BSpline& g, int element, const InImage& shift, const Eigen::VectorXd& U, const InImage& own, bool slopes,
                               Seen<Real>& seen) const {
   const ElementPixels pixels = pixels_of(element);
-  const Corners u = of_element(shift, element);
-  const Corners deformed = u + of_element(positions_, element);
+  Corners u = of_element(shift, element);
   const bool curved = !inner_.empty() && pixels.count > 0;
   Bulge bulge;
   if (curved) bulge = Bulge(inner_points(element, &U) - inner_[static_cast<std::size_t>(element)] - bilinear_inside(u));
+  if (own.size() > 0) u += of_element(own, element);
+  const Corners deformed = u + of_element(positions_, element);
   // The whole pixels of the displacement are taken out, so that single precision is enough for the rest.
   const int whole_x = static_cast<int>(std::floor(u.col(0).mean())), whole_y = static_cast<int>(std::floor(u.col(1).mean()));
   const auto padded = static_cast<std::size_t>(pixels.count + lanes - 1);
@@ -337,7 +361,7 @@ void Correlation::interpolate(const imaging::BSpline& g, int element, const InIm
 }
 
 template <class Real>
-std::vector<ElementSums> Correlation::sums_of(int begin, int end, const imaging::BSpline& g, const InImage& shift, const Eigen::VectorXd& U,
+std::vector<ElementSums> Correlation::sums_of(int begin, int end, const imaging::BSpline& g, const InImage& shift, const Eigen::VectorXd& U, const InImage& own,
                                               const std::vector<Eigen::Matrix2d>& F, Gradient gradient) const {
   const bool own_slopes = gradient == Gradient::deformed;
   std::vector<ElementSums> sums(static_cast<std::size_t>(end - begin));
@@ -347,7 +371,7 @@ std::vector<ElementSums> Correlation::sums_of(int begin, int end, const imaging:
     std::vector<float> levels;
 #pragma omp for schedule(static)
     for (int e = begin; e < end; ++e) {
-      interpolate(g, e, shift, U, own_slopes, seen);
+      interpolate(g, e, shift, U, own, own_slopes, seen);
       ElementPixels pixels = pixels_of(e);
       pixels.f = smoothed_alike(e, F, levels);
       if (own_slopes) pixels.gx = seen.slope_x.data(), pixels.gy = seen.slope_y.data();
@@ -358,7 +382,7 @@ std::vector<ElementSums> Correlation::sums_of(int begin, int end, const imaging:
 }
 
 Evaluation Correlation::evaluate(const imaging::BSpline& g, const Eigen::VectorXd& U, const Communicator& group,
-                                 Gradient gradient, Precision precision) const {
+                                 Gradient gradient, Precision precision, const InImage& own) const {
   const PixelQuadrature& q = quadrature_;
   const InImage shift = pixel_displacement(U);
   const bool own_slopes = gradient == Gradient::deformed;
@@ -367,7 +391,7 @@ Evaluation Correlation::evaluate(const imaging::BSpline& g, const Eigen::VectorX
   if (low_pass_ > 0.0 || gradient == Gradient::transported) F = deformation_gradient(U);
   const std::vector<Eigen::Matrix2d> lengths = smoothed_over(F);
   // Element sums. Grey levels are counted from the reference's mean, so that the moments keep their digits.
-  const auto sums = precision == Precision::single ? sums_of<float>(begin, end, g, shift, U, lengths, gradient) : sums_of<double>(begin, end, g, shift, U, lengths, gradient);
+  const auto sums = precision == Precision::single ? sums_of<float>(begin, end, g, shift, U, own, lengths, gradient) : sums_of<double>(begin, end, g, shift, U, own, lengths, gradient);
   const float grey0 = mean_grey_;
 
   // Light and correlation coefficient from the moments of all pixels.
@@ -413,8 +437,9 @@ Evaluation Correlation::evaluate(const imaging::BSpline& g, const Eigen::VectorX
 
   std::vector<Eigen::Matrix2d> transport;
   if (gradient == Gradient::transported) transport = transport_of(F);
-  // One message for everything: b, squares and pixels of the elements.
-  std::vector<double> message(static_cast<std::size_t>(unknowns() + 4 * elements()) + 1, 0.0);
+  // One message for everything: b in the image, squares and pixels of the elements.
+  const int in_image = 2 * nodes();
+  std::vector<double> message(static_cast<std::size_t>(in_image + 4 * elements()) + 1, 0.0);
   for (int e = begin; e < end; ++e) {
     const auto& sum = sums[static_cast<std::size_t>(e - begin)];
     const Light light = light_of(sum);
@@ -423,34 +448,35 @@ Evaluation Correlation::evaluate(const imaging::BSpline& g, const Eigen::VectorX
       Eigen::Vector2d part = (sum.r.row(i) + d * sum.b.row(i) - light.offset * sum.one.row(i)).transpose();
       if (own_slopes) part *= light.gain;
       if (!transport.empty()) part = (transport[static_cast<std::size_t>(e)] * part).eval();
-      const int node = surface_.cells(e, i);
-      const Eigen::Vector3d force = camera_->jacobian(displaced(node, U)).transpose() * part;
-      for (int a = 0; a < dofs_; ++a) message[static_cast<std::size_t>(node * dofs_ + a)] += force[a];
+      for (int a = 0; a < 2; ++a) message[static_cast<std::size_t>(2 * surface_.cells(e, i) + a)] += part[a];
     }
     const double squares = sum.squares + d * d * sum.gg + light.offset * light.offset * sum.seen + 2.0 * d * (sum.fg - sum.gg) -
                            2.0 * light.offset * (sum.f - sum.g) - 2.0 * d * light.offset * sum.g;
-    message[static_cast<std::size_t>(unknowns() + e)] = std::max(0.0, squares);
-    message[static_cast<std::size_t>(unknowns() + elements() + e)] = sum.seen;
-    message[static_cast<std::size_t>(unknowns() + 2 * elements() + e)] = light.gain;
-    message[static_cast<std::size_t>(unknowns() + 3 * elements() + e)] = light.offset + static_cast<double>(grey0) * d;
+    message[static_cast<std::size_t>(in_image + e)] = std::max(0.0, squares);
+    message[static_cast<std::size_t>(in_image + elements() + e)] = sum.seen;
+    message[static_cast<std::size_t>(in_image + 2 * elements() + e)] = light.gain;
+    message[static_cast<std::size_t>(in_image + 3 * elements() + e)] = light.offset + static_cast<double>(grey0) * d;
     message.back() += light.variance_f;
   }
   if (group.size() > 1) group.sum(message);
-  result.b = Eigen::Map<Eigen::VectorXd>(message.data(), unknowns());
-  result.element_squares = Eigen::Map<Eigen::VectorXd>(message.data() + unknowns(), elements());
-  result.element_pixels = Eigen::Map<Eigen::VectorXd>(message.data() + unknowns() + elements(), elements());
+  result.in_image = Eigen::Map<InImage>(message.data(), nodes(), 2);
+  result.b.resize(unknowns());
+  for (int node = 0; node < nodes(); ++node)
+    result.b.segment(static_cast<Eigen::Index>(node) * dofs_, dofs_) = (camera_->jacobian(displaced(node, U)).transpose() * result.in_image.row(node).transpose()).head(dofs_);
+  result.element_squares = Eigen::Map<Eigen::VectorXd>(message.data() + in_image, elements());
+  result.element_pixels = Eigen::Map<Eigen::VectorXd>(message.data() + in_image + elements(), elements());
   result.element_rms = (result.element_squares.array() / result.element_pixels.array().max(1.0)).sqrt();
   result.squares = in_order(result.element_squares);
-  result.element_gain = Eigen::Map<Eigen::VectorXd>(message.data() + unknowns() + 2 * elements(), elements());
-  result.element_offset = Eigen::Map<Eigen::VectorXd>(message.data() + unknowns() + 3 * elements(), elements());
+  result.element_gain = Eigen::Map<Eigen::VectorXd>(message.data() + in_image + 2 * elements(), elements());
+  result.element_offset = Eigen::Map<Eigen::VectorXd>(message.data() + in_image + 3 * elements(), elements());
   // With each element's light taken out, what the images have in common is their detail.
   if (local_brightness_ && message.back() > 0.0) result.coefficient = 1.0 - 0.5 * result.squares / message.back();
   return result;
 }
 
-std::vector<float> Correlation::residual(const imaging::BSpline& g, const Eigen::VectorXd& U) const {
+std::vector<float> Correlation::residual(const imaging::BSpline& g, const Eigen::VectorXd& U, const InImage& own) const {
   Evaluation seen;
-  if (brightness_) seen = evaluate(g, U, Communicator{MPI_COMM_SELF});
+  if (brightness_) seen = evaluate(g, U, Communicator{MPI_COMM_SELF}, Gradient::reference, Precision::single, own);
   const InImage shift = pixel_displacement(U);
   const std::vector<Eigen::Matrix2d> lengths = low_pass_ > 0.0 ? smoothed_over(deformation_gradient(U)) : std::vector<Eigen::Matrix2d>{};
   std::vector<float> residual(quadrature_.pixels());
@@ -462,7 +488,7 @@ std::vector<float> Correlation::residual(const imaging::BSpline& g, const Eigen:
     for (int e = 0; e < elements(); ++e) {
       const float gain = brightness_ ? static_cast<float>(seen.element_gain[e]) : 1.0F;
       const float offset = brightness_ ? static_cast<float>(seen.element_offset[e]) : 0.0F;
-      interpolate(g, e, shift, U, false, here);
+      interpolate(g, e, shift, U, own, false, here);
       const std::size_t first = quadrature_.first[static_cast<std::size_t>(e)];
       const float* const f = smoothed_alike(e, lengths, levels);
       for (std::size_t p = 0; p < quadrature_.pixels_of(e); ++p)

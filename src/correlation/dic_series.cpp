@@ -106,13 +106,13 @@ DicFrame GlobalDic::follow(const std::vector<imaging::Image>& coarse, const std:
 }
 
 namespace {
-constexpr Eigen::Index of_frame = 10, of_camera = 6;  // numbers beside displacement and residuals of the elements
+constexpr Eigen::Index of_frame = 10, of_camera = 7;  // numbers beside displacement and residuals of the elements
 }  // namespace
 
 Eigen::VectorXd numbers_of(const DicFrame& frame) {
   const Eigen::Index unknowns = frame.displacement.size(), elements = frame.element_rms.size();
   const auto count = static_cast<Eigen::Index>(frame.cameras.size());
-  Eigen::VectorXd all(unknowns + elements + of_frame + count * (elements + of_camera));
+  Eigen::VectorXd all(unknowns + elements + of_frame + count * (elements + of_camera) + frame.epipolar.size());
   all.head(unknowns) = frame.displacement;
   all.segment(unknowns, elements) = frame.element_rms;
   all.segment<of_frame>(unknowns + elements) << frame.converged, frame.lost, frame.iterations, frame.rms, frame.coefficient,
@@ -121,8 +121,9 @@ Eigen::VectorXd numbers_of(const DicFrame& frame) {
     const CameraFrame& own = frame.cameras[static_cast<std::size_t>(c)];
     auto part = all.segment(unknowns + elements + of_frame + c * (elements + of_camera), elements + of_camera);
     part.head(elements) = own.element_rms;
-    part.tail<of_camera>() << own.rms, own.coefficient, own.pixels, own.dropped, own.gain, own.offset;
+    part.tail<of_camera>() << own.rms, own.coefficient, own.pixels, own.dropped, own.gain, own.offset, own.off_epipolar;
   }
+  all.tail(frame.epipolar.size()) = frame.epipolar;
   return all;
 }
 
@@ -140,8 +141,9 @@ DicFrame frame_of(const Eigen::VectorXd& numbers, Eigen::Index unknowns, Eigen::
   for (Eigen::Index c = 0; c < cameras; ++c) {
     const auto part = numbers.segment(unknowns + elements + of_frame + c * (elements + of_camera), elements + of_camera);
     const auto own = part.tail<of_camera>();
-    frame.cameras.push_back({.rms = own[0], .coefficient = own[1], .pixels = own[2], .dropped = own[3], .gain = own[4], .offset = own[5], .element_rms = part.head(elements)});
+    frame.cameras.push_back({.rms = own[0], .coefficient = own[1], .pixels = own[2], .dropped = own[3], .gain = own[4], .offset = own[5], .off_epipolar = own[6], .element_rms = part.head(elements)});
   }
+  frame.epipolar = numbers.tail(numbers.size() - (unknowns + elements + of_frame + cameras * (elements + of_camera)));
   return frame;
 }
 
@@ -247,7 +249,7 @@ std::vector<DicFrame> GlobalDic::run(const Communicator& world, int frames, cons
     });
     const Eigen::Index unknowns = cameras().unknowns(), elements = cameras().elements();
     for (int frame = first; frame < last; ++frame) {
-      Eigen::VectorXd numbers = Eigen::VectorXd::Zero(unknowns + elements + of_frame + count * (elements + of_camera));
+      Eigen::VectorXd numbers = Eigen::VectorXd::Zero(unknowns + elements + of_frame + count * (elements + of_camera) + cameras().epipolar_modes());
       if ((frame - first) % groups == layout.index() && layout.group().is_root()) numbers = numbers_of(mine[static_cast<std::size_t>(frame - first)]);
       world.sum(std::span(numbers.data(), static_cast<std::size_t>(numbers.size())));
       known.frames.push_back(frame_of(numbers, unknowns, elements, count));

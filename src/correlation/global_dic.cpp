@@ -151,6 +151,7 @@ void GlobalDic::build(const mesh::Mesh& surface, std::vector<View> views, int do
     if (level == 0) calm(next, M, energy);
     next.factor = std::make_shared<Factor>(M + next.smoothing);
     require_speckle(next, views.front().place);
+    if (level == 0) next.cameras->find_epipolar_modes([&](const Eigen::MatrixXd& forces) { return Eigen::MatrixXd(next.factor->solve(forces)); });
     if (level > 0) levels_.back().references.clear();
     levels_.push_back(std::move(next));
     if (level == 0) find_motion_noise(views);
@@ -263,8 +264,10 @@ void GlobalDic::solve_level(int level, std::span<const imaging::BSpline> g, cons
   double previous = INFINITY, least = 0.0;
   frame.converged = false;
   frame.iterations = 0;
+  frame.epipolar = Eigen::VectorXd::Zero(cameras.epipolar_modes());
   while (true) {
-    const JointEvaluation seen = cameras.evaluate(g, frame.displacement, group, Gradient::transported);
+    const std::vector<InImage> off_epipolar = cameras.off_epipolar(frame.epipolar);
+    const JointEvaluation seen = cameras.evaluate(g, frame.displacement, group, Gradient::transported, off_epipolar);
     least = seen.least;
     frame.rms = seen.rms, frame.coefficient = seen.coefficient;
     frame.pixels = seen.pixels, frame.dropped = seen.dropped;
@@ -274,6 +277,7 @@ void GlobalDic::solve_level(int level, std::span<const imaging::BSpline> g, cons
     for (const Evaluation& own : seen.cameras)
       frame.cameras.push_back({.rms = own.rms(), .coefficient = own.coefficient, .pixels = own.pixels, .dropped = own.dropped,
                                .gain = own.gain, .offset = own.offset, .element_rms = own.element_rms});
+    for (std::size_t c = 0; c < frame.cameras.size(); ++c) frame.cameras[c].off_epipolar = off_epipolar[c].norm() / std::sqrt(static_cast<double>(cameras.nodes()));
     if (frame.converged || frame.iterations == iterations || seen.pixels == 0.0) break;
     auto F = cameras.deformation_gradient(frame.displacement);
     // Pixels that have left one of several images tell nothing any more.
@@ -301,13 +305,20 @@ void GlobalDic::solve_level(int level, std::span<const imaging::BSpline> g, cons
     Eigen::VectorXd update = factor->solve(seen.b - smoothing * (frame.displacement - start));
     const Eigen::VectorXd steps = cameras.steps(frame.displacement, update);
     double largest = steps.allFinite() ? steps.maxCoeff() : NAN;
+    Eigen::VectorXd off = Eigen::VectorXd::Zero(frame.epipolar.size());
+    if (off.size() > 0) {
+      off = seen.b_epipolar;
+      double longest = 0.0;
+      for (const InImage& own : cameras.off_epipolar(off)) longest = std::max(longest, own.rowwise().norm().maxCoeff());
+      off *= std::min(1.0, longest_step / longest), largest = off.allFinite() ? std::max(largest, longest) : NAN;
+    }
     if (group.size() > 1) group.broadcast(std::span(&largest, 1));  // every rank decides alike
     if (!std::isfinite(largest)) break;
     const int dofs = cameras.dofs_per_node();
     for (int node = 0; node < cameras.nodes(); ++node)
       if (steps[node] > longest_step)
         update.segment(static_cast<Eigen::Index>(node) * dofs, dofs) *= longest_step / steps[node];
-    frame.displacement += update;
+    frame.displacement += update, frame.epipolar += off;
     ++frame.iterations;
     frame.converged = largest < tolerance;
     // A coarse level that no longer gains has done its work.

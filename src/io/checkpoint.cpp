@@ -17,7 +17,7 @@ namespace {
 
 constexpr const char* numbers_group = "numbers/";
 constexpr const char* texts_group = "texts/";
-constexpr const char* kind = "imic3d checkpoint 1";
+constexpr const char* kind = "imic3d checkpoint 2";
 constexpr const char* whole_checkpoint = "a whole checkpoint of this run; without --resume the run starts anew";
 
 /// FNV-1a, of 64 bits, by bytes or by words. Tells accidents, not forgeries.

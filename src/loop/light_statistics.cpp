@@ -274,45 +274,15 @@ float LightStatistics::largest_grey(const imaging::Image& image) const {
   return cut ? static_cast<float>(most) : image.dynamic();
 }
 
-/// Where several cameras see a face in space, pixels of one that moved across the others' lines of sight (it was pushed, its lens distorts) are no motion that the correlation
-/// has, and no light: the motion of its pixels alone, of the second degree in x and y, that explains most of the residual is taken off.
-void LightStatistics::take_off_own_motion(std::vector<float>& residual) const {
-  const auto& q = dic_->correlation(camera_).quadrature();
-  const auto& surface = dic_->cameras().surface();
-  constexpr int degree = 6;  // 1 x y x^2 xy y^2
-  using Slopes = Eigen::Vector<double, 2 * degree>;
-  const double half = 0.5 * optics_.size.norm();
-  const auto each_pixel = [&](const auto& visit) {
-    for (int e = 0; e < q.elements(); ++e) {
-      Eigen::Matrix<double, 2, 4> X;
-      for (int i = 0; i < 4; ++i) X.col(i) = (in_plane_.segment<2>(2 * surface.cells(e, i)) - middle_) / half;
-      for (std::size_t p = q.first[static_cast<std::size_t>(e)]; p < q.first[static_cast<std::size_t>(e) + 1]; ++p) {
-        if (!std::isfinite(residual[p])) continue;
-        const Eigen::Vector2d at = X * shape_functions(q.xi[p], q.eta[p]);
-        const Eigen::Vector<double, degree> polynomial(1.0, at[0], at[1], at[0] * at[0], at[0] * at[1], at[1] * at[1]);
-        Slopes slopes;
-        slopes.head<degree>() = static_cast<double>(q.fx[p]) * polynomial, slopes.tail<degree>() = static_cast<double>(q.fy[p]) * polynomial;
-        visit(residual[p], slopes);
-      }
-    }
-  };
-  Eigen::Matrix<double, 2 * degree, 2 * degree> normal = Eigen::Matrix<double, 2 * degree, 2 * degree>::Zero();
-  Slopes right = Slopes::Zero();
-  each_pixel([&](float grey, const Slopes& slopes) { normal.noalias() += slopes * slopes.transpose(), right += grey * slopes; });
-  const Slopes motion = least_squares(normal, right);
-  each_pixel([&](float& grey, const Slopes& slopes) { grey -= static_cast<float>(slopes.dot(motion)); });
-}
-
-LightFrame LightStatistics::frame(const imaging::Image& image, const Eigen::VectorXd& U) const {
+LightFrame LightStatistics::frame(const imaging::Image& image, const Eigen::VectorXd& U, const correlation::InImage& off_epipolar) const {
   const auto& correlation = dic_->correlation(camera_);
   const auto& q = correlation.quadrature();
   const auto& surface = correlation.surface();
   const int dofs = correlation.dofs_per_node();
   const imaging::BSpline spline = dic_->spline(image);
-  std::vector<float> r = correlation.residual(spline, U);
-  if (dic_->cameras().size() > 1 && dofs == 3) take_off_own_motion(r);
+  const std::vector<float> r = correlation.residual(spline, U, off_epipolar);
   Eigen::VectorXd gain = Eigen::VectorXd::Ones(correlation.elements());
-  if (optics_.gain_and_offset_fitted) gain = correlation.evaluate(spline, U, Communicator{MPI_COMM_SELF}).element_gain;
+  if (optics_.gain_and_offset_fitted) gain = correlation.evaluate(spline, U, Communicator{MPI_COMM_SELF}, correlation::Gradient::reference, correlation::Precision::single, off_epipolar).element_gain;
   const auto shift = correlation.pixel_displacement(U);
   const float limit = largest_grey(image);
   const auto cells = optics_.cells();

@@ -21,15 +21,15 @@ def camera(beta):
     return R, numpy.array([0, 0, distance]) - R @ numpy.array([0, 0, -distance])
 
 
-def photograph(beta, A, c):
-    """The plane's point (x, y) is at A (x, y) + c in the specimen's frame, which is the rig's, 100 mm further."""
+def photograph(beta, A, c, push=0.0):
+    """The plane's point (x, y) is at A (x, y) + c in the specimen's frame, which is the rig's, 100 mm further; the image lies `push` rows lower."""
     R, t = camera(beta)
     image = numpy.zeros((height, width))
     offsets = (-0.25, 0.25)
     for dx in offsets:
         for dy in offsets:
             column, row = numpy.meshgrid(numpy.arange(width) + dx, numpy.arange(height) + dy)
-            rays = numpy.stack([(column - 100.0) / focus, (row - 85.0) / focus, numpy.ones_like(column)], -1) @ R
+            rays = numpy.stack([(column - 100.0) / focus, (row - 85.0 - push) / focus, numpy.ones_like(column)], -1) @ R
             origin = -R.T @ t - numpy.array([0, 0, -distance]) - c
             normal = numpy.cross(A[:, 0], A[:, 1])
             hit = origin - rays * ((origin @ normal) / (rays @ normal))[..., None]
@@ -48,13 +48,16 @@ def turned(degrees, axis):
 BETAS = (-12.0, 10.0)
 
 
-def write_images(folder, frames):
-    """camera_0_*.png and camera_1_*.png of the frames (A, c), with noise of a grey level, and cal.xml."""
+def write_images(folder, frames, push=0.0):
+    """camera_0_*.png and camera_1_*.png of the frames (A, c), with noise of a grey level, and cal.xml; pushed_1_*.png of the last frame, `push` rows lower."""
     xml = "<project><calibration>\n"
     for number, beta in enumerate(BETAS):
         for frame, (A, c) in enumerate(frames):
             noisy = photograph(beta, A, c) + generator.normal(size=(height, width))
             Image.fromarray(numpy.clip(numpy.rint(noisy), 0, 255).astype(numpy.uint8)).save(folder / f"camera_{number}_{frame:02}.png")
+        if number == 1 and push:
+            noisy = photograph(beta, *frames[-1], push) + generator.normal(size=(height, width))
+            Image.fromarray(numpy.clip(numpy.rint(noisy), 0, 255).astype(numpy.uint8)).save(folder / f"pushed_{number}_{len(frames) - 1:02}.png")
         t = camera(beta)[1]
         xml += f'<camera id="{number}">100 85 {focus} {focus} 0 0 0 0<orientation>180 {beta} 0 {t[0]} {t[1]} {t[2]}</orientation></camera>\n'
     (folder / "cal.xml").write_text(xml + "</calibration></project>\n")

@@ -3,6 +3,7 @@
 turns and stretches, made here with the cameras' formulas and nothing of the program's."""
 import csv
 import json
+import shutil
 import subprocess
 import sys
 
@@ -22,7 +23,7 @@ for k in (1, 2):
     frames.append((rotation @ stretch, numpy.array([0.03, -0.02, 0.15]) * k))
     E = 0.5 * (stretch.T @ stretch - numpy.eye(2))
     truth.append((frames[-1][1], 0.4 * k * numpy.array((0.6, 0.8, 0.3)) / numpy.linalg.norm((0.6, 0.8, 0.3)), (E[0, 0], E[1, 1], E[0, 1])))
-write_images(folder, frames)
+write_images(folder, frames, push=0.4)
 
 nx, ny = 8, 6
 nodes = [(-5.0 + 10.0 * i / nx, -4.0 + 8.0 * j / ny) for j in range(ny + 1) for i in range(nx + 1)]
@@ -60,6 +61,22 @@ for one, two in zip(*outputs):
         assert abs(float(one[name]) - float(two[name])) <= 1e-6 + 1e-4 * abs(float(one[name])), (name, one[name], two[name])
 for name in ("results.xdmf", "mesh_on_left.png", "residual_right_frame_0002.png", "out_of_plane_frame_0001.png", "report.html"):
     assert (folder / "results_1" / name).stat().st_size > 500, name
+# The right camera is pushed by 0.4 px across the epipolar lines in the last frame: said, and no motion but half of that as a whole.
+for number in (0, 1):
+    shutil.copy(folder / f"camera_1_{number:02}.png", folder / f"pushed_1_{number:02}.png")
+(folder / "pushed.yaml").write_text((folder / "case.yaml").read_text().replace("camera_1_", "pushed_1_"))
+run = subprocess.run([program, "dic", "pushed.yaml", "--output", "pushed"], cwd=folder, capture_output=True, text=True)
+row = list(csv.DictReader(open(folder / "pushed" / "motion.csv")))[-1]
+before = outputs[0][-1]
+print("off epipolar", row["off_epipolar_left"], row["off_epipolar_right"], "before", before["off_epipolar_left"], before["off_epipolar_right"])
+assert "in 1 of 2 frames the cameras left and right see the specimen off their epipolar lines" in run.stderr + run.stdout, run.stdout + run.stderr
+assert "off their epipolar lines" in (folder / "pushed" / "report.html").read_text()
+for camera in ("left", "right"):
+    assert abs(float(row[f"off_epipolar_{camera}"]) - 0.2) < 0.01 and float(before[f"off_epipolar_{camera}"]) < 0.005
+strain = numpy.array([float(row[name]) - float(before[name]) for name in ("E_xx", "E_yy", "E_xy")])
+print("strain changes by", strain, "residual", before["rms_right"], row["rms_right"])
+assert numpy.abs(strain).max() < 1e-4 and float(row["rms_right"]) < 1.1 * float(before["rms_right"])
+assert "off their epipolar" not in (folder / "results_1" / "report.html").read_text()
 refused = subprocess.run([program, "identify", "case.yaml"], cwd=folder, capture_output=True, text=True)
 assert refused.returncode == 2
 

@@ -79,6 +79,32 @@ INSTANTIATE_TEST_SUITE_P(
                         return Eigen::Vector3d(turned(1.01 * x, 0.997 * y, Eigen::Vector3d::UnitZ(), 2.0) + Eigen::Vector3d(0.01 * x, -0.003 * y, 0.05)); }},
                       std::pair<const char*, Displacement>{"bulge", [](double x, double y) { return Eigen::Vector3d(0.002 * x, 0.0, 0.004 * x * x - 0.003 * x * y + 0.1); }}));
 
+/// A camera that is turned across the epipolar lines moves points off them: no motion of the surface does, and none is made of it. Half of it is shared with the other camera.
+TEST(Cameras, WhatLiesOffEpipolarLinesIsNoMotion) {
+  constexpr double push = 0.5;  // [px]
+  const Displacement u = [](double x, double y) { return Eigen::Vector3d(0.03 + 0.004 * x, 0.02 - 0.002 * y, 0.05 + 0.01 * x); };
+  auto intrinsics = pair().right.intrinsics();
+  intrinsics.cy += push;
+  const PinholeCamera pushed(intrinsics, pair().right.pose());
+  const GlobalDic dic(pair().quads, pair().views(), 3, {});
+  const auto found = [&](const PinholeCamera& right) {
+    return dic.run(alone, 1, [&](int, int camera) { return render(texture(), sight_of(camera == 0 ? pair().left : right), pair().width, pair().height, u); }).front();
+  };
+  const DicFrame still = found(pair().right), moved = found(pushed);
+  EXPECT_LT(std::max(still.cameras[0].off_epipolar, still.cameras[1].off_epipolar), 0.002);
+  EXPECT_TRUE(moved.converged);
+  for (const auto& camera : moved.cameras) EXPECT_NEAR(camera.off_epipolar, 0.5 * push, 0.02 * push);
+  const Eigen::Matrix3Xd change = scale * (moved.displacement - still.displacement).reshaped(3, still.displacement.size() / 3);
+  const Eigen::Vector3d rigid = change.rowwise().mean();
+  std::cout << "[          ] residual " << still.rms << " and " << moved.rms << ", motion by " << rigid.transpose() << " px, else " << (change.colwise() - rigid).cwiseAbs().maxCoeff() << " px at most\n";
+  EXPECT_LT(moved.rms, 1.1 * still.rms);
+  EXPECT_LT((change.colwise() - rigid).cwiseAbs().maxCoeff(), 0.02);
+  // As numbers and back.
+  const DicFrame again = frame_of(numbers_of(moved), moved.displacement.size(), moved.element_rms.size(), 2);
+  EXPECT_EQ(again.epipolar, moved.epipolar);
+  EXPECT_EQ(again.cameras[1].off_epipolar, moved.cameras[1].off_epipolar);
+}
+
 TEST(Cameras, FindALargeJumpByTriangulatingPatches) {
   const Displacement jump = [](double x, double) { return Eigen::Vector3d(1.6, -1.2, 1.5 + 0.01 * x); };
   const mesh::Mesh quads = rectangle(-4.0, -2.0, 2.0, 3.4, 6, 5);

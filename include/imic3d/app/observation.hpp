@@ -58,6 +58,9 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
 /// What was seen, to be judged on another mesh of the specimen; its frames are those of the mesh before. Throws InputError (too few pixels).
 [[nodiscard]] Observation on_mesh(const Observation& seen, const io::Case& test, const identification::Specimen& specimen);
 
+/// What a face's nodes move by in the image of one of its cameras beside their displacement, in a frame that was correlated (Cameras::off_epipolar) [nodes x 2, px].
+[[nodiscard]] correlation::InImage off_epipolar(const Observation& seen, std::size_t face, int camera, std::size_t t);
+
 /// The residual of pure DIC that noise explains in a camera of a face [grey level].
 [[nodiscard]] double residual_of_noise(const Observation& seen, const ObservedFace& face, std::size_t camera);
 /// The residual of pure DIC in a frame over that which noise explains, rms of the cameras.

@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <Eigen/SparseCore>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <span>
@@ -21,6 +22,7 @@ struct JointEvaluation {
   double coefficient = 0.0;    ///< mean of the cameras' correlation coefficients, weighted by their pixels
   double least = 0.0;          ///< the smallest of the cameras' coefficients
   Eigen::VectorXd element_rms;  ///< weighted like rms [elements, grey level]
+  Eigen::VectorXd b_epipolar;   ///< sum of w_c modes_c^T b_c, b_c in the image [epipolar modes, grey level^2]
 };
 
 /// M = sum of w_c M_c and b = sum of w_c b_c, the projection P_c being part of M_c and b_c (Eqs 8, 9 and 16). The weight of
@@ -50,9 +52,21 @@ class Cameras {
   /// sum of factor_c gradient_noise_c.
   [[nodiscard]] Eigen::SparseMatrix<double> sum_of_gradient_noise(std::span<const double> factors) const;
 
-  /// `g`: the spline of each camera's deformed image. Collective over `group`.
+  /// Motions in the images that are none of the surface: where cameras see it in space, the 2 n components of a node's motion in n images are more than the 3 of its
+  /// displacement. A camera that is pushed, whose lens changes, or that records at another moment than the others moves points off their epipolar lines; taken
+  /// for motion of the surface that is noise of the speckle's size. Across the epipolar lines, of second degree over the surface: at most 6 (2 n - 3) modes.
+  [[nodiscard]] Eigen::Index epipolar_modes() const { return modes_.empty() ? 0 : modes_.front().cols(); }
+  /// What the nodes move by in the image of a camera beside their displacement, `epipolar` the size of each mode: [nodes x 2, px]; empty if that is.
+  [[nodiscard]] InImage off_epipolar(int c, const Eigen::VectorXd& epipolar) const;
+  /// The same of each camera.
+  [[nodiscard]] std::vector<InImage> off_epipolar(const Eigen::VectorXd& epipolar) const;
+  /// Keeps those modes that displacement does not make up for: of the square of what they change in the images no more than half, `solve` being M^-1
+  /// [unknowns x k]. They are then orthogonal to one another: sum of w_c modes_c^T M_c modes_c is the identity [grey level^2].
+  void find_epipolar_modes(const std::function<Eigen::MatrixXd(const Eigen::MatrixXd&)>& solve);
+
+  /// `g`: the spline of each camera's deformed image; `off`, if not empty: `off_epipolar`. Collective over `group`.
   [[nodiscard]] JointEvaluation evaluate(std::span<const imaging::BSpline> g, const Eigen::VectorXd& U,
-                                         const Communicator& group, Gradient gradient = Gradient::reference) const;
+                                         const Communicator& group, Gradient gradient = Gradient::reference, const std::vector<InImage>& off = {}) const;
 
   /// Deformation gradients in the images, camera by camera [cameras * elements].
   [[nodiscard]] std::vector<Eigen::Matrix2d> deformation_gradient(const Eigen::VectorXd& U) const;
@@ -75,6 +89,7 @@ class Cameras {
   std::vector<std::shared_ptr<const Correlation>> cameras_;
   std::vector<double> weights_;
   std::vector<std::vector<char>> sees_;  // [cameras][nodes] whether a pixel of the camera depends on the node
+  std::vector<Eigen::MatrixXd> modes_;   // [cameras][2 nodes x modes, px]
 };
 
 }  // namespace imic3d::correlation

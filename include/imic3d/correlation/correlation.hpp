@@ -58,6 +58,7 @@ struct ElementSums;
 /// What an image answers to a displacement.
 struct Evaluation {
   Eigen::VectorXd b;                ///< N^T grad(F) (F - G), Eq. 9 [nodes * dofs, grey level^2/length]
+  InImage in_image;                 ///< the same before it is projected [nodes x 2, grey level^2/px]
   double squares = 0.0;             ///< sum of squared residuals [grey level^2]
   double pixels = 0.0;              ///< number of pixels in the sums
   double dropped = 0.0;             ///< pixels that have left the deformed image: in no sum
@@ -110,13 +111,19 @@ class Correlation {
   /// + variance * this, i.e. slope_noise N^T N. Counts where the speckle's contrast is poor; subtract it for the true tangent.
   [[nodiscard]] Eigen::SparseMatrix<double> gradient_noise() const;
 
-  /// Residual f - g(x + u), b_DIC (Eq. 9) and sums of the deformed image `g` at U.
+  /// M before it is projected, times motions in the image [2 nodes x k, px, node by node]: [2 nodes x k, grey level^2/px].
+  [[nodiscard]] Eigen::MatrixXd M_in_image(const Eigen::MatrixXd& motions) const;
+  /// Of forces in the image [2 nodes x k] to those on the displacement [unknowns x k], undeformed.
+  [[nodiscard]] Eigen::MatrixXd projected(const Eigen::MatrixXd& in_image) const;
+
+  /// Residual f - g(x + u), b_DIC (Eq. 9) and sums of the deformed image `g` at U. `own`, if not empty: what the nodes move by in this image
+  /// beside u [nodes x 2, px].
   [[nodiscard]] Evaluation evaluate(const imaging::BSpline& g, const Eigen::VectorXd& U, const Communicator& group,
-                                    Gradient gradient = Gradient::reference, Precision precision = Precision::single) const;
+                                    Gradient gradient = Gradient::reference, Precision precision = Precision::single, const InImage& own = {}) const;
 
   /// f - (gain * g(x + u) + offset) [pixels of the quadrature, grey level]; NaN where the pixel left the image. The
-  /// gain and offset are fitted if the options say so. Not collective.
-  [[nodiscard]] std::vector<float> residual(const imaging::BSpline& g, const Eigen::VectorXd& U) const;
+  /// gain and offset are fitted if the options say so. `own` as in `evaluate`. Not collective.
+  [[nodiscard]] std::vector<float> residual(const imaging::BSpline& g, const Eigen::VectorXd& U, const InImage& own = {}) const;
 
   /// Displacement of the nodes in the image.
   [[nodiscard]] InImage pixel_displacement(const Eigen::VectorXd& U) const;
@@ -143,11 +150,12 @@ class Correlation {
   [[nodiscard]] std::vector<Eigen::Matrix2d> smoothed_over(const std::vector<Eigen::Matrix2d>& F) const;
   /// The reference's grey levels at an element's pixels, smoothed over the lengths that smooth the deformed image (F: `smoothed_over`); `levels` may hold them.
   [[nodiscard]] const float* smoothed_alike(int element, const std::vector<Eigen::Matrix2d>& F, std::vector<float>& levels) const;
+  /// `shift`: pixel_displacement(U).
   template <class Real>
-  void interpolate(const imaging::BSpline& g, int element, const InImage& shift, const Eigen::VectorXd& U, bool slopes, Seen<Real>& seen) const;
+  void interpolate(const imaging::BSpline& g, int element, const InImage& shift, const Eigen::VectorXd& U, const InImage& own, bool slopes, Seen<Real>& seen) const;
   /// Sums of the elements begin ... end - 1.
   template <class Real>
-  [[nodiscard]] std::vector<ElementSums> sums_of(int begin, int end, const imaging::BSpline& g, const InImage& shift, const Eigen::VectorXd& U,
+  [[nodiscard]] std::vector<ElementSums> sums_of(int begin, int end, const imaging::BSpline& g, const InImage& shift, const Eigen::VectorXd& U, const InImage& own,
                                                  const std::vector<Eigen::Matrix2d>& F, Gradient gradient) const;
   /// Projections of the middles of the edges and of the centre of an element displaced by U, if given.
   [[nodiscard]] Eigen::Matrix<double, 5, 2> inner_points(int element, const Eigen::VectorXd* U) const;

@@ -59,8 +59,8 @@ class LightStatistics {
   LightStatistics(const correlation::GlobalDic& dic, int camera, const imaging::Image& reference, int references, double noise, const Scene& scene);
 
   [[nodiscard]] const LightOptics& optics() const { return optics_; }
-  /// Of an image that the correlation has taken to the displacement U [unknowns].
-  [[nodiscard]] LightFrame frame(const imaging::Image& image, const Eigen::VectorXd& U) const;
+  /// Of an image that the correlation has taken to the displacement U [unknowns], `off_epipolar` beside it (Cameras::off_epipolar).
+  [[nodiscard]] LightFrame frame(const imaging::Image& image, const Eigen::VectorXd& U, const correlation::InImage& off_epipolar = {}) const;
 
  private:
   /// Sums over pixels: B^T B of each cell, b_B [unknowns x 6 cells], M of each cell [unknowns x unknowns]
@@ -78,7 +78,6 @@ class LightStatistics {
   void make_cells(const Scene& scene);
   void make_noise();
   [[nodiscard]] float largest_grey(const imaging::Image& image) const;
-  void take_off_own_motion(std::vector<float>& residual) const;
 
   const correlation::GlobalDic* dic_;
   int camera_;
