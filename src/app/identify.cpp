@@ -177,9 +177,9 @@ class Identification {
     spdlog::info("{} frames simulated with {} factorisations, {} passes over the elements, and {} for derivatives", work.frames, work.factorisations, work.passes, work.derivative_passes);
   }
 
-  /// In plane stress, driven by the ends: what the last stage would find on meshes of simulation and correlation that are refined once, where all of the face is seen, and if it simulated the specimen in space.
+  /// Driven by the ends: what the last stage would find on meshes of simulation and correlation that are refined once, where all of the face is seen, and, of plane stress, if it simulated the specimen in space.
   void doubt_the_model() {
-    if (!test_.specimen.plane_stress() || solver_.functional != id::Functional::displacement_driven || solver_.noise_model.draws == 0) return;
+    if (solver_.functional != id::Functional::displacement_driven || solver_.noise_model.draws == 0) return;
     using Finer = RunOutput::Finer;
     const auto say = [&](Finer finer, const char* what, const auto& moved) {
       try {
@@ -190,11 +190,16 @@ class Identification {
         spdlog::info("what {} would change is not known: {}", what, error.what());
       }
     };
-    if (std::all_of(seen_.faces.begin(), seen_.faces.end(), [](const auto& face) { return face.dic == face.whole && face.dic->cameras().dofs_per_node() == 2; }))
+    if (std::all_of(seen_.faces.begin(), seen_.faces.end(), [](const auto& face) { return face.dic == face.whole; }))
       say(Finer::mesh, "a finer mesh", [&] {
         io::Case refined = test_;
         ++refined.specimen.refine;
         const id::Specimen finer = make_specimen(refined);
+        constexpr Eigen::Index most = 20'000;  // nodes
+        if (const auto nodes = finer.volume.nodes.rows(); nodes > most) {
+          spdlog::info("what a finer mesh would change is not asked: it has {} nodes, more than {}", nodes, most);
+          return Eigen::VectorXd();
+        }
         const Observation of_finer = on_mesh(seen_, refined, finer);
         const id::ImageData images = judging_images(of_finer, test_);
         id::ForwardModel fine(world_, finer, material_.law, on_surface_of(finer), {.increments = increments_}, 1, 1);
@@ -202,6 +207,7 @@ class Identification {
         const id::Path there = path_of_last_stage(fine), here = path_of_last_stage(model_, &driving);
         return id::moved_by_mesh(world_, {model_, images_, here}, {fine, images, there}, mapped(specimen_, finer), declared_.back(), solver_, material_.values, finer_, difference_);
       });
+    if (!test_.specimen.plane_stress()) return;
     say(Finer::in_space, "a simulation in space", [&] {
       const auto law = extended_law(test_, {}, true);
       const auto path_of = [&](double part) {

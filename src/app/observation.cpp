@@ -148,7 +148,21 @@ Observation on_mesh(const Observation& seen, const io::Case& test, const identif
     face.rig->surface = surface, face.ends = nodes_of_ends(specimen, specimen.faces[k]);
     face.dic = face.whole = make_dic(test, *face.rig, specimen.faces[k].components, face.ends, {});
   }
-  for (auto& frame : there.frames) frame.epipolar.resize(0);  // modes of the mesh before
+  for (std::size_t t = 0; t < there.frames.size(); ++t) {
+    auto& epipolar = there.frames[t].epipolar;
+    epipolar.resize(0);
+    for (std::size_t k = 0; k < specimen.faces.size(); ++k) {
+      const auto& before = seen.faces[k].dic->cameras();
+      const auto& after = there.faces[k].dic->cameras();
+      if (before.epipolar_modes() == 0 || after.epipolar_modes() == 0) continue;
+      const Eigen::SparseMatrix<double> onto = identification::between(before.surface(), after.surface(), 2);
+      std::vector<correlation::InImage> off;
+      for (int c = 0; c < before.size(); ++c)
+        off.push_back(Eigen::VectorXd(onto * off_epipolar(seen, k, c, t).reshaped<Eigen::RowMajor>()).reshaped<Eigen::RowMajor>(after.nodes(), 2));
+      const Eigen::VectorXd own = after.epipolar_of(off);
+      epipolar.conservativeResize(epipolar.size() + own.size()), epipolar.tail(own.size()) = own;
+    }
+  }
   return there;
 }
 

@@ -84,6 +84,17 @@ std::vector<InImage> Cameras::off_epipolar(const Eigen::VectorXd& epipolar) cons
   return all;
 }
 
+Eigen::VectorXd Cameras::epipolar_of(const std::vector<InImage>& off) const {
+  const Eigen::Index rows = 2 * nodes();
+  Eigen::MatrixXd modes(rows * size(), epipolar_modes());
+  Eigen::VectorXd motion(modes.rows());
+  for (int c = 0; c < size(); ++c) {
+    modes.middleRows(rows * c, rows) = modes_[static_cast<std::size_t>(c)];
+    motion.segment(rows * c, rows) = off[static_cast<std::size_t>(c)].reshaped<Eigen::RowMajor>();
+  }
+  return least_squares(modes, motion);
+}
+
 std::size_t Cameras::pixels_of(int element) const {
   std::size_t pixels = 0;
   for (const auto& camera : cameras_) pixels += camera->quadrature().pixels_of(element);
