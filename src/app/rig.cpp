@@ -12,6 +12,7 @@
 #include "imic3d/imaging/calibration.hpp"
 #include "imic3d/imaging/noise.hpp"
 #include "placement.hpp"
+#include "rig_mistakes.hpp"
 
 namespace imic3d::app {
 namespace {
@@ -26,6 +27,15 @@ imaging::PinholeCamera pinhole(const io::CameraCase& declared, const imaging::Im
     throw InputError("cameras." + declared.name, fmt::format("images of {} x {} pixels", reference.width, reference.height),
                      fmt::format("{} x {} as calibrated", camera.width, camera.height));
   return camera.camera();
+}
+
+/// A principal point far from the middle of the images; else empty. Calibrations that say the size of their images are checked by that.
+std::string doubt_principal_point(const io::CameraCase& declared, const imaging::PinholeCamera& camera, const imaging::Image& reference) {
+  if (imaging::read_calibration(declared.calibration)[static_cast<std::size_t>(declared.index)].width > 0) return {};
+  const auto& lens = camera.intrinsics();
+  constexpr double far = 0.25;  // of the image's side; lenses are centred to some percent of it
+  if (std::abs(lens.cx / (reference.width - 1) - 0.5) < far && std::abs(lens.cy / (reference.height - 1) - 0.5) < far) return {};
+  return fmt::format("cameras.{}: the principal point of the calibration, ({:.0f}, {:.0f}), lies far from the middle of images of {} x {} px: is it that of images of another size, or of a part of them?", declared.name, lens.cx, lens.cy, reference.width, reference.height);
 }
 
 /// Finds the specimen in front of the pinhole cameras; `which` views they are. That is done in a frame of the face, its origin in
@@ -43,7 +53,17 @@ void place_specimen(Rig& rig, const io::Case& test, const std::vector<correlatio
   std::vector<correlation::PlacedPoint> points;
   for (const auto& [x, y, column, row] : place.points) points.push_back({side * x, y, column, row});
   options.point_deviation = place.deviation, options.cameras = place.refine_cameras, options.shape = place.shape;
-  auto& pose = rig.pose = correlation::find_pose(face, pinholes, points, options);
+  require_different(pinholes);
+  const auto mistake = [&](double left) { return pinholes.size() > 1 ? likely_mistake(face, pinholes, points, options, left) : std::string(); };
+  try {
+    rig.pose = correlation::find_pose(face, pinholes, points, options);
+  } catch (const InputError& error) {
+    const auto& said = error.mistakes().front();
+    const std::string likely = mistake(INFINITY);
+    if (likely.empty()) throw;
+    throw InputError(said.place, fmt::format("{}; {}", said.found, likely), said.allowed);
+  }
+  const auto& pose = rig.pose;
   for (std::size_t k = 0; k < which.size(); ++k) rig.views[which[k]].camera = std::make_shared<imaging::PinholeCamera>(pose.cameras[k].intrinsics(), pose.cameras[k].pose() * to_face);
   rig.surface.nodes.col(2) += side * pose.shape;
   rig.placed = true;
@@ -65,9 +85,12 @@ void place_specimen(Rig& rig, const io::Case& test, const std::vector<correlatio
                    pose.camera_change[k].head<3>().norm(), pose.camera_change[k].tail<3>().norm(), unit);
     if (options.shape > 0.0)
       spdlog::info("{:.3f} with the shape: from {:.4g} to {:.4g} {} off the plane", pose.rms_shape, pose.shape.minCoeff(), pose.shape.maxCoeff(), unit);
-    constexpr double unlike = 0.7;  // half of what two images have that have nothing to do with each other, sqrt(2)
-    if (const double left = options.shape > 0.0 ? pose.rms_shape : options.cameras ? pose.rms_cameras : pose.rms_pose; left > unlike)
-      doubt(fmt::format("the references of the cameras differ by {:.2f} of their contrast on the mesh (normalised; {:.2f}: nothing in common): are the cameras exchanged in the calibration, is it of another set-up, or of images of another size?", left, std::sqrt(2.0)));
+    constexpr double unlike = 0.5;  // images that correlate by 7/8; those of two that have nothing to do with each other differ by sqrt(2)
+    if (const double left = options.shape > 0.0 ? pose.rms_shape : options.cameras ? pose.rms_cameras : pose.rms_pose; left > unlike) {
+      const std::string likely = mistake(left);
+      doubt(fmt::format("the references of the cameras differ by {:.2f} of their contrast on the mesh (normalised; {:.2f}: nothing in common): {}", left, std::sqrt(2.0),
+                        likely.empty() ? "are the cameras exchanged in the calibration, is it of another set-up, or of images of another size?" : likely));
+    }
   }
 }
 
@@ -174,6 +197,10 @@ Rig make_rig(const io::Case& test, bool back, mesh::Mesh surface) {
     } else if (const auto camera = pinhole(declared, view.reference); declared.frame == "specimen") {
       view.camera = std::make_shared<imaging::PinholeCamera>(camera);
     } else {
+      if (auto doubt = doubt_principal_point(declared, camera, view.reference); !doubt.empty()) {
+        spdlog::warn("{}", doubt);
+        rig.doubts.push_back(std::move(doubt));
+      }
       if (test.specimen.place->camera == declared.name) options.camera = static_cast<int>(pinholes.size());
       pinholes.push_back({camera, view.reference, declared.name});
       which.push_back(rig.views.size());

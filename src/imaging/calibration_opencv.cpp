@@ -142,6 +142,7 @@ std::vector<CalibratedCamera> read_opencv_calibration(const fs::path& file, cons
     for (int i = 0; i < 2; ++i) {
       auto& camera = cameras[static_cast<std::size_t>(i)];
       camera.name = fmt::format("camera {}", i);
+      camera.width = root.integer("image_width"), camera.height = root.integer("image_height");
       camera.intrinsics = intrinsics(root, fmt::format("M{}", i + 1), fmt::format("D{}", i + 1));
     }
     cameras[1].pose = second_camera(file, root);

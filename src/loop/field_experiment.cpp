@@ -362,14 +362,14 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
       for (Eigen::Index t = 0; t < unknown.size(); ++t)  // of each frame for itself
         if (unknown[t] > 0.1 * measured_.force_noise) doubt_too(whitened(Eigen::MatrixXd::Zero(nominal.displacement.rows(), nominal.displacement.cols()), unknown[t] * Eigen::VectorXd::Unit(unknown.size(), t)));
   for (const auto& column : theory_in_doubt(values)) doubt_too(column);
+  const double share = std::pow(std::min(1.0, scene().thickness / scene().span(1 - scene().axis) / uneven_thickness), 2);  // of what ends of thick specimens do at depth
   if (learned.in_space.size() > 0) {
-    const double share = std::pow(std::min(1.0, scene().thickness / scene().span(1 - scene().axis) / uneven_thickness), 2);
     for (std::size_t k = 0; k < in_space.dU.size(); ++k) doubt_too(share * whitened(in_space.dU[k], in_space.dR[k]));
   } else if (differentiable_ && !scene().plane) {
     std::vector<Tangent> uneven;
     for (int shape = 0; shape < uneven_shapes(); ++shape) uneven.push_back({.uneven = shape});
     if (!uneven.empty())
-      for (const auto& p : differentiate(values, uneven).second) doubt_too(whitened(p.displacement, p.force));
+      for (const auto& p : differentiate(values, uneven).second) doubt_too(share * whitened(p.displacement, p.force));
   }
   bias_ = std::make_shared<Bias>(std::move(learned));
 }

@@ -9,7 +9,7 @@ import sys
 
 import numpy
 
-from plane_scene import placement, turned, write_images
+from plane_scene import BETAS, camera, placement, turned, write_images
 from runs import end, workspace
 
 program = sys.argv[1]
@@ -71,8 +71,8 @@ before = outputs[0][-1]
 print("off epipolar", row["off_epipolar_left"], row["off_epipolar_right"], "before", before["off_epipolar_left"], before["off_epipolar_right"])
 assert "in 1 of 2 frames the cameras left and right see the specimen off their epipolar lines" in run.stderr + run.stdout, run.stdout + run.stderr
 assert "off their epipolar lines" in (folder / "pushed" / "report.html").read_text()
-for camera in ("left", "right"):
-    assert abs(float(row[f"off_epipolar_{camera}"]) - 0.2) < 0.01 and float(before[f"off_epipolar_{camera}"]) < 0.005
+for side in ("left", "right"):
+    assert abs(float(row[f"off_epipolar_{side}"]) - 0.2) < 0.01 and float(before[f"off_epipolar_{side}"]) < 0.005
 strain = numpy.array([float(row[name]) - float(before[name]) for name in ("E_xx", "E_yy", "E_xy")])
 print("strain changes by", strain, "residual", before["rms_right"], row["rms_right"])
 assert numpy.abs(strain).max() < 1e-4 and float(row["rms_right"]) < 1.1 * float(before["rms_right"])
@@ -92,5 +92,32 @@ assert "specimen.place.points" not in (said := check("right.yaml", "title: stere
 assert "specimen.place.points: once" in (said := check("other_camera.yaml", "specimen: {mesh: mesh.msh, place: {", "specimen: {mesh: mesh.msh, place: {camera: right, deviation: 0.1, ")), said
 (folder / "other.xml").write_text((folder / "cal.xml").read_text().replace("180 10.0 0 ", "180 10.0 0.6 "))
 assert "of their contrast on the mesh" in (said := check("other.yaml", "calibration: cal.xml", "calibration: other.xml")), said
+# The usual mistakes are told by what makes the references agree.
+in_metres = (folder / "cal.xml").read_text()
+for beta in BETAS:
+    t = camera(beta)[1]
+    in_metres = in_metres.replace(f"{t[0]} {t[1]} {t[2]}</o", f"{t[0] / 1e3} {t[1] / 1e3} {t[2] / 1e3}</o")
+(folder / "metres.xml").write_text(in_metres)
+assert in_metres != (folder / "cal.xml").read_text()
+half = (folder / "cal.xml").read_text().replace('id="1">100 85 1500.0 1500.0', 'id="1">50 42.5 750.0 750.0')
+assert half != (folder / "cal.xml").read_text()
+(folder / "half.xml").write_text(half)
+for name, old, new, told in (("exchanged.yaml", "calibration: cal.xml", "calibration: cal.xml, index: {}", "with left and right exchanged in the calibration they agree"),
+                             ("twice.yaml", "calibration: cal.xml", "calibration: cal.xml, index: 0", "cameras.right.calibration: the same place as that of left; allowed: another camera of the calibration (index)"),
+                             ("pictures.yaml", "camera_1_", "camera_0_", "cameras.right.images: the same reference as that of left; allowed: images of another camera"),
+                             ("metres.yaml", "cal.xml", "metres.xml", "with the lengths of the calibration times 1000 they agree"),
+                             ("half.yaml", "cal.xml", "half.xml", "with a calibration of right for images 2 times as large they agree"),
+                             ("images.yaml", "", "", "with the images of left and right exchanged they agree")):
+    text = (folder / "case.yaml").read_text()
+    if name == "exchanged.yaml":
+        text = text.replace(old, new.format(1), 1).replace(old + ', images: "camera_1', new.format(0) + ', images: "camera_1')
+    elif name == "images.yaml":
+        text = text.replace("camera_0_", "camera_x_").replace("camera_1_", "camera_0_").replace("camera_x_", "camera_1_")
+    else:
+        text = text.replace(old, new)
+    (folder / name).write_text(text)
+    done = subprocess.run([program, "check", name], cwd=folder, capture_output=True, text=True)
+    print(name, [line for line in (done.stdout + done.stderr).splitlines() if "agree" in line or "the same" in line])
+    assert told in done.stdout + done.stderr, done.stdout + done.stderr
 print("passed")
 end()

@@ -97,12 +97,11 @@ TEST(Learned, WhatASimulationInSpaceShowsBeyondPlaneStress) {
   EXPECT_GT(beyond.norm(), 1.0);
   EXPECT_LT((plane.in_space() - beyond).norm(), 0.02 * beyond.norm());
   space.learn_bias(declared(space));
-  // A quarter of it is in doubt, and so is what ends do at depth, by the square of the thickness over the width.
+  // A quarter of it is in doubt, and what ends do at depth as in space.
   const Eigen::MatrixXd doubt = plane.doubt().whole, at_depth = space.doubt().whole.rightCols(30);
   EXPECT_LT((doubt.colwise() - 0.25 * plane.in_space()).colwise().norm().minCoeff(), 1e-9 * beyond.norm());
-  const double share = std::pow(plane.scene().thickness / plane.scene().span(0) / 0.4, 2);
-  EXPECT_LT(share, 0.9);
-  EXPECT_LT((doubt.rightCols(30) - share * at_depth).norm(), 0.05 * share * at_depth.norm());
+  EXPECT_GT(at_depth.norm(), 0.0);
+  EXPECT_LT((doubt.rightCols(30) - at_depth).norm(), 0.05 * at_depth.norm());
   EXPECT_EQ(space.in_space().size(), 0);
   FieldExperiment other = in(false);
   other.learn_again(values, plane.learned_numbers());
