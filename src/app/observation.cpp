@@ -148,18 +148,18 @@ Observation on_mesh(const Observation& seen, const io::Case& test, const identif
     face.rig->surface = surface, face.ends = nodes_of_ends(specimen, specimen.faces[k]);
     face.dic = face.whole = make_dic(test, *face.rig, specimen.faces[k].components, face.ends, {});
   }
-  for (std::size_t t = 0; t < there.frames.size(); ++t) {
-    auto& epipolar = there.frames[t].epipolar;
-    epipolar.resize(0);
-    for (std::size_t k = 0; k < specimen.faces.size(); ++k) {
-      const auto& before = seen.faces[k].dic->cameras();
-      const auto& after = there.faces[k].dic->cameras();
-      if (before.epipolar_modes() == 0 || after.epipolar_modes() == 0) continue;
-      const Eigen::SparseMatrix<double> onto = identification::between(before.surface(), after.surface(), 2);
+  for (auto& frame : there.frames) frame.epipolar.resize(0);
+  for (std::size_t k = 0; k < specimen.faces.size(); ++k) {
+    const auto& before = seen.faces[k].dic->cameras();
+    const auto& after = there.faces[k].dic->cameras();
+    if (before.epipolar_modes() == 0 || after.epipolar_modes() == 0) continue;
+    const Eigen::SparseMatrix<double> onto = identification::between(before.surface(), after.surface(), 2);
+    for (std::size_t t = 0; t < there.frames.size(); ++t) {
       std::vector<correlation::InImage> off;
       for (int c = 0; c < before.size(); ++c)
         off.push_back(Eigen::VectorXd(onto * off_epipolar(seen, k, c, t).reshaped<Eigen::RowMajor>()).reshaped<Eigen::RowMajor>(after.nodes(), 2));
       const Eigen::VectorXd own = after.epipolar_of(off);
+      auto& epipolar = there.frames[t].epipolar;
       epipolar.conservativeResize(epipolar.size() + own.size()), epipolar.tail(own.size()) = own;
     }
   }
@@ -362,20 +362,36 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
   if (!observation.noise_is_measured) noise_of_best_frames(observation);
 }
 
+namespace {
+/// Of the frames that are joined what was seen of one face: its displacement, its cameras, its epipolar modes.
+std::vector<correlation::DicFrame> frames_of_face(const Observation& seen, std::size_t face) {
+  Eigen::Index unknowns = 0, modes = 0;
+  std::ptrdiff_t cameras = 0;
+  for (std::size_t k = 0; k < face; ++k) unknowns += seen.faces[k].dic->cameras().unknowns(), modes += seen.faces[k].dic->cameras().epipolar_modes(), cameras += std::ssize(seen.faces[k].rig->cameras);
+  const auto& own = seen.faces[face].dic->cameras();
+  std::vector<correlation::DicFrame> frames;
+  for (const auto& joint : seen.frames) {
+    auto& frame = frames.emplace_back();
+    frame.converged = joint.converged, frame.lost = joint.lost;
+    frame.displacement = joint.displacement.segment(unknowns, own.unknowns());
+    if (joint.epipolar.size() > 0) frame.epipolar = joint.epipolar.segment(modes, own.epipolar_modes());
+    frame.cameras.assign(joint.cameras.begin() + cameras, joint.cameras.begin() + cameras + own.size());
+  }
+  return frames;
+}
+}  // namespace
+
 std::vector<std::string> doubts_of(const io::Case& test, const Observation& seen) {
   auto doubts = test.doubts;
   for (const auto& face : seen.faces) doubts.insert(doubts.end(), face.rig->doubts.begin(), face.rig->doubts.end());
   if (!seen.left_out.empty()) doubts.push_back(seen.left_out);
   io::Frames numbers;
   for (const int place : seen.places) numbers.push_back(test.frames[static_cast<std::size_t>(place)]);
-  std::size_t first = 0;
-  for (const auto& face : seen.faces) {
-    if (auto doubt = doubt_off_epipolar(test, *face.rig, first, numbers, seen.frames); !doubt.empty()) {
+  for (std::size_t k = 0; k < seen.faces.size(); ++k)
+    if (auto doubt = doubt_off_epipolar(test, *seen.faces[k].rig, seen.faces[k].dic->cameras(), numbers, frames_of_face(seen, k)); !doubt.empty()) {
       spdlog::warn("{}", doubt);
       doubts.push_back(std::move(doubt));
     }
-    first += face.rig->cameras.size();
-  }
   if (const Eigen::VectorXd force = force_at_rest(test); force.size() > 0) {
     constexpr double beyond_chance = 3.5;
     const double noise = force_noise(seen, test) / std::sqrt(static_cast<double>(force.size()));

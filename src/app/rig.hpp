@@ -41,9 +41,9 @@ void doubt_saturation(const io::Case& test, Rig& rig, std::size_t view, const co
 /// correlation sees to noise of the image (imaging::NoiseResponse::level).
 void doubt_bare_places(const io::Case& test, Rig& rig, std::size_t view, const correlation::PixelQuadrature& seen, double response);
 
-/// What lets doubt a rig of which points lie off their epipolar lines in some frames (correlation::Cameras::off_epipolar); else empty. `numbers`: of the frames, `frames` as
-/// they were correlated with the first camera of the rig in place `first` of their cameras.
-[[nodiscard]] std::string doubt_off_epipolar(const io::Case& test, const Rig& rig, std::size_t first, const io::Frames& numbers, const std::vector<correlation::DicFrame>& frames);
+/// What lets doubt a rig of which points lie off their epipolar lines in some frames (correlation::Cameras::off_epipolar), and what it looks like: alike in all of them, a push;
+/// as the specimen's motion from one frame to the next, a camera that is late. Else empty. `numbers`: of the frames, `frames` those of the face that `cameras` see.
+[[nodiscard]] std::string doubt_off_epipolar(const io::Case& test, const Rig& rig, const correlation::Cameras& cameras, const io::Frames& numbers, const std::vector<correlation::DicFrame>& frames);
 
 /// The residual of one camera at a displacement of its face (and what its nodes move by beside that, Cameras::off_epipolar) in units of its noise `sigma` [grey level], as a map of `columns` x `rows`
 /// pixels with NaN off the specimen.

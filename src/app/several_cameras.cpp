@@ -247,7 +247,7 @@ void dic_of_face(const Communicator& world, const io::Case& test, const identifi
   doubts.insert(doubts.end(), rig.doubts.begin(), rig.doubts.end());
   io::Frames all;
   for (const int place : places) all.push_back(test.frames[static_cast<std::size_t>(place)]);
-  if (auto doubt = doubt_off_epipolar(test, rig, 0, all, frames); !doubt.empty()) {
+  if (auto doubt = doubt_off_epipolar(test, rig, dic.cameras(), all, frames); !doubt.empty()) {
     spdlog::warn("{}", doubt);
     doubts.push_back(std::move(doubt));
   }

@@ -99,6 +99,7 @@ TEST(Cameras, WhatLiesOffEpipolarLinesIsNoMotion) {
   std::cout << "[          ] residual " << still.rms << " and " << moved.rms << ", motion by " << rigid.transpose() << " px, else " << (change.colwise() - rigid).cwiseAbs().maxCoeff() << " px at most\n";
   EXPECT_LT(moved.rms, 1.1 * still.rms);
   EXPECT_LT((change.colwise() - rigid).cwiseAbs().maxCoeff(), 0.02);
+  EXPECT_LT((dic.cameras().epipolar_of(dic.cameras().off_epipolar(moved.epipolar)) - moved.epipolar).norm(), 1e-9 * moved.epipolar.norm());
   // As numbers and back.
   const DicFrame again = frame_of(numbers_of(moved), moved.displacement.size(), moved.element_rms.size(), 2);
   EXPECT_EQ(again.epipolar, moved.epipolar);
