@@ -219,14 +219,17 @@ Rig make_rig(const io::Case& test, bool back, mesh::Mesh surface) {
 
 namespace {
 
-/// What off-epipolar modes in the frames `off` look like, in words; empty where it is neither of two things by nine tenths of its square.
+/// What off-epipolar modes in the frames `off` look like, in words: empty where they are few, or neither of two things leaves less than a tenth of their square and a third of what the other leaves.
 std::string looks_like(const std::vector<std::string>& names, const correlation::Cameras& cameras, const std::vector<std::size_t>& off, const std::vector<correlation::DicFrame>& frames) {
-  constexpr double most = 0.9;
+  constexpr double little = 0.1, less = 1.0 / 3.0;
+  if (off.size() < 3) return {};
   Eigen::VectorXd mean = Eigen::VectorXd::Zero(cameras.epipolar_modes());
   double squares = 0.0;
   for (const auto t : off) mean += frames[t].epipolar / static_cast<double>(off.size()), squares += frames[t].epipolar.squaredNorm();
-  if (off.size() > 2 && static_cast<double>(off.size()) * mean.squaredNorm() > most * squares) return "It is alike in all of them, as if one of them was pushed.";
+  const double left_by_push = 1.0 - static_cast<double>(off.size()) * mean.squaredNorm() / squares;
   // Late by a part of the way from the frame before: its pixels are where that part of the motion has not been made.
+  double left_by_delay = 1.0, delay = 0.0;
+  std::string late;
   for (int c = 0; c < cameras.size(); ++c) {
     double both = 0.0, of_motion = 0.0;
     for (const auto t : off) {
@@ -235,8 +238,10 @@ std::string looks_like(const std::vector<std::string>& names, const correlation:
       const Eigen::VectorXd modes = cameras.epipolar_of(behind);
       both += modes.dot(frames[t].epipolar), of_motion += modes.squaredNorm();
     }
-    if (both > 0.0 && both * both > most * of_motion * squares) return fmt::format("It is as if the images of {} were about {:.1g} frames behind those of the others.", names[static_cast<std::size_t>(c)], both / of_motion);
+    if (const double left = 1.0 - both * both / (of_motion * squares); both > 0.0 && left < left_by_delay) left_by_delay = left, delay = both / of_motion, late = names[static_cast<std::size_t>(c)];
   }
+  if (left_by_push < std::min(little, less * left_by_delay)) return "It is alike in all of them, as if one of them was pushed.";
+  if (left_by_delay < std::min(little, less * left_by_push)) return fmt::format("It is as if the images of {} were about {:.1g} frames behind those of the others.", late, delay);
   return {};
 }
 

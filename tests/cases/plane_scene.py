@@ -48,16 +48,18 @@ def turned(degrees, axis):
 BETAS = (-12.0, 10.0)
 
 
-def write_images(folder, frames, push=0.0):
-    """camera_0_*.png and camera_1_*.png of the frames (A, c), with noise of a grey level, and cal.xml; pushed_1_*.png of the last frame, `push` rows lower."""
+def save(file, image):
+    """With noise of a grey level."""
+    noisy = image + generator.normal(size=(height, width))
+    Image.fromarray(numpy.clip(numpy.rint(noisy), 0, 255).astype(numpy.uint8)).save(file)
+
+
+def write_images(folder, frames):
+    """camera_0_*.png and camera_1_*.png of the frames (A, c), with noise of a grey level, and cal.xml."""
     xml = "<project><calibration>\n"
     for number, beta in enumerate(BETAS):
         for frame, (A, c) in enumerate(frames):
-            noisy = photograph(beta, A, c) + generator.normal(size=(height, width))
-            Image.fromarray(numpy.clip(numpy.rint(noisy), 0, 255).astype(numpy.uint8)).save(folder / f"camera_{number}_{frame:02}.png")
-        if number == 1 and push:
-            noisy = photograph(beta, *frames[-1], push) + generator.normal(size=(height, width))
-            Image.fromarray(numpy.clip(numpy.rint(noisy), 0, 255).astype(numpy.uint8)).save(folder / f"pushed_{number}_{len(frames) - 1:02}.png")
+            save(folder / f"camera_{number}_{frame:02}.png", photograph(beta, A, c))
         t = camera(beta)[1]
         xml += f'<camera id="{number}">100 85 {focus} {focus} 0 0 0 0<orientation>180 {beta} 0 {t[0]} {t[1]} {t[2]}</orientation></camera>\n'
     (folder / "cal.xml").write_text(xml + "</calibration></project>\n")
