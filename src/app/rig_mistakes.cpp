@@ -65,12 +65,17 @@ std::string likely_mistake(const mesh::Mesh& face, std::span<const RigView> view
       for (auto& view : other) view.camera = change(view.camera);
     };
   };
+  const bool inverse_agrees = agree([](auto& other, auto&) {
+    const Pose first = other.front().camera.pose();
+    for (std::size_t c = 1; c < other.size(); ++c) other[c].camera = {other[c].camera.intrinsics(), inverse(other[c].camera.pose() * inverse(first)) * first};
+  });
   if (views.size() == 2) {
     const auto exchange_cameras = [](std::vector<RigView>& other, correlation::PoseOptions&) { std::swap(other[0].camera, other[1].camera); };
     // With their images exchanged, too, the points were read in those of the other.
     const double of_cameras = points_left(exchange_cameras), of_pictures = points_left([&](auto& other, auto& placed) { exchange_cameras(other, placed), placed.camera = 1 - placed.camera; });
     if (const double least = std::min(of_cameras, of_pictures); std::isfinite(least))
-      return fmt::format("with {}{} and {} exchanged{} they agree", of_pictures < of_cameras ? "the images of " : "", views[0].name, views[1].name, of_pictures < of_cameras ? "" : " in the calibration");
+      return fmt::format("with {}{} and {} exchanged{} they agree{}", of_pictures < of_cameras ? "the images of " : "", views[0].name, views[1].name, of_pictures < of_cameras ? "" : " in the calibration",
+                         inverse_agrees ? ", and with rotations and translations the other way round (from a camera to the first one)" : "");  // of lenses that are alike these are the same
     if (agree([](auto& other, auto&) {
           const PinholeCamera first = other[0].camera, second = other[1].camera;
           other[0].camera = {second.intrinsics(), first.pose()}, other[1].camera = {first.intrinsics(), second.pose()};
@@ -78,11 +83,7 @@ std::string likely_mistake(const mesh::Mesh& face, std::span<const RigView> view
       return fmt::format("with the lenses of {} and {} exchanged in the calibration, their places as they are, they agree", views[0].name, views[1].name);
     if (agree([](auto&, auto& placed) { placed.camera = 1 - placed.camera; })) return fmt::format("with the points in the image of {} they agree", views[static_cast<std::size_t>(1 - options.camera)].name);
   }
-  if (agree([](auto& other, auto&) {
-        const Pose first = other.front().camera.pose();
-        for (std::size_t c = 1; c < other.size(); ++c) other[c].camera = {other[c].camera.intrinsics(), inverse(other[c].camera.pose() * inverse(first)) * first};
-      }))
-    return "with rotations and translations the other way round (from a camera to the first one) they agree";
+  if (inverse_agrees) return "with rotations and translations the other way round (from a camera to the first one) they agree";
   for (const double factor : {1e-3, 1e3, 1.0 / 25.4, 25.4})
     if (agree(of_all([factor](const PinholeCamera& camera) { return in_unit(camera, factor); }))) return fmt::format("with the lengths of the calibration times {:.4g} they agree: is it in another unit?", factor);
   for (const double factor : {0.5, 2.0}) {

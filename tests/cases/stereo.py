@@ -9,7 +9,7 @@ import sys
 
 import numpy
 
-from plane_scene import BETAS, camera, photograph, placement, save, turned, write_images
+from plane_scene import BETAS, camera, focus, photograph, placement, save, turned, write_images
 from runs import end, workspace
 
 program = sys.argv[1]
@@ -115,8 +115,17 @@ assert in_metres != (folder / "cal.xml").read_text()
 half = (folder / "cal.xml").read_text().replace('id="1">100 85 1500.0 1500.0', 'id="1">50 42.5 750.0 750.0')
 assert half != (folder / "cal.xml").read_text()
 (folder / "half.xml").write_text(half)
+(folder / "corner.xml").write_text((folder / "cal.xml").read_text().replace('id="1">100 85', 'id="1">20 85'))
+(R0, t0), (R1, t1) = (camera(beta) for beta in BETAS)
+R, T = R1 @ R0.T, t1 - R1 @ R0.T @ t0
+matrix = lambda name, values: f"{name}: !!opencv-matrix\n  rows: {len(values)}\n  cols: {len(values[0])}\n  dt: d\n  data: [{', '.join(f'{float(x)!r}' for row in values for x in row)}]\n"
+lens = "".join(matrix(f"M{c}", [[focus, 0, 100], [0, focus, 85], [0, 0, 1]]) + matrix(f"D{c}", [[0, 0, 0, 0, 0]]) for c in (1, 2))
+(folder / "opencv.yml").write_text("%YAML:1.0\n---\n" + lens + matrix("R", R) + matrix("T", T[:, None]))
+(folder / "inverse.yml").write_text("%YAML:1.0\n---\n" + lens + matrix("R", R.T) + matrix("T", -(R.T @ T)[:, None]))
 for name, old, new, told in (("exchanged.yaml", "calibration: cal.xml", "calibration: cal.xml, index: {}", "with left and right exchanged in the calibration they agree"),
                              ("twice.yaml", "calibration: cal.xml", "calibration: cal.xml, index: 0", "cameras.right.calibration: the same place as that of left; allowed: another camera of the calibration (index)"),
+                             ("corner.yaml", "cal.xml", "corner.xml", "cameras.right: the principal point of the calibration, (20, 85), lies far from the middle of images of 200 x 170 px"),
+                             ("inverse.yaml", "cal.xml", "inverse.yml", "with rotations and translations the other way round"),
                              ("pictures.yaml", "camera_1_", "camera_0_", "cameras.right.images: the same reference as that of left; allowed: images of another camera"),
                              ("metres.yaml", "cal.xml", "metres.xml", "with the lengths of the calibration times 1000 they agree"),
                              ("half.yaml", "cal.xml", "half.xml", "with a calibration of right for images 2 times as large they agree"),
@@ -132,5 +141,8 @@ for name, old, new, told in (("exchanged.yaml", "calibration: cal.xml", "calibra
     done = subprocess.run([program, "check", name], cwd=folder, capture_output=True, text=True)
     print(name, [line for line in (done.stdout + done.stderr).splitlines() if "agree" in line or "the same" in line])
     assert told in done.stdout + done.stderr, done.stdout + done.stderr
+(folder / "opencv.yaml").write_text((folder / "case.yaml").read_text().replace("cal.xml", "opencv.yml"))
+done = subprocess.run([program, "check", "opencv.yaml"], cwd=folder, capture_output=True, text=True)
+assert done.returncode == 0 and not any(word in done.stdout + done.stderr for word in ("agree", "the same", "contrast", "principal")), done.stdout + done.stderr
 print("passed")
 end()
