@@ -28,7 +28,8 @@ void print_effect(const loop::Effect& effect, const io::Units& units) {
   for (const auto& q : description.quantities) print_quantity(q.name, null_of(q.null, q.shape), unit_in(q.unit, units), q.description);
   print_confusion(description.confused_with, description.separated_by);
   if (effect.of_each_camera()) fmt::print("    with cameras on both faces: front_{0}, back_{0}\n", loop::key_of(description.name));
-  if (effect.of_one_of_several()) fmt::print("    with several cameras on a face, one of them a perspective one: NAME_{0} for each by its name\n", loop::key_of(description.name));
+  if (effect.of_one_of_several() && description.link == loop::Link::light) fmt::print("    with several cameras: NAME_{0} for each by its name\n", loop::key_of(description.name));
+  else if (effect.of_one_of_several()) fmt::print("    with several cameras on a face, one of them a perspective one: NAME_{0} for each by its name\n", loop::key_of(description.name));
 }
 
 void print_effects_of_law(const io::Units& units) {

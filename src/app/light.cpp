@@ -86,7 +86,7 @@ void check_light_effects(const io::Case& test, const mesh::Mesh& surface) {
     const auto description = effect->describe(scene);
     for (const auto& q : description.quantities)
       for (const auto& one : declared)
-        if (one.effect == loop::key_of(description.name) && one.quantity == q.name && one.value && (*one.value < q.lower || *one.value > q.upper))
+        if ((one.effect == loop::key_of(description.name) || one.effect.ends_with("_" + loop::key_of(description.name))) && one.quantity == q.name && one.value && (*one.value < q.lower || *one.value > q.upper))
           throw InputError("effects." + one.effect + "." + q.name, fmt::format("{:.6g}", *one.value), fmt::format("a number from {:.6g} to {:.6g} [{}]", q.lower, q.upper, unit_in(q.unit, test.units)));
   }
 }
@@ -143,7 +143,7 @@ LightFindings look_at_light(const Observation& seen, const io::Case& test, int f
   findings.verdict = report.verdict;
   findings.sentence = report.sentence;
   const auto in_set = [&](const std::string& name) {
-    return std::any_of(report.set.begin(), report.set.end(), [&](int k) { return experiment.candidates()[static_cast<std::size_t>(k)].name == name; });
+    return std::any_of(report.set.begin(), report.set.end(), [&](int k) { return experiment.candidates()[static_cast<std::size_t>(k)].name.ends_with(name); });  // of all cameras or of one
   };
   const double share = experiment.share_of_gain_and_offset(), with_gradient = experiment.share_of_gain_and_offset(true);
   const bool found = report.verdict != loop::Verdict::nothing_found, unexplained = report.verdict == loop::Verdict::unexplained;

@@ -30,6 +30,8 @@ std::map<std::string, std::vector<std::string>> effect_quantities(const std::vec
     const auto description = effect->describe(unit_scene());
     for (const auto& q : description.quantities) {
       quantities[loop::key_of(description.name)].push_back(q.name);
+      if (description.link == loop::Link::light && effect->of_one_of_several() && cameras.size() > 1)
+        for (const auto& camera : cameras) quantities[loop::key_of(camera.name + " " + description.name)].push_back(q.name);
       if (!effect->of_each_camera()) continue;  // where cameras look at both faces
       std::set<std::string> whose = {"front ", "back "};
       for (const auto& camera : cameras)
@@ -47,12 +49,16 @@ void refuse_effects(const io::Case& test, const std::string& command) {
 }
 
 std::vector<loop::DeclaredEffect> declared_effects(const io::Case& test, bool of_light) {
-  std::vector<std::string> lights;
-  for (const auto& effect : loop::light_effects()) lights.push_back(loop::key_of(effect->describe(unit_scene()).name));
+  std::set<std::string> lights;
+  for (const auto& effect : loop::light_effects()) {
+    const std::string name = effect->describe(unit_scene()).name;
+    lights.insert(loop::key_of(name));
+    for (const auto& camera : test.cameras) lights.insert(loop::key_of(camera.name + " " + name));
+  }
   std::vector<loop::DeclaredEffect> all;
   for (const auto& [effect, quantities] : test.effects)
     for (const auto& [quantity, declared] : quantities)
-      if ((std::find(lights.begin(), lights.end(), effect) != lights.end()) == of_light) all.push_back({effect, quantity, declared.value, declared.lower, declared.upper, declared.free});
+      if (lights.contains(effect) == of_light) all.push_back({effect, quantity, declared.value, declared.lower, declared.upper, declared.free});
   return all;
 }
 
@@ -86,7 +92,7 @@ PlantedEffects::PlantedEffects(const io::Case& test) : test_(test) {
       for (const char* face : {"front", "back"}) plant(effect, face);
     if (effect->of_one_of_several())
       for (const auto& camera : test.cameras)
-        if (is_one_of_several(camera, test.cameras)) plant(effect, camera.face, camera.name);
+        if (effect->describe(scene_).link == loop::Link::light ? test.cameras.size() > 1 : is_one_of_several(camera, test.cameras)) plant(effect, camera.face, camera.name);
   }
   for (const auto& [key, quantities] : test.effects)
     if (std::none_of(planted_.begin(), planted_.end(), [&](const Planted& one) { return one.key == key; }))
@@ -205,14 +211,14 @@ Eigen::MatrixXd PlantedEffects::seen_beyond(const std::string& face, const mesh:
 }
 
 bool PlantedEffects::has_own(const std::string& camera) const {
-  return std::any_of(planted_.begin(), planted_.end(), [&](const Planted& one) { return one.camera == camera; });
+  return std::any_of(planted_.begin(), planted_.end(), [&](const Planted& one) { return one.camera == camera && one.effect->describe(scene_).link != loop::Link::light; });
 }
 
 loop::Pixels PlantedEffects::pixels_beyond(const loop::Sight& sight, const mesh::Mesh& surface, int frame, const loop::Pixels& motion) const {
   const loop::ImagePlane plane(sight, surface, scene_);
   loop::Pixels beyond = loop::Pixels::Zero(motion.rows(), 2);
   for (const auto& one : planted_)
-    if (one.camera == sight.camera) beyond += plane.error(*one.effect, one.values, frame, motion);
+    if (one.camera == sight.camera && one.effect->describe(scene_).link != loop::Link::light) beyond += plane.error(*one.effect, one.values, frame, motion);
   return beyond;
 }
 
@@ -220,9 +226,10 @@ bool PlantedEffects::lit() const {
   return std::any_of(planted_.begin(), planted_.end(), [&](const auto& one) { return one.effect->describe(scene_).link == loop::Link::light; });
 }
 
-loop::Light PlantedEffects::light(int frame, const Eigen::Vector2d& point, const Eigen::Vector2d& now) const {
+loop::Light PlantedEffects::light(const std::string& camera, int frame, const Eigen::Vector2d& point, const Eigen::Vector2d& now) const {
   loop::Light light;
-  for (const auto& one : planted_) one.effect->light(one.values, scene_, frame, point, now, light);
+  for (const auto& one : planted_)
+    if (one.camera.empty() || one.camera == camera) one.effect->light(one.values, scene_, frame, point, now, light);
   return light;
 }
 

@@ -52,8 +52,8 @@ class PlantedEffects {
   [[nodiscard]] loop::Pixels pixels_beyond(const loop::Sight& sight, const mesh::Mesh& surface, int frame, const loop::Pixels& motion) const;
   /// Whether there is an effect on the grey levels.
   [[nodiscard]] bool lit() const;
-  /// What becomes of the grey levels of a point of the front face that is at `point` in the reference and at `now` in a frame (-1: the reference).
-  [[nodiscard]] loop::Light light(int frame, const Eigen::Vector2d& point, const Eigen::Vector2d& now) const;
+  /// What becomes of the grey levels that a camera sees of a point of its face that is at `point` in the reference and at `now` in a frame (-1: the reference).
+  [[nodiscard]] loop::Light light(const std::string& camera, int frame, const Eigen::Vector2d& point, const Eigen::Vector2d& now) const;
   /// The force as it is recorded [frames, force], and in the frames before loading, where it is `still`.
   [[nodiscard]] Eigen::VectorXd recorded(Eigen::VectorXd force) const;
   [[nodiscard]] double recorded_still(double still) const;

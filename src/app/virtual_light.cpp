@@ -48,9 +48,9 @@ double beyond_nyquist(const Eigen::Vector2d& point, const Eigen::Vector2d& pixel
 
 }  // namespace
 
-VirtualLight::VirtualLight(const PlantedEffects& planted, std::shared_ptr<const imaging::Camera> camera, const mesh::Mesh& surface, const imaging::Image& reference,
+VirtualLight::VirtualLight(const PlantedEffects& planted, std::string name, std::shared_ptr<const imaging::Camera> camera, const mesh::Mesh& surface, const imaging::Image& reference,
                            std::shared_ptr<const imaging::Texture> other)
-    : planted_(planted), camera_(std::move(camera)), surface_(surface), other_(std::move(other)), in_plane_(surface.nodes.leftCols<2>()) {
+    : planted_(planted), name_(std::move(name)), camera_(std::move(camera)), surface_(surface), other_(std::move(other)), in_plane_(surface.nodes.leftCols<2>()) {
   const imaging::InverseMapping mapping(*camera_, in_plane_, Points(surface.nodes), surface.cells);
   imaging::InverseMapping::Location at;
   std::vector<float> levels;
@@ -62,7 +62,7 @@ VirtualLight::VirtualLight(const PlantedEffects& planted, std::shared_ptr<const 
   variance_ = variance_ / static_cast<double>(levels.size()) - mean_ * mean_;
   flake_ = 8.0 * std::sqrt((surface.nodes.col(0).maxCoeff() - surface.nodes.col(0).minCoeff()) * (surface.nodes.col(1).maxCoeff() - surface.nodes.col(1).minCoeff()) / static_cast<double>(levels.size()));
   const Eigen::Vector2d middle = surface.nodes.colwise().mean().head<2>().transpose();
-  const double share = planted.light(-1, middle, middle).saturated;
+  const double share = planted.light(name_, -1, middle, middle).saturated;
   if (share <= 0.0) return;
   if (share > 0.5) throw InputError("effects.saturation.saturated", fmt::format("{:.4g}", share), "a share up to 0.5");
   const auto place = levels.begin() + static_cast<std::ptrdiff_t>((1.0 - share) * static_cast<double>(levels.size()));
@@ -73,7 +73,7 @@ VirtualLight::VirtualLight(const PlantedEffects& planted, std::shared_ptr<const 
 double VirtualLight::operator()(int frame, const Points& moved, imaging::Image& image) const {
   const imaging::InverseMapping mapping(*camera_, in_plane_, moved, surface_.cells);
   const Eigen::Vector2d middle = surface_.nodes.colwise().mean().head<2>().transpose();
-  const loop::Light beside = planted_.light(frame, middle, middle);
+  const loop::Light beside = planted_.light(name_, frame, middle, middle);
   imaging::InverseMapping::Location at;
   for (int y = 0; y < image.height; ++y)
     for (int x = 0; x < image.width; ++x) {
@@ -84,7 +84,7 @@ double VirtualLight::operator()(int frame, const Points& moved, imaging::Image& 
         Eigen::Vector2d now = Eigen::Vector2d::Zero();
         for (int i = 0; i < 4; ++i) now += N[i] * moved.row(surface_.cells(at.quad, i)).head<2>().transpose();
         const Eigen::Vector2d point = mapping.reference(at);
-        const loop::Light light = planted_.light(frame, point, now);
+        const loop::Light light = planted_.light(name_, frame, point, now);
         if (light.aliased > 0.0) {
           const Eigen::Vector2d pixel = camera_->project({point[0], point[1], surface_.nodes(surface_.cells(at.quad, 0), 2)});
           level += std::sqrt(light.aliased * variance_) * beyond_nyquist(point, pixel, 0.5 * flake_);

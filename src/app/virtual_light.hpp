@@ -2,6 +2,7 @@
 // The light of a virtual test: what planted effects make of the grey levels of its images.
 
 #include <memory>
+#include <string>
 
 #include "imic3d/imaging/synthesis.hpp"
 #include "imic3d/mesh/mesh.hpp"
@@ -13,13 +14,14 @@ namespace imic3d::app {
 class VirtualLight {
  public:
   /// `reference`: rendered without noise. `other`: a speckle like the specimen's, in the frame of the image. Throws InputError: more saturated pixels than there are.
-  VirtualLight(const PlantedEffects& planted, std::shared_ptr<const imaging::Camera> camera, const mesh::Mesh& surface, const imaging::Image& reference, std::shared_ptr<const imaging::Texture> other);
+  VirtualLight(const PlantedEffects& planted, std::string name, std::shared_ptr<const imaging::Camera> camera, const mesh::Mesh& surface, const imaging::Image& reference, std::shared_ptr<const imaging::Texture> other);
 
   /// Changes the image of the surface at `moved` [nodes x 3, length], rendered without noise; the factor on its noise.
   [[nodiscard]] double operator()(int frame, const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>& moved, imaging::Image& image) const;
 
  private:
   const PlantedEffects& planted_;
+  std::string name_;  // of the camera
   std::shared_ptr<const imaging::Camera> camera_;
   const mesh::Mesh& surface_;
   std::shared_ptr<const imaging::Texture> other_;

@@ -250,7 +250,7 @@ void virtual_test(const Communicator& world, const CommandOptions& options) {
     const double dynamic = declared.depth == 16 ? 65535.0 : 255.0;
     const auto other = std::make_shared<imaging::Speckle>(Eigen::Vector2d(0.0, 0.0), Eigen::Vector2d(camera.image.width, camera.image.height),
                                                           imaging::SpeckleOptions{.diameter = declared.speckle_size, .paint = 0.75 * dynamic, .disk = 0.2 * dynamic, .seed = camera.image.seed + 77});
-    lights.emplace_back(planted, camera.camera, surface, imaging::render(mapping, *camera.texture, *camera.background, camera.image), other);
+    lights.emplace_back(planted, test.cameras[static_cast<std::size_t>(&camera - cameras.data())].name, camera.camera, surface, imaging::render(mapping, *camera.texture, *camera.background, camera.image), other);
   }
 
   // Rank 0 writes; the images of the frames are shared out over the ranks.

@@ -60,9 +60,10 @@ LightExperiment::LightExperiment(std::vector<LightCamera> cameras, std::vector<i
     parameters_.push_back({.info = {.name = cameras_.size() == 1 ? "noise" : "noise_" + camera.optics.camera, .unit = "grey level", .description = "standard deviation of one image", .lower = 0.1 * camera.optics.noise, .upper = 10.0 * camera.optics.noise},
                            .value = camera.optics.noise, .step = 1e-3 * camera.optics.noise, .free = true});
   const Scene& scene = cameras_.front().scene;
-  for (auto& effect : light_effects()) {
+  const auto add = [&](const std::shared_ptr<const Effect>& effect, int camera) {
     const auto description = effect->describe(scene);
-    Candidate candidate{description.name, description.link, {}, description.sentence, description.confused_with, description.separated_by, {}};
+    const std::string whose = camera < 0 ? "" : cameras_[static_cast<std::size_t>(camera)].optics.camera + " ";
+    Candidate candidate{whose + description.name, description.link, {}, description.sentence + (camera < 0 ? "" : ", of the camera " + cameras_[static_cast<std::size_t>(camera)].optics.camera), description.confused_with, description.separated_by, {}};
     first_.push_back(parameters_.size());
     int place = -1;
     for (const auto& q : description.quantities) {
@@ -71,18 +72,26 @@ LightExperiment::LightExperiment(std::vector<LightCamera> cameras, std::vector<i
       parameters_.push_back({.info = {.name = q.name, .unit = unit ? unit(q.unit) : q.unit, .description = q.description, .lower = q.lower, .upper = q.upper, .null_value = q.null, .shape = q.shape, .scale = q.shape ? q.scale : std::abs(q.size - q.null)},
                              .value = q.null, .step = q.step, .prior = 0.0, .free = false});
       // What no camera sees has no mark.
-      const bool seen = !q.name.starts_with("loose_") || std::any_of(cameras_.begin(), cameras_.end(), [&](const auto& camera) {
-        return std::find(camera.optics.places.begin(), camera.optics.places.end(), place) != camera.optics.places.end();
+      const bool seen = !q.name.starts_with("loose_") || std::any_of(cameras_.begin(), cameras_.end(), [&](const auto& its) {
+        return std::find(its.optics.places.begin(), its.optics.places.end(), place) != its.optics.places.end();
       });
-      if (!declare(parameters_.back(), description.name, declared) && seen) candidate.parameters.push_back(j);
+      if (!declare(parameters_.back(), candidate.name, declared) && seen) candidate.parameters.push_back(j);
+      parameters_.back().info.name = key_of(whose) + q.name;
     }
-    const auto fitted = [&](bool LightOptics::*what) { return std::all_of(cameras_.begin(), cameras_.end(), [&](const auto& camera) { return camera.optics.*what; }); };
-    if ((candidate.name == "light gain" || candidate.name == "light offset") && fitted(&LightOptics::gain_and_offset_fitted)) candidate.parameters.clear();
-    if ((candidate.name == "noise level" || candidate.name == "aliasing") && images_compressed()) candidate.parameters.clear();
-    if (candidate.name == "light gradient" && fitted(&LightOptics::local)) candidate.parameters.clear();
-    if (candidate.name == "aliasing" && fitted(&LightOptics::local)) std::erase_if(candidate.parameters, [&](int j) { return parameters_[static_cast<std::size_t>(j)].info.shape; });
+    const auto fitted = [&](bool LightOptics::*what) {
+      return camera < 0 ? std::all_of(cameras_.begin(), cameras_.end(), [&](const auto& its) { return its.optics.*what; }) : cameras_[static_cast<std::size_t>(camera)].optics.*what;
+    };
+    const auto& name = description.name;
+    if ((name == "light gain" || name == "light offset") && fitted(&LightOptics::gain_and_offset_fitted)) candidate.parameters.clear();
+    if ((name == "noise level" || name == "aliasing") && images_compressed()) candidate.parameters.clear();
+    if (name == "light gradient" && fitted(&LightOptics::local)) candidate.parameters.clear();
+    if (name == "aliasing" && fitted(&LightOptics::local)) std::erase_if(candidate.parameters, [&](int j) { return parameters_[static_cast<std::size_t>(j)].info.shape; });
     if (std::any_of(candidate.parameters.begin(), candidate.parameters.end(), [&](int j) { return !parameters_[static_cast<std::size_t>(j)].info.shape; })) candidates_.push_back(std::move(candidate));
-    effects_.push_back(std::move(effect));
+    effects_.push_back(effect), camera_of_.push_back(camera);
+  };
+  for (const auto& effect : light_effects()) {
+    add(effect, -1);
+    for (int k = 0; cameras_.size() > 1 && effect->of_one_of_several() && k < static_cast<int>(cameras_.size()); ++k) add(effect, k);
   }
   const auto count = static_cast<Eigen::Index>(frames_.size());
   for (Eigen::Index t = 0; t < count; ++t)
@@ -236,6 +245,7 @@ Eigen::VectorXd LightExperiment::predicted(const std::vector<double>& values) co
           const Eigen::Vector2d point = optics.middle[static_cast<std::size_t>(c)] + from;
           Light light;
           for (std::size_t e = 0; e < effects_.size(); ++e) {
+            if (camera_of_[e] >= 0 && camera_of_[e] != static_cast<int>(k)) continue;
             const std::size_t next = e + 1 < first_.size() ? first_[e + 1] : parameters_.size();
             effects_[e]->light(std::span(values).subspan(first_[e], next - first_[e]), scene, static_cast<int>(t), point, point + frame.motion[static_cast<std::size_t>(c)], light);
           }

@@ -64,8 +64,8 @@ def main():
     gmsh("plate_with_hole", folder / "fine.msh", length=28, size_hole=0.8, size_far=2.0)
     gmsh("plate_with_hole", folder / "coarse.msh", length=20, size_hole=1.0, size_far=2.5)
 
-    def plate(name, effects="{}", status=0, value=LOADING):
-        (folder / f"{name}.yaml").write_text(PLATE.format(mesh="fine", images="", name=name, effects=effects, value=value))
+    def plate(name, effects="{}", status=0, value=LOADING, more=""):
+        (folder / f"{name}.yaml").write_text(PLATE.format(mesh="fine", images="", name=name, effects=effects, value=value).replace("material:", more + "material:", 1))
         return run(program, "virtual", folder / f"{name}.yaml", 1, status=status, errors=status != 0)
 
     def correlated(name):
@@ -141,6 +141,14 @@ def main():
     for frame, clock in ((0, 0.0), (3, 0.5), (5, 1.0)):
         ratio = grey("lamp", frame)[inside].mean() / grey("plain", frame)[inside].mean()
         require(abs(ratio - 1 - 0.05 * clock) < 1e-4, f"frame {frame}: the light has grown by {ratio - 1:.5f}, planted {0.05 * clock}")
+    # Of one camera of two.
+    second = "  - {name: second, pixel_size: 0.08, place: {origin: [149.5, 164.5]}}\n"
+    plate("pair", more=second)
+    plate("dim", "{second_light_gain: {gain_drift: -0.05}}", more=second)
+    of = lambda name, camera: numpy.asarray(Image.open(folder / f"{name}/images_{camera}/frame_005.png")).astype(float)[inside].mean()
+    ratios = [of("dim", camera) / of("pair", camera) for camera in ("front", "second")]
+    require(ratios[0] == 1.0 and abs(ratios[1] - 0.95) < 1e-4, f"the light of the second camera alone has faded by {1 - ratios[1]:.5f}, planted 0.05; of the first by {1 - ratios[0]:.5f}")
+    require("second_light_gain" in json.loads((folder / "dim/truth.json").read_text())["effects"], "truth.json names the camera")
     plate("stray", "{light_offset: {offset_drift: 2000}}")
     more = (grey("stray", 5) - grey("plain", 5))[inside]
     require(abs(more.mean() - 2000) < 1 and more.std() < 1, f"stray light adds {more.mean():.1f} +- {more.std():.1f} grey levels, planted 2000")

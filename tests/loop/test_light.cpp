@@ -216,6 +216,31 @@ TEST_P(PlantedLight, IsNamedWithItsSize) {
 }
 INSTANTIATE_TEST_SUITE_P(Effects, PlantedLight, ::testing::Range(0, 4));
 
+/// Of two cameras the light of one may change alone, or that of both alike.
+TEST(Light, OfOneCameraOfTwoIsNamed) {
+  const auto filmed = [](const Planted& one, bool with, unsigned seed) {
+    return Filmed(seed, with ? one.seen : as_it_is, [&one, with](int t) { return with && std::string(one.quantity) == "noise_drift" ? noise * (1.0 + one.size * t / count) : noise; });
+  };
+  std::vector<int> numbers;
+  for (int t = 1; t <= count; ++t) numbers.push_back(t);
+  unsigned seed = 5200;
+  for (const Planted& one : planted())
+    for (const bool both : {false, true}) {
+      Filmed left = filmed(one, both, ++seed), right = filmed(one, true, ++seed);
+      std::vector<LightCamera> cameras{left.experiment().cameras().front(), right.experiment().cameras().front()};
+      cameras[0].optics.camera = "left", cameras[1].optics.camera = "right";
+      LightExperiment experiment(std::move(cameras), numbers, {2, 5});
+      const Report report = close_loop(experiment, quick());
+      const std::string whose = both ? "" : "right ";
+      const auto [size, deviation] = found(experiment, report, (both ? "" : "right_") + std::string(one.quantity));
+      std::cout << "[          ] " << whose << one.effect << ": " << name(report.verdict) << ", " << report.sentence << '\n';
+      EXPECT_TRUE(has(experiment, report.set, whose + one.effect)) << one.effect;
+      EXPECT_FALSE(has(experiment, report.set, "left " + std::string(one.effect))) << one.effect;
+      EXPECT_EQ(has(experiment, report.set, one.effect), both) << one.effect;
+      EXPECT_NEAR(size, one.size, 4.0 * deviation) << one.effect;
+    }
+}
+
 TEST(Light, TheNoiseOfEachFrameIsMeasured) {
   const auto planted = [](int t) { return t == 3 ? 2.5 : t == 6 ? 0.5 : 1.0; };
   Filmed test(5100, as_it_is, [&](int t) { return noise * planted(t); });

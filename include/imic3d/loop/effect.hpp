@@ -129,7 +129,7 @@ class Effect {
   [[nodiscard]] virtual double driven(Values, const Scene&, int /*frame*/, double /*z*/) const { return 0.0; }
   /// Whether each rig of cameras has it for itself, on its face.
   [[nodiscard]] virtual bool of_each_camera() const { return false; }
-  /// Whether, where several cameras see a face in three components, each of them has it for itself too (of_one_camera).
+  /// Whether, where several cameras see a face in three components, each of them has it for itself too (of_one_camera); of the light, each of several cameras.
   [[nodiscard]] virtual bool of_one_of_several() const { return false; }
   /// Camera: adds to `error` [components * n, length] what the camera shows of the displacement beyond the truth: measured - true, at the
   /// displacement `U` [components * n, length] of frame t.

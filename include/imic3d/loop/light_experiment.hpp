@@ -18,7 +18,7 @@ struct LightCamera {
 /// The numbers of every frame and camera: the linear ones (offset and gain of each cell, gradient of all), whitened; the mean square of each cell over what noise
 /// predicts, its constant level unknown to a tenth, its course to 3 % (in the null); the light of each camera known to 1e-4 over time (in the null); the saturated pixels, a ten-thousandth of them allowed. The reference's noise, common to all frames, is
 /// whitened over time. Each is then z -> 10 asinh(z/10): what lies beyond ten standard deviations is judged by its ratio to the model's, as no model of
-/// light is right to better than a tenth. Free is the noise of each camera. What the correlation has fitted (gain and offset of a frame, of each
+/// light is right to better than a tenth. Where there are several cameras each has some effects for itself, too (Effect::of_one_of_several). Free is the noise of each camera. What the correlation has fitted (gain and offset of a frame, of each
 /// element) is no data.
 class LightExperiment final : public Experiment {
  public:
@@ -67,6 +67,7 @@ class LightExperiment final : public Experiment {
   Synthetic synthetic_;
   std::vector<std::shared_ptr<const Effect>> effects_;
   std::vector<std::size_t> first_;  // parameter of each effect
+  std::vector<int> camera_of_;      // that has it for itself, -1: all
   std::vector<Parameter> parameters_;
   std::vector<Candidate> candidates_;
   std::vector<Datum> data_;

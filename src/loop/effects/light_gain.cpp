@@ -17,6 +17,7 @@ class LightGain final : public Effect {
             .confused_with = "light offset, saturation",
             .separated_by = "a grey scale in the field of view; frames at rest at the end"};
   }
+  [[nodiscard]] bool of_one_of_several() const override { return true; }
   void light(Values values, const Scene& scene, int t, const Eigen::Vector2d&, const Eigen::Vector2d&, Light& light) const override {
     light.gain *= 1.0 + values[0] * scene.drifted(t);
   }

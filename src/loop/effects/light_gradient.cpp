@@ -19,6 +19,7 @@ class LightGradient final : public Effect {
             .separated_by = "dic.local_brightness; frames at rest at the end"};
   }
   /// About the surface's middle: what is common to all is a gain.
+  [[nodiscard]] bool of_one_of_several() const override { return true; }
   void light(Values values, const Scene& scene, int t, const Eigen::Vector2d&, const Eigen::Vector2d& now, Light& light) const override {
     const Eigen::Vector2d at = now - scene.middle();
     light.gain *= 1.0 + (values[0] * at[0] + values[1] * at[1]) * scene.drifted(t);

@@ -17,6 +17,7 @@ class LightOffset final : public Effect {
             .confused_with = "light gain",
             .separated_by = "a black patch in the field of view; frames at rest at the end"};
   }
+  [[nodiscard]] bool of_one_of_several() const override { return true; }
   void light(Values values, const Scene& scene, int t, const Eigen::Vector2d&, const Eigen::Vector2d&, Light& light) const override {
     light.offset += values[0] * scene.drifted(t);
   }

@@ -17,6 +17,7 @@ class NoiseLevel final : public Effect {
             .confused_with = "motion that the mesh cannot follow, speckle debonding",
             .separated_by = "frames at rest at the end"};
   }
+  [[nodiscard]] bool of_one_of_several() const override { return true; }
   void light(Values values, const Scene& scene, int t, const Eigen::Vector2d&, const Eigen::Vector2d&, Light& light) const override {
     light.noise *= 1.0 + values[0] * scene.drifted(t);
   }
