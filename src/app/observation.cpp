@@ -327,6 +327,12 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
       known.left_out = std::move(lost), known.round = round + 1;
     }
   }
+  io::Frames numbers;
+  for (const int place : observation.places) numbers.push_back(test.frames[static_cast<std::size_t>(place)]);
+  observation.doubts.clear();
+  for (std::size_t k = 0; k < of_face.size(); ++k)
+    if (auto doubt = doubt_off_epipolar(test, *observation.faces[k].rig, observation.faces[k].dic->cameras(), numbers, of_face[k]); !doubt.empty()) observation.doubts.push_back(std::move(doubt));
+  for (const auto& doubt : observation.doubts) spdlog::warn("{}", doubt);
   observation.frames.clear();
   for (std::size_t t = 0; t < frames; ++t) {
     std::vector<correlation::DicFrame> faces;
@@ -362,36 +368,11 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
   if (!observation.noise_is_measured) noise_of_best_frames(observation);
 }
 
-namespace {
-/// Of the frames that are joined what was seen of one face: its displacement, its cameras, its epipolar modes.
-std::vector<correlation::DicFrame> frames_of_face(const Observation& seen, std::size_t face) {
-  Eigen::Index unknowns = 0, modes = 0;
-  std::ptrdiff_t cameras = 0;
-  for (std::size_t k = 0; k < face; ++k) unknowns += seen.faces[k].dic->cameras().unknowns(), modes += seen.faces[k].dic->cameras().epipolar_modes(), cameras += std::ssize(seen.faces[k].rig->cameras);
-  const auto& own = seen.faces[face].dic->cameras();
-  std::vector<correlation::DicFrame> frames;
-  for (const auto& joint : seen.frames) {
-    auto& frame = frames.emplace_back();
-    frame.converged = joint.converged, frame.lost = joint.lost;
-    frame.displacement = joint.displacement.segment(unknowns, own.unknowns());
-    if (joint.epipolar.size() > 0) frame.epipolar = joint.epipolar.segment(modes, own.epipolar_modes());
-    frame.cameras.assign(joint.cameras.begin() + cameras, joint.cameras.begin() + cameras + own.size());
-  }
-  return frames;
-}
-}  // namespace
-
 std::vector<std::string> doubts_of(const io::Case& test, const Observation& seen) {
   auto doubts = test.doubts;
   for (const auto& face : seen.faces) doubts.insert(doubts.end(), face.rig->doubts.begin(), face.rig->doubts.end());
   if (!seen.left_out.empty()) doubts.push_back(seen.left_out);
-  io::Frames numbers;
-  for (const int place : seen.places) numbers.push_back(test.frames[static_cast<std::size_t>(place)]);
-  for (std::size_t k = 0; k < seen.faces.size(); ++k)
-    if (auto doubt = doubt_off_epipolar(test, *seen.faces[k].rig, seen.faces[k].dic->cameras(), numbers, frames_of_face(seen, k)); !doubt.empty()) {
-      spdlog::warn("{}", doubt);
-      doubts.push_back(std::move(doubt));
-    }
+  doubts.insert(doubts.end(), seen.doubts.begin(), seen.doubts.end());
   if (const Eigen::VectorXd force = force_at_rest(test); force.size() > 0) {
     constexpr double beyond_chance = 3.5;
     const double noise = force_noise(seen, test) / std::sqrt(static_cast<double>(force.size()));

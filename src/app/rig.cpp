@@ -17,7 +17,7 @@
 namespace imic3d::app {
 namespace {
 
-imaging::PinholeCamera pinhole(const io::CameraCase& declared, const imaging::Image& reference) {
+imaging::CalibratedCamera calibrated(const io::CameraCase& declared, const imaging::Image& reference) {
   const auto cameras = imaging::read_calibration(declared.calibration);
   if (declared.index >= static_cast<int>(cameras.size()))
     throw InputError("cameras." + declared.name + ".index", fmt::format("{}", declared.index),
@@ -26,16 +26,16 @@ imaging::PinholeCamera pinhole(const io::CameraCase& declared, const imaging::Im
   if (camera.width > 0 && (camera.width != reference.width || camera.height != reference.height))
     throw InputError("cameras." + declared.name, fmt::format("images of {} x {} pixels", reference.width, reference.height),
                      fmt::format("{} x {} as calibrated", camera.width, camera.height));
-  return camera.camera();
+  return camera;
 }
 
 /// A principal point far from the middle of the images; else empty. Calibrations that say the size of their images are checked by that.
-std::string doubt_principal_point(const io::CameraCase& declared, const imaging::PinholeCamera& camera, const imaging::Image& reference) {
-  if (imaging::read_calibration(declared.calibration)[static_cast<std::size_t>(declared.index)].width > 0) return {};
-  const auto& lens = camera.intrinsics();
+std::string doubt_principal_point(const std::string& name, const imaging::CalibratedCamera& camera, const imaging::Image& reference) {
+  if (camera.width > 0) return {};
+  const auto& lens = camera.intrinsics;
   constexpr double far = 0.25;  // of the image's side; lenses are centred to some percent of it
   if (std::abs(lens.cx / (reference.width - 1) - 0.5) < far && std::abs(lens.cy / (reference.height - 1) - 0.5) < far) return {};
-  return fmt::format("cameras.{}: the principal point of the calibration, ({:.0f}, {:.0f}), lies far from the middle of images of {} x {} px: is it that of images of another size, or of a part of them?", declared.name, lens.cx, lens.cy, reference.width, reference.height);
+  return fmt::format("cameras.{}: the principal point of the calibration, ({:.0f}, {:.0f}), lies far from the middle of images of {} x {} px: is it that of images of another size, or of a part of them?", name, lens.cx, lens.cy, reference.width, reference.height);
 }
 
 /// Finds the specimen in front of the pinhole cameras; `which` views they are. That is done in a frame of the face, its origin in
@@ -194,15 +194,15 @@ Rig make_rig(const io::Case& test, bool back, mesh::Mesh surface) {
       const PlacedCamera placed = place_camera(declared, rig.surface, view.reference);
       view.camera = std::make_shared<imaging::TelecentricCamera>(placed.camera);
       rig.doubts.insert(rig.doubts.end(), placed.doubts.begin(), placed.doubts.end());
-    } else if (const auto camera = pinhole(declared, view.reference); declared.frame == "specimen") {
-      view.camera = std::make_shared<imaging::PinholeCamera>(camera);
+    } else if (const auto camera = calibrated(declared, view.reference); declared.frame == "specimen") {
+      view.camera = std::make_shared<imaging::PinholeCamera>(camera.camera());
     } else {
-      if (auto doubt = doubt_principal_point(declared, camera, view.reference); !doubt.empty()) {
+      if (auto doubt = doubt_principal_point(declared.name, camera, view.reference); !doubt.empty()) {
         spdlog::warn("{}", doubt);
         rig.doubts.push_back(std::move(doubt));
       }
       if (test.specimen.place->camera == declared.name) options.camera = static_cast<int>(pinholes.size());
-      pinholes.push_back({camera, view.reference, declared.name});
+      pinholes.push_back({camera.camera(), view.reference, declared.name});
       which.push_back(rig.views.size());
     }
     rig.noise_is_measured.push_back(view.noise > 0.0);
@@ -219,6 +219,8 @@ Rig make_rig(const io::Case& test, bool back, mesh::Mesh surface) {
 
 namespace {
 
+bool known(const correlation::DicFrame& frame) { return frame.converged && !frame.lost; }
+
 /// What off-epipolar modes in the frames `off` look like, in words: empty where they are few, or neither of two things leaves less than a tenth of their square and a third of what the other leaves.
 std::string looks_like(const std::vector<std::string>& names, const correlation::Cameras& cameras, const std::vector<std::size_t>& off, const std::vector<correlation::DicFrame>& frames) {
   constexpr double little = 0.1, less = 1.0 / 3.0;
@@ -234,7 +236,9 @@ std::string looks_like(const std::vector<std::string>& names, const correlation:
     double both = 0.0, of_motion = 0.0;
     for (const auto t : off) {
       std::vector<correlation::InImage> behind(static_cast<std::size_t>(cameras.size()), correlation::InImage::Zero(cameras.nodes(), 2));
-      behind[static_cast<std::size_t>(c)] = cameras[c].pixel_displacement(t > 0 ? frames[t - 1].displacement : Eigen::VectorXd::Zero(cameras.unknowns())) - cameras[c].pixel_displacement(frames[t].displacement);
+      std::size_t after = t;  // the frame before that is known
+      while (after > 0 && !known(frames[after - 1])) --after;
+      behind[static_cast<std::size_t>(c)] = cameras[c].pixel_displacement(after > 0 ? frames[after - 1].displacement : Eigen::VectorXd::Zero(cameras.unknowns())) - cameras[c].pixel_displacement(frames[t].displacement);
       const Eigen::VectorXd modes = cameras.epipolar_of(behind);
       both += modes.dot(frames[t].epipolar), of_motion += modes.squaredNorm();
     }
@@ -256,13 +260,11 @@ std::string doubt_off_epipolar(const io::Case& test, const Rig& rig, const corre
   std::vector<std::string> names;
   for (const int c : rig.cameras) names.push_back(test.cameras[static_cast<std::size_t>(c)].name);
   for (std::size_t t = 0; t < frames.size(); ++t) {
-    if (!frames[t].converged || frames[t].lost || frames[t].epipolar.size() == 0) continue;
-    double of_frame = 0.0;
-    for (std::size_t c = 0; c < frames[t].cameras.size(); ++c) {
-      of_frame = std::max(of_frame, frames[t].cameras[c].off_epipolar);
-      if (frames[t].cameras[c].off_epipolar > largest) largest = frames[t].cameras[c].off_epipolar, worst = t, camera = c;
-    }
-    if (of_frame > allowed) off.push_back(t), listed.push_back(numbers[t]);
+    if (!known(frames[t])) continue;
+    const std::vector<double> rms = cameras.rms_off_epipolar(frames[t].epipolar);
+    const auto most = std::max_element(rms.begin(), rms.end());
+    if (*most > largest) largest = *most, worst = t, camera = static_cast<std::size_t>(most - rms.begin());
+    if (*most > allowed) off.push_back(t), listed.push_back(numbers[t]);
   }
   if (off.empty()) return {};
   const std::string like = looks_like(names, cameras, off, frames);

@@ -16,9 +16,6 @@ using correlation::RigView;
 using imaging::PinholeCamera;
 using imaging::Pose;
 
-/// The pose that takes back what another does.
-Pose inverse(const Pose& pose) { return {pose.rotation.transpose(), -pose.rotation.transpose() * pose.translation}; }
-
 PinholeCamera in_unit(const PinholeCamera& camera, double factor) {
   Pose pose = camera.pose();
   pose.translation *= factor;
@@ -81,7 +78,6 @@ std::string likely_mistake(const mesh::Mesh& face, std::span<const RigView> view
           other[0].camera = {second.intrinsics(), first.pose()}, other[1].camera = {first.intrinsics(), second.pose()};
         }))
       return fmt::format("with the lenses of {} and {} exchanged in the calibration, their places as they are, they agree", views[0].name, views[1].name);
-    if (agree([](auto&, auto& placed) { placed.camera = 1 - placed.camera; })) return fmt::format("with the points in the image of {} they agree", views[static_cast<std::size_t>(1 - options.camera)].name);
   }
   if (inverse_agrees) return "with rotations and translations the other way round (from a camera to the first one) they agree";
   for (const double factor : {1e-3, 1e3, 1.0 / 25.4, 25.4})

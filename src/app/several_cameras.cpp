@@ -192,8 +192,9 @@ void dic_of_face(const Communicator& world, const io::Case& test, const identifi
                         {frame.element_rms.data(), static_cast<std::size_t>(frame.element_rms.size())});
     const Eigen::Vector3d unknown = nothing.head<3>();
     const Motion motion = known ? motion_of(rig.surface, frame.displacement, dofs) : Motion{unknown, unknown, unknown, unknown[0], unknown[0]};
-    std::vector<double> rms, off;
-    for (const auto& own : frame.cameras) rms.push_back(own.rms), off.push_back(known ? own.off_epipolar : nothing[0]);
+    std::vector<double> rms, off(frame.cameras.size(), nothing[0]);
+    for (const auto& own : frame.cameras) rms.push_back(own.rms);
+    if (known) off = dic.cameras().rms_off_epipolar(frame.epipolar);
     csv += fmt::format("{},{},{},{:.5g}{},{:.8g},{:.6g},{:.6g},{:.8g},{:.6g}\n", number, static_cast<int>(known), frame.iterations, fmt::join(rms, ","), epipolar ? fmt::format(",{:.5g}", fmt::join(off, ",")) : "",
                        fmt::join(std::span(motion.translation.data(), 3), ","), fmt::join(std::span(motion.rotation.data(), 3), ","),
                        fmt::join(std::span(motion.strain.data(), 3), ","), motion.out_of_plane, motion.bending);

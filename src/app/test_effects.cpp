@@ -24,18 +24,24 @@ bool is_one_of_several(const io::CameraCase& camera, const std::vector<io::Camer
   return count > 1 && perspective > 0;
 }
 
+namespace {
+/// Whether a camera has the effect for itself.
+bool has_for_itself(const loop::Effect& effect, const io::CameraCase& camera, const std::vector<io::CameraCase>& cameras) {
+  if (!effect.of_one_of_several()) return false;
+  return effect.describe(unit_scene()).link == loop::Link::light ? cameras.size() > 1 : is_one_of_several(camera, cameras);
+}
+}  // namespace
+
 std::map<std::string, std::vector<std::string>> effect_quantities(const std::vector<io::CameraCase>& cameras) {
   std::map<std::string, std::vector<std::string>> quantities;
   for (const auto& effect : loop::all_effects()) {
     const auto description = effect->describe(unit_scene());
     for (const auto& q : description.quantities) {
       quantities[loop::key_of(description.name)].push_back(q.name);
-      if (description.link == loop::Link::light && effect->of_one_of_several() && cameras.size() > 1)
-        for (const auto& camera : cameras) quantities[loop::key_of(camera.name + " " + description.name)].push_back(q.name);
-      if (!effect->of_each_camera()) continue;  // where cameras look at both faces
-      std::set<std::string> whose = {"front ", "back "};
+      std::set<std::string> whose;
+      if (effect->of_each_camera()) whose = {"front ", "back "};  // where cameras look at both faces
       for (const auto& camera : cameras)
-        if (effect->of_one_of_several() && is_one_of_several(camera, cameras)) whose.insert(camera.name + " ");
+        if (has_for_itself(*effect, camera, cameras)) whose.insert(camera.name + " ");
       for (const auto& which : whose) quantities[loop::key_of(which + description.name)].push_back(q.name);
     }
   }
@@ -90,9 +96,8 @@ PlantedEffects::PlantedEffects(const io::Case& test) : test_(test) {
       plant(effect, "");
     else
       for (const char* face : {"front", "back"}) plant(effect, face);
-    if (effect->of_one_of_several())
-      for (const auto& camera : test.cameras)
-        if (effect->describe(scene_).link == loop::Link::light ? test.cameras.size() > 1 : is_one_of_several(camera, test.cameras)) plant(effect, camera.face, camera.name);
+    for (const auto& camera : test.cameras)
+      if (has_for_itself(*effect, camera, test.cameras)) plant(effect, camera.face, camera.name);
   }
   for (const auto& [key, quantities] : test.effects)
     if (std::none_of(planted_.begin(), planted_.end(), [&](const Planted& one) { return one.key == key; }))

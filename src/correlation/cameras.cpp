@@ -84,15 +84,17 @@ std::vector<InImage> Cameras::off_epipolar(const Eigen::VectorXd& epipolar) cons
   return all;
 }
 
+std::vector<double> Cameras::rms_off_epipolar(const Eigen::VectorXd& epipolar) const {
+  std::vector<double> rms;
+  for (const InImage& off : off_epipolar(epipolar)) rms.push_back(off.norm() / std::sqrt(static_cast<double>(nodes())));
+  return rms;
+}
+
 Eigen::VectorXd Cameras::epipolar_of(const std::vector<InImage>& off) const {
-  const Eigen::Index rows = 2 * nodes();
-  Eigen::MatrixXd modes(rows * size(), epipolar_modes());
-  Eigen::VectorXd motion(modes.rows());
-  for (int c = 0; c < size(); ++c) {
-    modes.middleRows(rows * c, rows) = modes_[static_cast<std::size_t>(c)];
-    motion.segment(rows * c, rows) = off[static_cast<std::size_t>(c)].reshaped<Eigen::RowMajor>();
-  }
-  return least_squares(modes, motion);
+  Eigen::MatrixXd squares = Eigen::MatrixXd::Zero(epipolar_modes(), epipolar_modes());
+  Eigen::VectorXd products = Eigen::VectorXd::Zero(epipolar_modes());
+  for (std::size_t c = 0; c < modes_.size(); ++c) squares += modes_[c].transpose() * modes_[c], products += modes_[c].transpose() * off[c].reshaped<Eigen::RowMajor>();
+  return solve_symmetric(squares, products);
 }
 
 std::size_t Cameras::pixels_of(int element) const {

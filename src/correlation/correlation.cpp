@@ -218,10 +218,12 @@ Eigen::MatrixXd Correlation::M_in_image(const Eigen::MatrixXd& motions) const {
   return forces;
 }
 
-Eigen::MatrixXd Correlation::projected(const Eigen::MatrixXd& in_image) const {
+Eigen::MatrixXd Correlation::projected(const Eigen::MatrixXd& in_image, const Eigen::VectorXd* U) const {
   Eigen::MatrixXd forces(unknowns(), in_image.cols());
-  for (int node = 0; node < nodes(); ++node)
-    forces.middleRows(node * dofs_, dofs_) = camera_->jacobian(surface_.nodes.row(node).transpose()).leftCols(dofs_).transpose() * in_image.middleRows<2>(2 * node);
+  for (int node = 0; node < nodes(); ++node) {
+    const Eigen::Vector3d point = U != nullptr ? displaced(node, *U) : Eigen::Vector3d(surface_.nodes.row(node).transpose());
+    forces.middleRows(node * dofs_, dofs_) = camera_->jacobian(point).leftCols(dofs_).transpose() * in_image.middleRows<2>(2 * node);
+  }
   return forces;
 }
 
@@ -460,9 +462,7 @@ Evaluation Correlation::evaluate(const imaging::BSpline& g, const Eigen::VectorX
   }
   if (group.size() > 1) group.sum(message);
   result.in_image = Eigen::Map<InImage>(message.data(), nodes(), 2);
-  result.b.resize(unknowns());
-  for (int node = 0; node < nodes(); ++node)
-    result.b.segment(static_cast<Eigen::Index>(node) * dofs_, dofs_) = (camera_->jacobian(displaced(node, U)).transpose() * result.in_image.row(node).transpose()).head(dofs_);
+  result.b = projected(result.in_image.reshaped<Eigen::RowMajor>(), &U);
   result.element_squares = Eigen::Map<Eigen::VectorXd>(message.data() + in_image, elements());
   result.element_pixels = Eigen::Map<Eigen::VectorXd>(message.data() + in_image + elements(), elements());
   result.element_rms = (result.element_squares.array() / result.element_pixels.array().max(1.0)).sqrt();

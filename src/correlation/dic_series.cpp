@@ -106,7 +106,7 @@ DicFrame GlobalDic::follow(const std::vector<imaging::Image>& coarse, const std:
 }
 
 namespace {
-constexpr Eigen::Index of_frame = 10, of_camera = 7;  // numbers beside displacement and residuals of the elements
+constexpr Eigen::Index of_frame = 10, of_camera = 6;  // numbers beside displacement and residuals of the elements
 }  // namespace
 
 Eigen::VectorXd numbers_of(const DicFrame& frame) {
@@ -121,7 +121,7 @@ Eigen::VectorXd numbers_of(const DicFrame& frame) {
     const CameraFrame& own = frame.cameras[static_cast<std::size_t>(c)];
     auto part = all.segment(unknowns + elements + of_frame + c * (elements + of_camera), elements + of_camera);
     part.head(elements) = own.element_rms;
-    part.tail<of_camera>() << own.rms, own.coefficient, own.pixels, own.dropped, own.gain, own.offset, own.off_epipolar;
+    part.tail<of_camera>() << own.rms, own.coefficient, own.pixels, own.dropped, own.gain, own.offset;
   }
   all.tail(frame.epipolar.size()) = frame.epipolar;
   return all;
@@ -141,7 +141,7 @@ DicFrame frame_of(const Eigen::VectorXd& numbers, Eigen::Index unknowns, Eigen::
   for (Eigen::Index c = 0; c < cameras; ++c) {
     const auto part = numbers.segment(unknowns + elements + of_frame + c * (elements + of_camera), elements + of_camera);
     const auto own = part.tail<of_camera>();
-    frame.cameras.push_back({.rms = own[0], .coefficient = own[1], .pixels = own[2], .dropped = own[3], .gain = own[4], .offset = own[5], .off_epipolar = own[6], .element_rms = part.head(elements)});
+    frame.cameras.push_back({.rms = own[0], .coefficient = own[1], .pixels = own[2], .dropped = own[3], .gain = own[4], .offset = own[5], .element_rms = part.head(elements)});
   }
   frame.epipolar = numbers.tail(numbers.size() - (unknowns + elements + of_frame + cameras * (elements + of_camera)));
   return frame;

@@ -266,8 +266,7 @@ void GlobalDic::solve_level(int level, std::span<const imaging::BSpline> g, cons
   frame.iterations = 0;
   frame.epipolar = Eigen::VectorXd::Zero(cameras.epipolar_modes());
   while (true) {
-    const std::vector<InImage> off_epipolar = cameras.off_epipolar(frame.epipolar);
-    const JointEvaluation seen = cameras.evaluate(g, frame.displacement, group, Gradient::transported, off_epipolar);
+    const JointEvaluation seen = cameras.evaluate(g, frame.displacement, group, Gradient::transported, cameras.off_epipolar(frame.epipolar));
     least = seen.least;
     frame.rms = seen.rms, frame.coefficient = seen.coefficient;
     frame.pixels = seen.pixels, frame.dropped = seen.dropped;
@@ -277,7 +276,6 @@ void GlobalDic::solve_level(int level, std::span<const imaging::BSpline> g, cons
     for (const Evaluation& own : seen.cameras)
       frame.cameras.push_back({.rms = own.rms(), .coefficient = own.coefficient, .pixels = own.pixels, .dropped = own.dropped,
                                .gain = own.gain, .offset = own.offset, .element_rms = own.element_rms});
-    for (std::size_t c = 0; c < frame.cameras.size(); ++c) frame.cameras[c].off_epipolar = off_epipolar[c].norm() / std::sqrt(static_cast<double>(cameras.nodes()));
     if (frame.converged || frame.iterations == iterations || seen.pixels == 0.0) break;
     auto F = cameras.deformation_gradient(frame.displacement);
     // Pixels that have left one of several images tell nothing any more.

@@ -21,8 +21,6 @@ constexpr int first_term = 5, first_of_pose = 17;  // places among a camera's nu
 constexpr std::size_t fewest_images = 3;
 constexpr double most_unsure = 0.1;  // standard deviation of a focal length over its value
 
-Pose inverse(const Pose& pose) { return {pose.rotation.transpose(), -pose.rotation.transpose() * pose.translation}; }
-
 /// exp([r]x) rotation, translation + t.
 Pose moved(const Pose& pose, const Eigen::Vector3d& r, const Eigen::Vector3d& t) {
   const double angle = r.norm();

@@ -45,6 +45,8 @@ Pose operator*(const Pose& inner, const Pose& outer) {
   return {inner.rotation * outer.rotation, inner.rotation * outer.translation + inner.translation};
 }
 
+Pose inverse(const Pose& pose) { return {pose.rotation.transpose(), -pose.rotation.transpose() * pose.translation}; }
+
 Eigen::Vector2d PinholeCamera::project(const Eigen::Vector3d& point) const {
   const Eigen::Vector3d seen = pose_.rotation * point + pose_.translation;
   if (!(seen[2] > 0.0)) return Eigen::Vector2d::Constant(std::numeric_limits<double>::quiet_NaN());

@@ -70,7 +70,7 @@ Objection doubts_more_than_it_explains(const Comparison& c) {
 Objection explains_a_rig_worse(const Comparison& c) {
   for (std::size_t k = 0; k < c.model.misfit.cameras.size(); ++k) {
     const auto &now = c.model.misfit.cameras[k], &was = c.before.misfit.cameras[k];
-    if (now.chi > was.chi * 1.02 && was.chi > was.null)
+    if (now.chi > was.chi * 1.02 && was.chi > was.null && now.chi > now.null)  // within its null a rig speaks against nothing
       return fmt::format("the others explain the {} cameras worse: chi {:.3f} after {:.3f}", c.experiment.channel_name(now.channel), now.chi, was.chi);
   }
   return {};

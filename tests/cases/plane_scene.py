@@ -21,7 +21,7 @@ def camera(beta):
     return R, numpy.array([0, 0, distance]) - R @ numpy.array([0, 0, -distance])
 
 
-def photograph(beta, A, c, push=0.0):
+def photograph(beta, A, c, push=0.0, focus=focus):
     """The plane's point (x, y) is at A (x, y) + c in the specimen's frame, which is the rig's, 100 mm further; the image lies `push` rows lower."""
     R, t = camera(beta)
     image = numpy.zeros((height, width))

@@ -119,7 +119,12 @@ assert half != (folder / "cal.xml").read_text()
 (R0, t0), (R1, t1) = (camera(beta) for beta in BETAS)
 R, T = R1 @ R0.T, t1 - R1 @ R0.T @ t0
 matrix = lambda name, values: f"{name}: !!opencv-matrix\n  rows: {len(values)}\n  cols: {len(values[0])}\n  dt: d\n  data: [{', '.join(f'{float(x)!r}' for row in values for x in row)}]\n"
-lens = "".join(matrix(f"M{c}", [[focus, 0, 100], [0, focus, 85], [0, 0, 1]]) + matrix(f"D{c}", [[0, 0, 0, 0, 0]]) for c in (1, 2))
+lenses = lambda lengths: "".join(matrix(f"M{c}", [[f, 0, 100], [0, f, 85], [0, 0, 1]]) + matrix(f"D{c}", [[0, 0, 0, 0, 0]]) for c, f in enumerate(lengths, 1))
+lens = lenses((focus, focus))
+wide = 0.8 * focus  # of the right camera
+(folder / "lenses.yml").write_text("%YAML:1.0\n---\n" + lenses((wide, focus)) + matrix("R", R) + matrix("T", T[:, None]))
+for number, motion in enumerate(frames):
+    save(folder / f"wide_1_{number:02}.png", photograph(BETAS[1], *motion, focus=wide))
 (folder / "opencv.yml").write_text("%YAML:1.0\n---\n" + lens + matrix("R", R) + matrix("T", T[:, None]))
 (folder / "inverse.yml").write_text("%YAML:1.0\n---\n" + lens + matrix("R", R.T) + matrix("T", -(R.T @ T)[:, None]))
 for name, old, new, told in (("exchanged.yaml", "calibration: cal.xml", "calibration: cal.xml, index: {}", "with left and right exchanged in the calibration they agree"),
@@ -129,10 +134,13 @@ for name, old, new, told in (("exchanged.yaml", "calibration: cal.xml", "calibra
                              ("pictures.yaml", "camera_1_", "camera_0_", "cameras.right.images: the same reference as that of left; allowed: images of another camera"),
                              ("metres.yaml", "cal.xml", "metres.xml", "with the lengths of the calibration times 1000 they agree"),
                              ("half.yaml", "cal.xml", "half.xml", "with a calibration of right for images 2 times as large they agree"),
+                             ("lenses.yaml", "cal.xml", "lenses.yml", "with the lenses of left and right exchanged in the calibration, their places as they are, they agree"),
                              ("images.yaml", "", "", "with the images of left and right exchanged they agree")):
     text = (folder / "case.yaml").read_text()
     if name == "exchanged.yaml":
         text = text.replace(old, new.format(1), 1).replace(old + ', images: "camera_1', new.format(0) + ', images: "camera_1')
+    elif name == "lenses.yaml":
+        text = text.replace(old, new).replace("camera_1_", "wide_1_")
     elif name == "images.yaml":
         text = text.replace("camera_0_", "camera_x_").replace("camera_1_", "camera_0_").replace("camera_x_", "camera_1_")
     else:

@@ -32,6 +32,7 @@ struct Observation {
   double noise = 0.0;                ///< of one image; several cameras: 1/noise^2 is the mean of theirs [grey level]
   bool noise_is_measured = false;    ///< from static frames or given; else estimated from the residual of the DIC
   std::vector<correlation::DicFrame> frames;  ///< one per place, after `correlate`; residuals of all faces together
+  std::vector<std::string> doubts;   ///< after `correlate`: of what cameras of a face see off their epipolar lines
   std::string left_out;              ///< after `correlate`: where the surface shows the reference's speckle no more, which frames could not be correlated or show no more of an end, and which the mesh has left, in words; empty: none
 };
 

@@ -60,6 +60,8 @@ class Cameras {
   [[nodiscard]] InImage off_epipolar(int c, const Eigen::VectorXd& epipolar) const;
   /// The same of each camera.
   [[nodiscard]] std::vector<InImage> off_epipolar(const Eigen::VectorXd& epipolar) const;
+  /// How far the nodes lie off their epipolar lines in the image of each camera, rms [cameras, px].
+  [[nodiscard]] std::vector<double> rms_off_epipolar(const Eigen::VectorXd& epipolar) const;
   /// The modes that are nearest to motions [cameras] of [nodes x 2, px].
   [[nodiscard]] Eigen::VectorXd epipolar_of(const std::vector<InImage>& off) const;
   /// Keeps those modes that displacement does not make up for: of the square of what they change in the images no more than half, `solve` being M^-1

@@ -113,8 +113,8 @@ class Correlation {
 
   /// M before it is projected, times motions in the image [2 nodes x k, px, node by node]: [2 nodes x k, grey level^2/px].
   [[nodiscard]] Eigen::MatrixXd M_in_image(const Eigen::MatrixXd& motions) const;
-  /// Of forces in the image [2 nodes x k] to those on the displacement [unknowns x k], undeformed.
-  [[nodiscard]] Eigen::MatrixXd projected(const Eigen::MatrixXd& in_image) const;
+  /// Of forces in the image [2 nodes x k] to those on the displacement [unknowns x k], at the nodes displaced by U, if given.
+  [[nodiscard]] Eigen::MatrixXd projected(const Eigen::MatrixXd& in_image, const Eigen::VectorXd* U = nullptr) const;
 
   /// Residual f - g(x + u), b_DIC (Eq. 9) and sums of the deformed image `g` at U. `own`, if not empty: what the nodes move by in this image
   /// beside u [nodes x 2, px].

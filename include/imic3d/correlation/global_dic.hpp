@@ -56,7 +56,6 @@ struct CameraFrame {
   double pixels = 0.0;              ///< pixels in the sums
   double dropped = 0.0;             ///< pixels that left the image
   double gain = 1.0, offset = 0.0;  ///< brightness: f = gain * g + offset
-  double off_epipolar = 0.0;        ///< how far the surface's points lie off their epipolar lines, rms over the nodes [px]
   Eigen::VectorXd element_rms;      ///< [elements, grey level]
 };
 
@@ -78,7 +77,7 @@ struct DicFrame {
   int hardly_seen = 0;  ///< several cameras: nodes of which some direction continues the neighbours' motion unseen
 };
 
-/// A frame as numbers [unknowns + elements + 10 + cameras * (elements + 7) + epipolar modes], to be sent or kept, and back.
+/// A frame as numbers [unknowns + elements + 10 + cameras * (elements + 6) + epipolar modes], to be sent or kept, and back.
 [[nodiscard]] Eigen::VectorXd numbers_of(const DicFrame& frame);
 [[nodiscard]] DicFrame frame_of(const Eigen::VectorXd& numbers, Eigen::Index unknowns, Eigen::Index elements, int cameras);
 

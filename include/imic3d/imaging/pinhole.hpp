@@ -28,6 +28,8 @@ struct Pose {
 /// `inner` after `outer`: the pose of a camera in the frame of the specimen, if `outer` takes the specimen's frame to
 /// the frame in which `inner` is given.
 [[nodiscard]] Pose operator*(const Pose& inner, const Pose& outer);
+/// The pose that takes back what another does.
+[[nodiscard]] Pose inverse(const Pose& pose);
 
 class PinholeCamera final : public Camera {
  public:
