@@ -65,7 +65,9 @@ void Cameras::find_epipolar_modes(const std::function<Eigen::MatrixXd(const Eige
   }
   const SymmetricEigen own = symmetric_eigen(square);
   constexpr double nothing = 1e-9, much = 0.5;
-  Eigen::MatrixXd orthogonal = own.vectors * (own.values.array() > nothing * own.values.maxCoeff()).select(own.values.array().max(1e-300).rsqrt(), 0.0).matrix().asDiagonal();
+  const auto rank = static_cast<Eigen::Index>((own.values.array() > nothing * own.values.maxCoeff()).count());
+  if (rank == 0) return modes_.clear();
+  Eigen::MatrixXd orthogonal = own.vectors.rightCols(rank) * own.values.tail(rank).cwiseSqrt().cwiseInverse().asDiagonal();
   const Eigen::MatrixXd as_motion = force * orthogonal;
   const SymmetricEigen made_up = symmetric_eigen(as_motion.transpose() * solve(as_motion));
   const auto kept = static_cast<Eigen::Index>((made_up.values.array() < much).count());

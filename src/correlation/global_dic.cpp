@@ -303,9 +303,8 @@ void GlobalDic::solve_level(int level, std::span<const imaging::BSpline> g, cons
     Eigen::VectorXd update = factor->solve(seen.b - smoothing * (frame.displacement - start));
     const Eigen::VectorXd steps = cameras.steps(frame.displacement, update);
     double largest = steps.allFinite() ? steps.maxCoeff() : NAN;
-    Eigen::VectorXd off = Eigen::VectorXd::Zero(frame.epipolar.size());
+    Eigen::VectorXd off = seen.b_epipolar;  // the modes are orthonormal
     if (off.size() > 0) {
-      off = seen.b_epipolar;
       double longest = 0.0;
       for (const InImage& own : cameras.off_epipolar(off)) longest = std::max(longest, own.rowwise().norm().maxCoeff());
       off *= std::min(1.0, longest_step / longest), largest = off.allFinite() ? std::max(largest, longest) : NAN;

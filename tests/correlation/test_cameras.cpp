@@ -233,6 +233,11 @@ TEST(Cameras, FieldsOfViewThatOverlapInPart) {
   const std::vector<int> blind = two.cameras().hardly_seen(two.cameras().M());
   EXPECT_GE(blind.size(), 14U);
   const DicFrame partly = two.run(alone, 1, image).front();
+  // Every mode that is kept is told from the others, however the fields of view overlap.
+  for (const GlobalDic* one : {&dic, &two}) {
+    const Eigen::VectorXd epipolar = Eigen::VectorXd::LinSpaced(one->cameras().epipolar_modes(), 1.0, 2.0);
+    EXPECT_LT((one->cameras().epipolar_of(one->cameras().off_epipolar(epipolar)) - epipolar).norm(), 1e-6 * epipolar.norm());
+  }
   EXPECT_TRUE(partly.converged);
   for (int c = 0; c < 2; ++c) {
     const InImage found = two.correlation(c).pixel_displacement(partly.displacement), truth = two.correlation(c).pixel_displacement(nodal(quads, u));
