@@ -103,17 +103,20 @@ LightFindings look_at_light(const Observation& seen, const io::Case& test, int f
   for (std::size_t k = 0; k < seen.faces.size(); ++k) {
     const auto& face = seen.faces[k];
     const loop::Scene scene = scene_of(face, seen, test, frames);
+    std::vector<double> noise;
+    for (const int number : face.rig->cameras) noise.push_back(seen.camera_noise[static_cast<std::size_t>(number)]);
+    for (auto& its : loop::LightStatistics::of_face(*face.whole, face.rig->views, seen.references, noise, scene)) statistics.push_back(std::move(its));
     for (std::size_t c = 0; c < face.rig->views.size(); ++c) {
       const auto number = static_cast<std::size_t>(face.rig->cameras[c]);
-      statistics.emplace_back(*face.whole, static_cast<int>(c), face.rig->views[c].reference, seen.references, seen.camera_noise[number], scene);
-      loop::LightCamera camera{statistics.back().optics(), scene, {}};
+      const loop::LightStatistics& its = statistics[cameras.size()];
+      loop::LightCamera camera{its.optics(), scene, {}, static_cast<int>(k)};
       camera.optics.compressed = imaging::block_excess(imaging::read_image(test.cameras[number].images.front())) > 0.0;
       camera.optics.camera = test.cameras[number].name;
       auto& listed = findings.json["cameras"][camera.optics.camera];
       for (int t = 0; t < frames; ++t) {
         const auto& frame = seen.frames[static_cast<std::size_t>(t)];
         const auto image = imaging::read_image(test.cameras[number].images[static_cast<std::size_t>(seen.places[static_cast<std::size_t>(t)])]);
-        camera.frames.push_back(statistics.back().frame(image, frame.displacement.segment(unknowns, face.dic->cameras().unknowns()), off_epipolar(seen, k, static_cast<int>(c), static_cast<std::size_t>(t))));
+        camera.frames.push_back(its.frame(image, frame.displacement.segment(unknowns, face.dic->cameras().unknowns()), off_epipolar(seen, k, static_cast<int>(c), static_cast<std::size_t>(t))));
         const auto& of_camera = frame.cameras[all_cameras + c];
         listed["rms"].push_back(of_camera.rms);
         if (camera.optics.gain_and_offset_fitted) listed["gain"].push_back(of_camera.gain), listed["offset"].push_back(of_camera.offset);

@@ -175,8 +175,9 @@ void LightExperiment::make_whitening() {
     Eigen::MatrixXd fitted = Eigen::MatrixXd::Zero(optics.R.cols(), 4);  // offset and gain of a frame, the gain's slopes
     for (Eigen::Index c = 0; c < cells; ++c) {
       const Eigen::Vector2d at = optics.middle[static_cast<std::size_t>(c)] - cameras_[k].scene.middle();
-      fitted(6 * c, 0) = 1.0, fitted(6 * c, 1) = optics.mean[c], fitted(6 * c + 1, 1) = 1.0;
-      for (int a = 0; a < 2; ++a) fitted(6 * c, 2 + a) = optics.mean[c] * at[a], fitted(6 * c + 1, 2 + a) = at[a], fitted(6 * c + 2 + a, 2 + a) = optics.mean[c], fitted(6 * c + 4 + a, 2 + a) = 1.0;
+      const Eigen::Index first = optics.own + 6 * c;
+      fitted(first, 0) = 1.0, fitted(first, 1) = optics.mean[c], fitted(first + 1, 1) = 1.0;
+      for (int a = 0; a < 2; ++a) fitted(first, 2 + a) = optics.mean[c] * at[a], fitted(first + 1, 2 + a) = at[a], fitted(first + 2 + a, 2 + a) = optics.mean[c], fitted(first + 4 + a, 2 + a) = 1.0;
     }
     w.of_fitted = w.of_linear * (optics.R * fitted);
     const Eigen::MatrixXd Q = orthonormal(w.of_fitted.leftCols(2));
@@ -223,53 +224,64 @@ std::vector<Eigen::Index> LightExperiment::rows_of(std::size_t camera, Eigen::In
 }
 
 Eigen::VectorXd LightExperiment::predicted(const std::vector<double>& values) const {
+  std::vector<Changes> changes;
+  for (std::size_t k = 0; k < cameras_.size(); ++k) changes.push_back(changes_of(k, values));
   Eigen::VectorXd z = Eigen::VectorXd::Zero(z_.size());
-  const auto count = static_cast<Eigen::Index>(frames_.size());
-  constexpr double third = 1.0 / 3.0;
   for (std::size_t k = 0; k < cameras_.size(); ++k) {
-    const auto& [optics, scene, frames] = cameras_[k];
-    const auto& w = *whitening_[k];
-    const auto cells = optics.cells();
-    const double now = values[k] * values[k];  // of the noise
-    Eigen::MatrixXd sums = Eigen::MatrixXd::Zero(2 * cells + 2, count), squares(cells, count);
-    Eigen::VectorXd saturated(count);
-    for (Eigen::Index t = 0; t < count; ++t) {
-      const auto& frame = frames[static_cast<std::size_t>(t)];
-      Eigen::VectorXd grows = Eigen::VectorXd::Zero(optics.R.cols());
-      for (Eigen::Index c = 0; c < cells; ++c) {
-        // Gain and offset of the cell and their slopes from 3 x 3 points of it.
-        Eigen::Matrix<double, 3, 2> fitted = Eigen::Matrix<double, 3, 2>::Zero();
-        Light mean{.gain = 0.0, .contrast = 0.0, .noise = 0.0};
-        for (int i = 0; i < 9; ++i) {
-          const Eigen::Vector2d from(third * (i % 3 - 1) * optics.size[0], third * (i / 3 - 1) * optics.size[1]);
-          const Eigen::Vector2d point = optics.middle[static_cast<std::size_t>(c)] + from;
-          Light light;
-          for (std::size_t e = 0; e < effects_.size(); ++e) {
-            if (camera_of_[e] >= 0 && camera_of_[e] != static_cast<int>(k)) continue;
-            const std::size_t next = e + 1 < first_.size() ? first_[e + 1] : parameters_.size();
-            effects_[e]->light(std::span(values).subspan(first_[e], next - first_[e]), scene, static_cast<int>(t), point, point + frame.motion[static_cast<std::size_t>(c)], light);
-          }
-          const Eigen::RowVector2d both((1.0 - light.foreign) * light.gain - 1.0, (1.0 - light.foreign) * light.offset + light.foreign * (optics.mean[c] + light.beneath));
-          fitted.row(0) += both / 9.0;
-          for (int a = 0; a < 2; ++a) fitted.row(1 + a) += both * (from[a] / (6.0 * std::pow(third * optics.size[a], 2)));
-          mean.foreign += light.foreign / 9.0, mean.beneath += light.beneath / 9.0, mean.contrast += light.contrast / 9.0, mean.noise += light.noise / 9.0, mean.aliased += light.aliased / 9.0, mean.smeared += light.smeared / 9.0, mean.saturated += light.saturated / 9.0;
-        }
-        const Eigen::Vector3d gain = fitted.col(0), offset = fitted.col(1) + optics.mean[c] * gain;  // of f' and of 1
-        grows.segment<6>(6 * c) << offset[0], gain[0] - 0.5 * mean.smeared * frame.aliasing[c], offset[1], offset[2], gain[1], gain[2];
-        const double f2 = optics.variance[c], b2 = mean.beneath * mean.beneath;
-        const double excess = mean.foreign * (f2 * (1.0 + mean.contrast * mean.contrast) + b2) - mean.foreign * mean.foreign * (f2 + b2);
-        const double of_noise = now * (1.0 - optics.absorbed) * (optics.level / optics.references + mean.noise * mean.noise * frame.frame_noise[c]);
-        squares(c, t) = (of_noise + mean.aliased * f2 * frame.aliasing[c] + excess) / w.expected(c, t) - 1.0;
-        sums(2 * c + 1, t) = now * optics.pixels[c] * optics.level / optics.references * (1.0 - optics.absorbed);  // f holds noise that r holds, too
-        if (c == 0) saturated[t] = root_of_count(mean.saturated * frame.pixels, frame.pixels);
-      }
-      if (grows.isZero(0.0)) continue;
-      sums.col(t) -= optics.R * grows;
-      for (Eigen::Index c = 0; c < cells; ++c) squares(c, t) += grows.dot(optics.E[static_cast<std::size_t>(c)] * grows) / w.expected(c, t);
+    const LightOptics& optics = cameras_[k].optics;
+    auto& [grows, sums, squares, saturated] = changes[k];
+    Eigen::MatrixXd light(optics.R.cols(), grows.cols());  // of all cameras that are correlated together
+    Eigen::Index first = 0;
+    for (std::size_t other = 0; other < cameras_.size(); ++other)
+      if (cameras_[other].face == cameras_[k].face) light.middleRows(first, changes[other].grows.rows()) = changes[other].grows, first += changes[other].grows.rows();
+    for (Eigen::Index t = 0; t < light.cols(); ++t) {
+      if (light.col(t).isZero(0.0)) continue;
+      sums.col(t) -= optics.R * light.col(t);
+      for (Eigen::Index c = 0; c < optics.cells(); ++c) squares(c, t) += light.col(t).dot(optics.E[static_cast<std::size_t>(c)] * light.col(t)) / whitening_[k]->expected(c, t);
     }
     put(k, sums, squares, saturated, z);
   }
   return z;
+}
+
+LightExperiment::Changes LightExperiment::changes_of(std::size_t camera, const std::vector<double>& values) const {
+  const auto& [optics, scene, frames, face] = cameras_[camera];
+  const auto& w = *whitening_[camera];
+  const auto cells = optics.cells(), count = static_cast<Eigen::Index>(frames_.size());
+  constexpr double third = 1.0 / 3.0;
+  const double now = values[camera] * values[camera];  // of the noise
+  Changes changes{Eigen::MatrixXd(6 * cells, count), Eigen::MatrixXd::Zero(2 * cells + 2, count), Eigen::MatrixXd(cells, count), Eigen::VectorXd(count)};
+  for (Eigen::Index t = 0; t < count; ++t) {
+    const auto& frame = frames[static_cast<std::size_t>(t)];
+    for (Eigen::Index c = 0; c < cells; ++c) {
+      // Gain and offset of the cell and their slopes from 3 x 3 points of it.
+      Eigen::Matrix<double, 3, 2> fitted = Eigen::Matrix<double, 3, 2>::Zero();
+      Light mean{.gain = 0.0, .contrast = 0.0, .noise = 0.0};
+      for (int i = 0; i < 9; ++i) {
+        const Eigen::Vector2d from(third * (i % 3 - 1) * optics.size[0], third * (i / 3 - 1) * optics.size[1]);
+        const Eigen::Vector2d point = optics.middle[static_cast<std::size_t>(c)] + from;
+        Light light;
+        for (std::size_t e = 0; e < effects_.size(); ++e) {
+          if (camera_of_[e] >= 0 && camera_of_[e] != static_cast<int>(camera)) continue;
+          const std::size_t next = e + 1 < first_.size() ? first_[e + 1] : parameters_.size();
+          effects_[e]->light(std::span(values).subspan(first_[e], next - first_[e]), scene, static_cast<int>(t), point, point + frame.motion[static_cast<std::size_t>(c)], light);
+        }
+        const Eigen::RowVector2d both((1.0 - light.foreign) * light.gain - 1.0, (1.0 - light.foreign) * light.offset + light.foreign * (optics.mean[c] + light.beneath));
+        fitted.row(0) += both / 9.0;
+        for (int a = 0; a < 2; ++a) fitted.row(1 + a) += both * (from[a] / (6.0 * std::pow(third * optics.size[a], 2)));
+        mean.foreign += light.foreign / 9.0, mean.beneath += light.beneath / 9.0, mean.contrast += light.contrast / 9.0, mean.noise += light.noise / 9.0, mean.aliased += light.aliased / 9.0, mean.smeared += light.smeared / 9.0, mean.saturated += light.saturated / 9.0;
+      }
+      const Eigen::Vector3d gain = fitted.col(0), offset = fitted.col(1) + optics.mean[c] * gain;  // of f' and of 1
+      changes.grows.col(t).segment<6>(6 * c) << offset[0], gain[0] - 0.5 * mean.smeared * frame.aliasing[c], offset[1], offset[2], gain[1], gain[2];
+      const double f2 = optics.variance[c], b2 = mean.beneath * mean.beneath;
+      const double excess = mean.foreign * (f2 * (1.0 + mean.contrast * mean.contrast) + b2) - mean.foreign * mean.foreign * (f2 + b2);
+      const double of_noise = now * (1.0 - optics.absorbed) * (optics.level / optics.references + mean.noise * mean.noise * frame.frame_noise[c]);
+      changes.squares(c, t) = (of_noise + mean.aliased * f2 * frame.aliasing[c] + excess) / w.expected(c, t) - 1.0;
+      changes.sums(2 * c + 1, t) = now * optics.pixels[c] * optics.level / optics.references * (1.0 - optics.absorbed);  // f holds noise that r holds, too
+      if (c == 0) changes.saturated[t] = root_of_count(mean.saturated * frame.pixels, frame.pixels);
+    }
+  }
+  return changes;
 }
 
 std::vector<Eigen::VectorXd> LightExperiment::residuals(const std::vector<std::vector<double>>& sets) {
@@ -340,7 +352,7 @@ Eigen::MatrixXd LightExperiment::noise(const std::vector<double>&, int draws) {
       const auto& w = *whitening_[k];
       const auto drawn = [&] { return Eigen::Vector3d(normal(random), normal(random), normal(random)); };
       if (linear(k) > 0) {
-        const auto& [optics, scene, its] = cameras_[k];
+        const auto& [optics, scene, its, face] = cameras_[k];
         Eigen::Vector2d reach = Eigen::Vector2d::Zero();
         for (const auto& middle : optics.middle) reach = reach.cwiseMax((middle - scene.middle()).cwiseAbs() + 0.5 * optics.size);
         const Eigen::Vector4d unit(optics.mean.mean(), 1.0, 1.0 / reach[0], 1.0 / reach[1]);  // of offset, gain and its slopes

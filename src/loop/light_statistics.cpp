@@ -62,39 +62,78 @@ Eigen::Vector4d shape_functions(double xi, double eta) {
 
 }  // namespace
 
-LightStatistics::LightStatistics(const correlation::GlobalDic& dic, int camera, const imaging::Image& reference, int references, double noise, const Scene& scene)
+LightStatistics::LightStatistics(const correlation::GlobalDic& dic, int camera, int references, double noise, const Scene& scene)
     : dic_(&dic), camera_(camera), middle_(scene.middle()) {
   optics_.noise = noise, optics_.references = references;
   optics_.local = dic.options().local_brightness, optics_.gain_and_offset_fitted = dic.options().brightness || optics_.local;
   make_cells(scene);
   make_noise();
-  const Moments plain = moments();
+}
+
+std::vector<LightStatistics> LightStatistics::of_face(const correlation::GlobalDic& dic, const std::vector<correlation::View>& views, int references, const std::vector<double>& noise, const Scene& scene) {
+  Eigen::SparseMatrix<double> M = dic.cameras().M();
+  if (const auto held = dic.held(); held.size() > 0) M += held;
+  const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(M);
+  std::vector<LightStatistics> all;
+  std::vector<Moments> moments;
+  std::vector<Eigen::MatrixXd> motions;
+  for (std::size_t c = 0; c < views.size(); ++c) {
+    all.push_back(LightStatistics(dic, static_cast<int>(c), references, noise[c], scene));
+    moments.push_back(all.back().moments());
+    motions.emplace_back(dic.cameras().weight(static_cast<int>(c)) * Eigen::MatrixXd(factor.solve(moments.back().b)));
+  }
+  for (std::size_t c = 0; c < views.size(); ++c) {
+    std::vector<Eigen::MatrixXd> seen;
+    for (std::size_t k = 0; k < views.size(); ++k) seen.emplace_back(k == c ? motions[k] : motions[k] * all[k].passed_on(moments[k]));
+    all[c].find_marks(moments[c], seen, views[c].reference, scene);
+  }
+  return all;
+}
+
+Eigen::MatrixXd LightStatistics::passed_on(const Moments& of_this) const {
+  const auto rows = basis * optics_.cells();
+  if (optics_.local) return Eigen::MatrixXd::Zero(rows, rows);
+  Eigen::MatrixXd all = Eigen::MatrixXd::Identity(rows, rows);
+  if (!optics_.gain_and_offset_fitted) return all;
+  Eigen::MatrixXd fitted = Eigen::MatrixXd::Zero(rows, 2), weighted(rows, 2);
+  for (Eigen::Index c = 0; c < optics_.cells(); ++c) {
+    fitted(basis * c, 0) = 1.0, fitted(basis * c, 1) = optics_.mean[c], fitted(basis * c + 1, 1) = 1.0;
+    weighted.middleRows<basis>(basis * c) = of_this.inner[static_cast<std::size_t>(c)] * fitted.middleRows<basis>(basis * c);
+  }
+  return all - fitted * (weighted.transpose() * fitted).inverse() * weighted.transpose();
+}
+
+void LightStatistics::find_marks(const Moments& of_this, const std::vector<Eigen::MatrixXd>& motions, const imaging::Image& reference, const Scene& scene) {
   // The linear numbers' weights A = B S.
-  const auto cells = optics_.cells();
-  Eigen::MatrixXd S = Eigen::MatrixXd::Zero(basis * cells, 2 * cells + 2);
+  const auto cells = optics_.cells(), mine = basis * cells;
+  Eigen::MatrixXd S = Eigen::MatrixXd::Zero(mine, 2 * cells + 2);
   for (Eigen::Index c = 0; c < cells; ++c) {
     S(basis * c, 2 * c) = S(basis * c + 1, 2 * c + 1) = 1.0;
     for (int k = 0; k < 2; ++k) S(basis * c, 2 * cells + k) = optics_.middle[static_cast<std::size_t>(c)][k] - scene.middle()[k], S(basis * c + 2 + k, 2 * cells + k) = 1.0;
   }
-  Eigen::MatrixXd inner = Eigen::MatrixXd::Zero(basis * cells, basis * cells);
-  for (Eigen::Index c = 0; c < cells; ++c) inner.block<basis, basis>(basis * c, basis * c) = plain.inner[static_cast<std::size_t>(c)];
-  Eigen::SparseMatrix<double> M = dic.cameras().M();
-  if (const auto held = dic.held(); held.size() > 0) M += held;
-  const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(M);
-  const Eigen::MatrixXd motion = dic.cameras().weight(camera) * Eigen::MatrixXd(factor.solve(plain.b));  // M^-1 b_B
-  optics_.R = S.transpose() * (inner - plain.b.transpose() * motion);
-  optics_.G = covariance(S, motion * S, reference.width, reference.height);
+  Eigen::MatrixXd motion(of_this.b.rows(), 0);  // of the light of all
+  for (std::size_t k = 0; k < motions.size(); ++k) {
+    if (static_cast<int>(k) == camera_) optics_.own = motion.cols();
+    motion.conservativeResize(Eigen::NoChange, motion.cols() + motions[k].cols());
+    motion.rightCols(motions[k].cols()) = motions[k];
+  }
+  Eigen::MatrixXd left = -of_this.b.transpose() * motion;
+  for (Eigen::Index c = 0; c < cells; ++c) left.block<basis, basis>(basis * c, optics_.own + basis * c) += of_this.inner[static_cast<std::size_t>(c)];
+  optics_.R = S.transpose() * left;
+  optics_.G = covariance(S, motion.middleCols(optics_.own, mine) * S, reference.width, reference.height);
   for (Eigen::Index c = 0; c < cells; ++c) {
-    const auto k = static_cast<std::size_t>(c);
-    Eigen::MatrixXd E = motion.transpose() * (plain.M[k] * motion);
-    const Eigen::MatrixXd own = plain.b.middleCols(basis * c, basis).transpose() * motion;  // [6 x 6 cells]
-    E.middleRows(basis * c, basis) -= own, E.middleCols(basis * c, basis) -= own.transpose();
-    E.block<basis, basis>(basis * c, basis * c) += plain.inner[k];
-    E -= optics_.R.row(2 * c).transpose() * optics_.R.row(2 * c) / plain.inner[k](0, 0) + optics_.R.row(2 * c + 1).transpose() * optics_.R.row(2 * c + 1) / plain.inner[k](1, 1);
+    const auto& inner = of_this.inner[static_cast<std::size_t>(c)];
+    const Eigen::Index own = optics_.own + basis * c;
+    Eigen::MatrixXd E = motion.transpose() * (of_this.M[static_cast<std::size_t>(c)] * motion);
+    const Eigen::MatrixXd across = of_this.b.middleCols(basis * c, basis).transpose() * motion;
+    E.middleRows(own, basis) -= across, E.middleCols(own, basis) -= across.transpose();
+    E.block<basis, basis>(own, own) += inner;
+    E -= optics_.R.row(2 * c).transpose() * optics_.R.row(2 * c) / inner(0, 0) + optics_.R.row(2 * c + 1).transpose() * optics_.R.row(2 * c + 1) / inner(1, 1);
     optics_.E.emplace_back(E / optics_.pixels[c]);
   }
-  const double unknowns = static_cast<double>(dic.cameras().unknowns()) / dic.cameras().size();
-  optics_.absorbed = std::min(0.5, std::pow(dic.motion_noise(camera), 2) * unknowns / (optics_.level * optics_.pixels.sum()));
+  const auto& cameras = dic_->cameras();
+  const double unknowns = static_cast<double>(cameras.unknowns()) / cameras.size();
+  optics_.absorbed = std::min(0.5, std::pow(dic_->motion_noise(camera_), 2) * unknowns / (optics_.level * optics_.pixels.sum()));
 }
 
 void LightStatistics::make_cells(const Scene& scene) {

@@ -42,7 +42,7 @@ made::Motion waves(int t) {
 struct Clean {
   made::Speckle speckle, other{width, height, 1.7, 5};
   std::vector<Image> images;
-  explicit Clean(const std::function<made::Motion(int)>& way = motion, double radius = 1.7) : speckle(width, height, radius) {
+  explicit Clean(const std::function<made::Motion(int)>& way = motion, double radius = 1.7, unsigned seed = 1) : speckle(width, height, radius, seed) {
     for (int t = 0; t <= count; ++t) {
       images.push_back(made::photograph(speckle, width, height, way(t)));
       for (float& g : images.back().grey) g = 120.0F + 70.0F * (g - 32768.0F) / 28000.0F;
@@ -76,14 +76,15 @@ struct Filmed {
     }
   }
 
+  [[nodiscard]] double image_noise() const { return std::sqrt(known_noise * known_noise + 1.0 / 12.0); }  // rounding is noise, too
   [[nodiscard]] LightExperiment experiment(correlation::DicOptions options = {.low_pass = 1.0, .border = 3.0}, const std::vector<DeclaredEffect>& declared = {}, const std::function<Image(int)>& synthetic = {}) {
     dic = std::make_unique<GlobalDic>(quads, *camera, images.front(), options, "mesh");
     const auto frames = dic->run(alone, count, [&](int t) { return images[static_cast<std::size_t>(t) + 1]; });
-    LightCamera one{.optics = {}, .scene = {}, .frames = {}};
+    LightCamera one{.optics = {}, .scene = {}, .frames = {}, .face = 0};
     one.scene.surface = &quads;
     measure(one.scene, quads);
     one.scene.time = Eigen::VectorXd::LinSpaced(count, 1.0, count), one.scene.force = Eigen::VectorXd::Ones(count);
-    const LightStatistics statistics(*dic, 0, images.front(), 1, std::sqrt(known_noise * known_noise + 1.0 / 12.0), one.scene);
+    const LightStatistics statistics = LightStatistics::of_face(*dic, {{.camera = camera, .reference = images.front()}}, 1, {image_noise()}, one.scene).front();
     one.optics = statistics.optics();
     std::vector<int> numbers;
     for (int t = 0; t < count; ++t) {
@@ -229,6 +230,7 @@ TEST(Light, OfOneCameraOfTwoIsNamed) {
       Filmed left = filmed(one, both, ++seed), right = filmed(one, true, ++seed);
       std::vector<LightCamera> cameras{left.experiment().cameras().front(), right.experiment().cameras().front()};
       cameras[0].optics.camera = "left", cameras[1].optics.camera = "right";
+      cameras[1].face = 1;  // each correlated for itself
       LightExperiment experiment(std::move(cameras), numbers, {2, 5});
       const Report report = close_loop(experiment, quick());
       const std::string whose = both ? "" : "right ";
@@ -239,6 +241,37 @@ TEST(Light, OfOneCameraOfTwoIsNamed) {
       EXPECT_EQ(has(experiment, report.set, one.effect), both) << one.effect;
       EXPECT_NEAR(size, one.size, 4.0 * deviation) << one.effect;
     }
+}
+
+/// What the correlation of both takes for motion of the light of one is in the images of the other, too.
+TEST(Light, OfOneCameraIsPassedOnToTheOtherAsMotion) {
+  constexpr double fade = -0.06;
+  static const Clean elsewhere(motion, 1.7, 9);
+  Filmed left(5300), right(5301, [](double grey, int t, const auto&, const auto&) { return grey * (1.0 + fade * t / count); }, [](int) { return noise; }, elsewhere);
+  const std::vector<correlation::View> views{{.camera = left.camera, .reference = left.images.front()}, {.camera = right.camera, .reference = right.images.front()}};
+  const GlobalDic dic(left.quads, views, 2, {.low_pass = 1.0, .border = 3.0});
+  std::vector<LightCamera> cameras(2);
+  for (auto& one : cameras) {
+    one.scene.surface = &left.quads;
+    measure(one.scene, left.quads);
+    one.scene.time = Eigen::VectorXd::LinSpaced(count, 1.0, count), one.scene.force = Eigen::VectorXd::Ones(count);
+  }
+  const auto statistics = LightStatistics::of_face(dic, views, 1, {left.image_noise(), right.image_noise()}, cameras.front().scene);
+  const auto frames = dic.run(alone, count, [&](int t, int camera) { return (camera == 0 ? left : right).images[static_cast<std::size_t>(t) + 1]; });
+  std::vector<int> numbers;
+  for (std::size_t t = 0; t < count; ++t) {
+    ASSERT_TRUE(frames[t].converged);
+    for (std::size_t k = 0; k < 2; ++k) cameras[k].frames.push_back(statistics[k].frame((k == 0 ? left : right).images[t + 1], frames[t].displacement));
+    numbers.push_back(static_cast<int>(t) + 1);
+  }
+  for (std::size_t k = 0; k < 2; ++k) cameras[k].optics = statistics[k].optics(), cameras[k].optics.camera = k == 0 ? "left" : "right";
+  LightExperiment experiment(std::move(cameras), numbers, {2, 5});
+  const Report report = close_loop(experiment, quick());
+  const auto [size, deviation] = found(experiment, report, "right_gain_drift");
+  std::cout << "[          ] " << name(report.verdict) << ", " << report.sentence << '\n';
+  EXPECT_EQ(report.verdict, Verdict::attributed);
+  EXPECT_TRUE(has(experiment, report.set, "right light gain"));
+  EXPECT_NEAR(size, fade, 4.0 * deviation);
 }
 
 TEST(Light, TheNoiseOfEachFrameIsMeasured) {

@@ -13,6 +13,7 @@ struct LightCamera {
   LightOptics optics;
   Scene scene;                      ///< of its face
   std::vector<LightFrame> frames;
+  int face = 0;                     ///< its cameras are correlated together, and take light for one motion
 };
 
 /// The numbers of every frame and camera: the linear ones (offset and gain of each cell, gradient of all), whitened; the mean square of each cell over what noise
@@ -54,6 +55,14 @@ class LightExperiment final : public Experiment {
 
  private:
   struct Whitening;
+  /// What a model makes of a camera, frame by frame.
+  struct Changes {
+    Eigen::MatrixXd grows;      // of the grey levels in B (LightOptics::R) [6 cells x frames]
+    Eigen::MatrixXd sums;       // of the linear numbers, beside those of `grows` [L x frames]
+    Eigen::MatrixXd squares;    // of the mean squares, beside those of `grows`, over the expected ones [cells x frames]
+    Eigen::VectorXd saturated;  // root of the pixels' count [frames]
+  };
+  [[nodiscard]] Changes changes_of(std::size_t camera, const std::vector<double>& values) const;
   [[nodiscard]] Eigen::Index linear(std::size_t camera) const { return cameras_[camera].optics.local ? 0 : 2 * cameras_[camera].optics.cells() + 2; }
   [[nodiscard]] Eigen::Index numbers(std::size_t camera) const { return linear(camera) + cameras_[camera].optics.cells() + 1; }
   [[nodiscard]] Eigen::VectorXd predicted(const std::vector<double>& values) const;  // z [N]

@@ -25,9 +25,11 @@ struct LightOptics {
   Eigen::Vector2d size;              ///< of a place [length]
   Eigen::VectorXd pixels, mean, variance;  ///< of f in each cell [cells]
   /// What the correlation leaves of light: a grey level that grows by b, b = sum of c_k B_k with B = {1, f', x', y', f' x', f' y'} in each cell, changes the linear
-  /// numbers by -R c [L x 6 cells]. It takes the rest for motion: R = A^T B - b_A^T M^-1 b_B, b_X = N^T grad F X.
+  /// numbers by -R c. It takes the rest for motion, and motion is that of all the face's cameras: c has the light of each of them, in their order, and this camera's
+  /// begins at `own`. R = A^T B - b_A^T M^-1 w b_B, b_X = N^T grad F X, w the weight of the camera that B is of, A^T B of this one's alone [L x 6 cells of all].
   Eigen::MatrixXd R;
-  /// Of each cell: such light adds c^T E c to the mean square there, beyond what 1 and f' explain [6 cells x 6 cells].
+  Eigen::Index own = 0;
+  /// Of each cell: such light adds c^T E c to the mean square there, beyond what 1 and f' explain [6 cells of all, square].
   std::vector<Eigen::MatrixXd> E;
   Eigen::MatrixXd G;                 ///< covariance of the linear numbers for an image noise of one in g alone, the correlation's smoothing included [L x L]
   double level = 1.0;                ///< variance of unit noise in f, smoothed
@@ -55,8 +57,8 @@ struct LightFrame {
 /// Numbers of all frames of one camera of one face.
 class LightStatistics {
  public:
-  /// `reference`: the image that the correlation has, not smoothed. `noise` as Observation::camera_noise [grey level].
-  LightStatistics(const correlation::GlobalDic& dic, int camera, const imaging::Image& reference, int references, double noise, const Scene& scene);
+  /// Of all cameras of a face: `views` are those of the correlation, `noise` as Observation::camera_noise [cameras, grey level].
+  [[nodiscard]] static std::vector<LightStatistics> of_face(const correlation::GlobalDic& dic, const std::vector<correlation::View>& views, int references, const std::vector<double>& noise, const Scene& scene);
 
   [[nodiscard]] const LightOptics& optics() const { return optics_; }
   /// Of an image that the correlation has taken to the displacement U [unknowns], `off_epipolar` beside it (Cameras::off_epipolar).
@@ -70,7 +72,12 @@ class LightStatistics {
     Eigen::MatrixXd b;
     std::vector<Eigen::SparseMatrix<double>> M;
   };
+  LightStatistics(const correlation::GlobalDic& dic, int camera, int references, double noise, const Scene& scene);
   [[nodiscard]] Moments moments() const;
+  /// Of the light of this camera alone: what the correlation fits of a gain and an offset is passed on to no other one [6 cells square].
+  [[nodiscard]] Eigen::MatrixXd passed_on(const Moments& of_this) const;
+  /// R, E and G. `motions`: M^-1 w b of each camera [unknowns x 6 cells of it].
+  void find_marks(const Moments& of_this, const std::vector<Eigen::MatrixXd>& motions, const imaging::Image& reference, const Scene& scene);
   /// Of the linear numbers with weights B S, `motion` = M^-1 b of these.
   [[nodiscard]] Eigen::MatrixXd covariance(const Eigen::MatrixXd& S, const Eigen::MatrixXd& motion, int width, int height) const;
   [[nodiscard]] Eigen::VectorXd slope(int element, std::size_t pixel) const;
