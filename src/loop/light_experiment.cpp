@@ -233,7 +233,8 @@ Eigen::VectorXd LightExperiment::predicted(const std::vector<double>& values) co
     Eigen::MatrixXd light(optics.R.cols(), grows.cols());  // of all cameras that are correlated together
     Eigen::Index first = 0;
     for (std::size_t other = 0; other < cameras_.size(); ++other)
-      if (cameras_[other].face == cameras_[k].face) light.middleRows(first, changes[other].grows.rows()) = changes[other].grows, first += changes[other].grows.rows();
+      if (const auto& grows_there = changes[other].grows; cameras_[other].face == cameras_[k].face)
+        light.middleRows(first, grows_there.rows()) = cameras_[other].optics.beside_fitted * grows_there, first += grows_there.rows();
     for (Eigen::Index t = 0; t < light.cols(); ++t) {
       if (light.col(t).isZero(0.0)) continue;
       sums.col(t) -= optics.R * light.col(t);

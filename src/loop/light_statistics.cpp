@@ -82,25 +82,8 @@ std::vector<LightStatistics> LightStatistics::of_face(const correlation::GlobalD
     moments.push_back(all.back().moments());
     motions.emplace_back(dic.cameras().weight(static_cast<int>(c)) * Eigen::MatrixXd(factor.solve(moments.back().b)));
   }
-  for (std::size_t c = 0; c < views.size(); ++c) {
-    std::vector<Eigen::MatrixXd> seen;
-    for (std::size_t k = 0; k < views.size(); ++k) seen.emplace_back(k == c ? motions[k] : motions[k] * all[k].passed_on(moments[k]));
-    all[c].find_marks(moments[c], seen, views[c].reference, scene);
-  }
+  for (std::size_t c = 0; c < views.size(); ++c) all[c].find_marks(moments[c], motions, views[c].reference, scene);
   return all;
-}
-
-Eigen::MatrixXd LightStatistics::passed_on(const Moments& of_this) const {
-  const auto rows = basis * optics_.cells();
-  if (optics_.local) return Eigen::MatrixXd::Zero(rows, rows);
-  Eigen::MatrixXd all = Eigen::MatrixXd::Identity(rows, rows);
-  if (!optics_.gain_and_offset_fitted) return all;
-  Eigen::MatrixXd fitted = Eigen::MatrixXd::Zero(rows, 2), weighted(rows, 2);
-  for (Eigen::Index c = 0; c < optics_.cells(); ++c) {
-    fitted(basis * c, 0) = 1.0, fitted(basis * c, 1) = optics_.mean[c], fitted(basis * c + 1, 1) = 1.0;
-    weighted.middleRows<basis>(basis * c) = of_this.inner[static_cast<std::size_t>(c)] * fitted.middleRows<basis>(basis * c);
-  }
-  return all - fitted * (weighted.transpose() * fitted).inverse() * weighted.transpose();
 }
 
 void LightStatistics::find_marks(const Moments& of_this, const std::vector<Eigen::MatrixXd>& motions, const imaging::Image& reference, const Scene& scene) {
@@ -130,6 +113,16 @@ void LightStatistics::find_marks(const Moments& of_this, const std::vector<Eigen
     E.block<basis, basis>(own, own) += inner;
     E -= optics_.R.row(2 * c).transpose() * optics_.R.row(2 * c) / inner(0, 0) + optics_.R.row(2 * c + 1).transpose() * optics_.R.row(2 * c + 1) / inner(1, 1);
     optics_.E.emplace_back(E / optics_.pixels[c]);
+  }
+  optics_.beside_fitted = Eigen::MatrixXd::Identity(mine, mine);
+  if (optics_.local) optics_.beside_fitted.setZero();
+  else if (optics_.gain_and_offset_fitted) {
+    Eigen::MatrixXd fitted = Eigen::MatrixXd::Zero(mine, 2), weighted(mine, 2);
+    for (Eigen::Index c = 0; c < cells; ++c) {
+      fitted(basis * c, 0) = 1.0, fitted(basis * c, 1) = optics_.mean[c], fitted(basis * c + 1, 1) = 1.0;
+      weighted.middleRows<basis>(basis * c) = of_this.inner[static_cast<std::size_t>(c)] * fitted.middleRows<basis>(basis * c);
+    }
+    optics_.beside_fitted -= fitted * (weighted.transpose() * fitted).inverse() * weighted.transpose();
   }
   const auto& cameras = dic_->cameras();
   const double unknowns = static_cast<double>(cameras.unknowns()) / cameras.size();

@@ -243,35 +243,57 @@ TEST(Light, OfOneCameraOfTwoIsNamed) {
     }
 }
 
+/// Two cameras on one face, correlated together; the light of the right one fades.
+struct FadingRight {
+  static constexpr double fade = -0.06;
+  Filmed left{5300}, right{5301, [](double grey, int t, const auto&, const auto&) { return grey * (1.0 + fade * t / count); }, [](int) { return noise; }, elsewhere()};
+
+  static const Clean& elsewhere() {
+    static const Clean one(motion, 1.7, 9);
+    return one;
+  }
+  [[nodiscard]] LightExperiment experiment(const std::vector<DeclaredEffect>& declared = {}, bool brightness = false, bool local_brightness = false) const {
+    const std::vector<correlation::View> views{{.camera = left.camera, .reference = left.images.front()}, {.camera = right.camera, .reference = right.images.front()}};
+    const GlobalDic dic(left.quads, views, 2, {.low_pass = 1.0, .border = 3.0, .brightness = brightness, .local_brightness = local_brightness});
+    const auto image = [&](int t, int camera) { return (camera == 0 ? left : right).images[static_cast<std::size_t>(t) + 1]; };
+    const auto frames = dic.run(alone, count, image);
+    Scene scene;
+    scene.surface = &left.quads;
+    measure(scene, left.quads);
+    scene.time = Eigen::VectorXd::LinSpaced(count, 1.0, count), scene.force = Eigen::VectorXd::Ones(count);
+    std::vector<LightCamera> cameras;
+    for (const auto& statistics : LightStatistics::of_face(dic, views, 1, {left.image_noise(), right.image_noise()}, scene)) {
+      const int camera = static_cast<int>(cameras.size());
+      cameras.push_back({statistics.optics(), scene, {}});
+      cameras.back().optics.camera = camera == 0 ? "left" : "right";
+      for (int t = 0; t < count; ++t) cameras.back().frames.push_back(statistics.frame(image(t, camera), frames[static_cast<std::size_t>(t)].displacement));
+    }
+    std::vector<int> numbers;
+    for (int t = 1; t <= count; ++t) numbers.push_back(t);
+    return {std::move(cameras), numbers, {2, 5}, declared};
+  }
+};
+
 /// What the correlation of both takes for motion of the light of one is in the images of the other, too.
 TEST(Light, OfOneCameraIsPassedOnToTheOtherAsMotion) {
-  constexpr double fade = -0.06;
-  static const Clean elsewhere(motion, 1.7, 9);
-  Filmed left(5300), right(5301, [](double grey, int t, const auto&, const auto&) { return grey * (1.0 + fade * t / count); }, [](int) { return noise; }, elsewhere);
-  const std::vector<correlation::View> views{{.camera = left.camera, .reference = left.images.front()}, {.camera = right.camera, .reference = right.images.front()}};
-  const GlobalDic dic(left.quads, views, 2, {.low_pass = 1.0, .border = 3.0});
-  std::vector<LightCamera> cameras(2);
-  for (auto& one : cameras) {
-    one.scene.surface = &left.quads;
-    measure(one.scene, left.quads);
-    one.scene.time = Eigen::VectorXd::LinSpaced(count, 1.0, count), one.scene.force = Eigen::VectorXd::Ones(count);
-  }
-  const auto statistics = LightStatistics::of_face(dic, views, 1, {left.image_noise(), right.image_noise()}, cameras.front().scene);
-  const auto frames = dic.run(alone, count, [&](int t, int camera) { return (camera == 0 ? left : right).images[static_cast<std::size_t>(t) + 1]; });
-  std::vector<int> numbers;
-  for (std::size_t t = 0; t < count; ++t) {
-    ASSERT_TRUE(frames[t].converged);
-    for (std::size_t k = 0; k < 2; ++k) cameras[k].frames.push_back(statistics[k].frame((k == 0 ? left : right).images[t + 1], frames[t].displacement));
-    numbers.push_back(static_cast<int>(t) + 1);
-  }
-  for (std::size_t k = 0; k < 2; ++k) cameras[k].optics = statistics[k].optics(), cameras[k].optics.camera = k == 0 ? "left" : "right";
-  LightExperiment experiment(std::move(cameras), numbers, {2, 5});
+  auto experiment = FadingRight().experiment();
   const Report report = close_loop(experiment, quick());
   const auto [size, deviation] = found(experiment, report, "right_gain_drift");
   std::cout << "[          ] " << name(report.verdict) << ", " << report.sentence << '\n';
   EXPECT_EQ(report.verdict, Verdict::attributed);
   EXPECT_TRUE(has(experiment, report.set, "right light gain"));
-  EXPECT_NEAR(size, fade, 4.0 * deviation);
+  EXPECT_NEAR(size, FadingRight::fade, 4.0 * deviation);
+}
+
+/// Nothing is missing where it is declared, whether the correlation fits a gain, of each frame or element, or not.
+TEST(Light, OfOneCameraIsDeclared) {
+  const std::vector<DeclaredEffect> declared{{.effect = "right_light_gain", .quantity = "gain_drift", .value = FadingRight::fade, .lower = {}, .upper = {}}};
+  for (const auto& [brightness, local] : {std::pair{false, false}, std::pair{true, false}, std::pair{false, true}}) {
+    auto experiment = FadingRight().experiment(declared, brightness, local);
+    const Report report = close_loop(experiment, quick());
+    std::cout << "[          ] " << (local ? "fitted element by element: " : brightness ? "fitted: " : "") << name(report.verdict) << ", " << report.sentence << '\n';
+    EXPECT_EQ(report.verdict, Verdict::nothing_found);
+  }
 }
 
 TEST(Light, TheNoiseOfEachFrameIsMeasured) {

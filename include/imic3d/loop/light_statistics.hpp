@@ -31,6 +31,8 @@ struct LightOptics {
   Eigen::Index own = 0;
   /// Of each cell: such light adds c^T E c to the mean square there, beyond what 1 and f' explain [6 cells of all, square].
   std::vector<Eigen::MatrixXd> E;
+  /// Gain and offset that the correlation fits, of each frame or element, are neither motion nor left: of the light c of this camera there remains beside_fitted c [6 cells square].
+  Eigen::MatrixXd beside_fitted;
   Eigen::MatrixXd G;                 ///< covariance of the linear numbers for an image noise of one in g alone, the correlation's smoothing included [L x L]
   double level = 1.0;                ///< variance of unit noise in f, smoothed
   double absorbed = 0.0;             ///< share of the noise's square that the correlation takes for motion
@@ -74,9 +76,7 @@ class LightStatistics {
   };
   LightStatistics(const correlation::GlobalDic& dic, int camera, int references, double noise, const Scene& scene);
   [[nodiscard]] Moments moments() const;
-  /// Of the light of this camera alone: what the correlation fits of a gain and an offset is passed on to no other one [6 cells square].
-  [[nodiscard]] Eigen::MatrixXd passed_on(const Moments& of_this) const;
-  /// R, E and G. `motions`: M^-1 w b of each camera [unknowns x 6 cells of it].
+  /// R, E, G and what is beside what is fitted. `motions`: M^-1 w b of each camera [unknowns x 6 cells of it].
   void find_marks(const Moments& of_this, const std::vector<Eigen::MatrixXd>& motions, const imaging::Image& reference, const Scene& scene);
   /// Of the linear numbers with weights B S, `motion` = M^-1 b of these.
   [[nodiscard]] Eigen::MatrixXd covariance(const Eigen::MatrixXd& S, const Eigen::MatrixXd& motion, int width, int height) const;
