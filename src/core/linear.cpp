@@ -6,6 +6,12 @@ namespace imic3d {
 
 using Eigen::MatrixXd;
 
+MatrixXd stacked(const MatrixXd& above, const MatrixXd& below) {
+  MatrixXd all(above.rows() + below.rows(), above.cols());
+  all << above, below;
+  return all;
+}
+
 MatrixXd least_squares(const MatrixXd& A, const MatrixXd& B, double threshold) {
   Eigen::CompleteOrthogonalDecomposition<MatrixXd> solver(A.rows(), A.cols());
   if (threshold > 0.0) solver.setThreshold(threshold);

@@ -19,12 +19,6 @@
 namespace imic3d::loop {
 
 namespace {
-Eigen::MatrixXd stacked(const Eigen::MatrixXd& above, const Eigen::MatrixXd& below) {
-  Eigen::MatrixXd all(above.rows() + below.rows(), above.cols());
-  all << above, below;
-  return all;
-}
-
 /// Of a usual step of a candidate, in units of the noise: less than that is round-off.
 constexpr double no_mark = 1e-7;
 
@@ -52,6 +46,26 @@ bool matters(const Model& model, const Score& s) {
 }
 }  // namespace
 
+Known known_of(const Experiment& experiment, const Model& model) {
+  const Fit& fit = model.fit;
+  const auto& parameters = experiment.parameters();
+  const auto place_of = [&](int j) { return std::find(fit.free.begin(), fit.free.end(), j) - fit.free.begin(); };
+  std::vector<int> of;
+  for (int j = 0; j < static_cast<int>(parameters.size()); ++j)
+    if (const Parameter& p = parameters[static_cast<std::size_t>(j)]; p.prior > 0.0 && (p.reading || place_of(j) < std::ssize(fit.free))) of.push_back(j);
+  const auto count = std::ssize(of);
+  Known result{of, Eigen::VectorXd(count), Eigen::MatrixXd::Zero(count, std::ssize(fit.free)), Eigen::MatrixXd(count, model.ground->null.cols())};
+  for (Eigen::Index k = 0; k < count; ++k) {
+    const auto j = static_cast<std::size_t>(of[static_cast<std::size_t>(k)]);
+    result.residual[k] = (parameters[j].expected() - fit.values[j]) / parameters[j].prior;
+    if (const auto i = place_of(static_cast<int>(j)); i < std::ssize(fit.free)) result.sensitivity(k, i) = 1.0 / parameters[j].prior;
+  }
+  std::mt19937_64 random(13);
+  std::normal_distribution<double> normal;
+  for (double& x : result.null.reshaped()) x = normal(random);
+  return result;
+}
+
 Appraisal::Appraisal(Experiment& experiment, const std::vector<char>& held_out, const std::vector<std::string>& leave_out) : experiment_(experiment), frames_(static_cast<int>(held_out.size())) {
   std::vector<char> fitted;
   for (char held : held_out) fitted.push_back(held == 0 ? 1 : 0);
@@ -73,26 +87,6 @@ Appraisal::Appraisal(Experiment& experiment, const std::vector<char>& held_out, 
   if (!mistakes.empty()) throw InputError(std::move(mistakes));
 }
 
-Appraisal::Known Appraisal::known(const Model& model) const {
-  const Fit& fit = model.fit;
-  const auto& parameters = experiment_.parameters();
-  const auto place_of = [&](int j) { return std::find(fit.free.begin(), fit.free.end(), j) - fit.free.begin(); };
-  std::vector<int> of;
-  for (int j = 0; j < static_cast<int>(parameters.size()); ++j)
-    if (const Parameter& p = parameters[static_cast<std::size_t>(j)]; p.prior > 0.0 && (p.reading || place_of(j) < std::ssize(fit.free))) of.push_back(j);
-  const auto count = std::ssize(of);
-  Known result{of, Eigen::VectorXd(count), Eigen::MatrixXd::Zero(count, std::ssize(fit.free)), Eigen::MatrixXd(count, model.ground->null.cols())};
-  for (Eigen::Index k = 0; k < count; ++k) {
-    const auto j = static_cast<std::size_t>(of[static_cast<std::size_t>(k)]);
-    result.residual[k] = (parameters[j].expected() - fit.values[j]) / parameters[j].prior;
-    if (const auto i = place_of(static_cast<int>(j)); i < std::ssize(fit.free)) result.sensitivity(k, i) = 1.0 / parameters[j].prior;
-  }
-  std::mt19937_64 random(13);
-  std::normal_distribution<double> normal;
-  for (double& x : result.null.reshaped()) x = normal(random);
-  return result;
-}
-
 /// What a residual of the fitted rows and of what is known beforehand moves the free parameters by [free x rows].
 Eigen::MatrixXd Appraisal::pull_of(const Model& model, const Known& prior) const { return pseudo_inverse(stacked(model.fit.sensitivity(rows_, Eigen::all), prior.sensitivity)); }
 
@@ -102,7 +96,7 @@ Eigen::MatrixXd Appraisal::left_by_fit(const Eigen::MatrixXd& draws, const Model
 }
 
 void Appraisal::judge(Model& model) const {
-  const Known prior = known(model);
+  const Known prior = known_of(experiment_, model);
   const Eigen::MatrixXd& null = model.ground->null;
   const Eigen::MatrixXd pull = pull_of(model, prior);
   const Eigen::MatrixXd moved = pull * stacked(null(rows_, Eigen::all), prior.null);  // of the parameters by the noise
@@ -136,7 +130,7 @@ void Appraisal::judge(Model& model) const {
 }
 
 Eigen::MatrixXd Appraisal::left_of_null(const Model& model) const {
-  const Known prior = known(model);
+  const Known prior = known_of(experiment_, model);
   return left_by_fit(model.ground->null, model, pull_of(model, prior), prior);
 }
 
@@ -185,7 +179,7 @@ ScoreProblem Appraisal::problem_of(const Model& model, const Known& prior) const
 }
 
 void Appraisal::trace(Model& model) const {
-  const Known prior = known(model);
+  const Known prior = known_of(experiment_, model);
   model.traced = true;
   for (int k = 0; k < static_cast<int>(experiment_.candidates().size()); ++k) {
     if (is_in(k, model)) continue;
@@ -285,7 +279,7 @@ std::vector<int> Appraisal::made_of_noise(const Model& model, const std::vector<
   const auto disturbed = [&](double times) { return disturbed_marks(experiment_, model.ground->weight, model.fit.values, {}, free, times); };
   const auto up = disturbed(1.0), down = disturbed(-1.0);
   if (!up || !down) return {};
-  const Known prior = known(model);
+  const Known prior = known_of(experiment_, model);
   const auto with_known = [&](const Eigen::MatrixXd& sensitivity) -> Eigen::MatrixXd { return stacked(sensitivity(rows_, Eigen::all), prior.sensitivity); };
   const Eigen::MatrixXd S = with_known(model.fit.sensitivity), S_up = with_known(up->sensitivity), S_down = with_known(down->sensitivity);
   std::vector<int> noisy;

@@ -11,6 +11,15 @@
 
 namespace imic3d::loop {
 
+/// What is known of the free parameters beforehand, and what was read of any beside the data, is data beside the others.
+struct Known {
+  std::vector<int> of;          ///< which parameter [priors]
+  Eigen::VectorXd residual;     ///< [priors]
+  Eigen::MatrixXd sensitivity;  ///< [priors x free]
+  Eigen::MatrixXd null;         ///< [priors x draws]
+};
+[[nodiscard]] Known known_of(const Experiment& experiment, const Model& model);
+
 class Appraisal {
  public:
   /// `held_out`: per frame, whether it is never fitted. `leave_out`: names of candidates that are not considered; throws InputError for what is none.
@@ -35,16 +44,7 @@ class Appraisal {
   [[nodiscard]] double drop(const Model& from, const Model& to) const;
 
  private:
-  /// What is known of the free parameters beforehand, and what was read of any beside the data, is data beside the others.
-  struct Known {
-    std::vector<int> of;          // which parameter [priors]
-    Eigen::VectorXd residual;     // [priors]
-    Eigen::MatrixXd sensitivity;  // [priors x free]
-    Eigen::MatrixXd null;         // [priors x draws]
-  };
-
   [[nodiscard]] const Candidate& candidate(int k) const { return experiment_.candidates()[static_cast<std::size_t>(k)]; }
-  [[nodiscard]] Known known(const Model& model) const;
   [[nodiscard]] Eigen::MatrixXd pull_of(const Model& model, const Known& prior) const;
   [[nodiscard]] Eigen::MatrixXd left_by_fit(const Eigen::MatrixXd& draws, const Model& model, const Eigen::MatrixXd& pull, const Known& prior) const;
   [[nodiscard]] std::pair<double, double> left_out(const Eigen::MatrixXd& r, const Eigen::MatrixXd& J, const Eigen::MatrixXd& null, const Known& prior,

@@ -145,22 +145,29 @@ std::optional<LoneFrame> told_by_one_frame(const Experiment& experiment, const M
     if (std::find(of_it.begin(), of_it.end(), j) == of_it.end() || !experiment.parameters()[static_cast<std::size_t>(j)].info.shape) columns.push_back(k);
   }
   for (const auto place : its.places) places.push_back(std::lower_bound(columns.begin(), columns.end(), place) - columns.begin());
-  const Eigen::MatrixXd J = fit.sensitivity(rows, columns);
+  const Known prior = known_of(experiment, model);
+  const Eigen::MatrixXd J = stacked(fit.sensitivity(rows, columns), prior.sensitivity(Eigen::all, columns));
   const Eigen::VectorXd scale = J.colwise().norm().cwiseMax(1e-300).cwiseInverse();
   const Eigen::MatrixXd S = J * scale.asDiagonal();
-  const Eigen::VectorXd r = fit.residual(rows);
-  const Eigen::MatrixXd all = S.transpose() * S;
+  const Eigen::VectorXd r = stacked(fit.residual(rows), prior.residual);
+  const Eigen::MatrixXd null = stacked(model.ground->null(rows, Eigen::all), prior.null);
+  const Eigen::MatrixXd all = S.transpose() * S, of_null = S.transpose() * null;
   const Eigen::VectorXd gradient = S.transpose() * r;
-  const Eigen::MatrixXd unit = Eigen::MatrixXd::Identity(all.rows(), all.cols());
   // A size that no frame is left to tell may be anything, a hundred thousand times as large.
-  const auto covariance_of = [&](const Eigen::MatrixXd& information) { return Eigen::MatrixXd(scale.asDiagonal() * solve_symmetric(information + 1e-10 * unit, unit) * scale.asDiagonal()); };
-  if (!told_from_zero(its.values, covariance_of(all)(places, places))) return std::nullopt;
+  const Eigen::MatrixXd any = 1e-10 * Eigen::MatrixXd::Identity(all.rows(), all.cols());
+  /// What the null makes of the sizes, by the frames of this information: what is in doubt goes on from frame to frame.
+  const auto covariance_of = [&](const Eigen::MatrixXd& pull, const Eigen::MatrixXd& noise) {
+    return Eigen::MatrixXd(scale.asDiagonal() * pull * (noise * noise.transpose() / static_cast<double>(noise.cols()) + any) * pull * scale.asDiagonal());
+  };
+  const auto pull_of = [&](const Eigen::MatrixXd& information) { return solve_symmetric(information + any, Eigen::MatrixXd::Identity(any.rows(), any.cols())); };
+  if (!told_from_zero(its.values, covariance_of(pull_of(all), of_null)(places, places))) return std::nullopt;
   std::map<int, std::vector<Eigen::Index>> of_frame;
   for (std::size_t i = 0; i < rows.size(); ++i) of_frame[experiment.data()[static_cast<std::size_t>(rows[i])].frame].push_back(static_cast<Eigen::Index>(i));
   for (const auto& [frame, its_rows] : of_frame) {
     const Eigen::MatrixXd own = S(its_rows, Eigen::all);
-    const Eigen::MatrixXd covariance = covariance_of(all - own.transpose() * own);
-    const Eigen::VectorXd step = covariance * scale.cwiseInverse().asDiagonal() * (gradient - own.transpose() * r(its_rows));
+    const Eigen::MatrixXd pull = pull_of(all - own.transpose() * own);
+    const Eigen::MatrixXd covariance = covariance_of(pull, of_null - own.transpose() * null(its_rows, Eigen::all));
+    const Eigen::VectorXd step = scale.asDiagonal() * (pull * (gradient - own.transpose() * r(its_rows)));
     const Eigen::VectorXd without = its.values + step(places);
     if (told_from_zero(without, covariance(places, places))) continue;
     LoneFrame lone{.frame = frame};

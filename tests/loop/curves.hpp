@@ -98,14 +98,14 @@ class Curves final : public Experiment {
     return *this;
   }
 
-  /// One more candidate, of size 1 in frame 25 as it is measured, and with a mark of the share `elsewhere` in all others that are fitted, where it is measured if `everywhere`.
-  Curves& with_burst(double elsewhere, bool everywhere) {
+  /// One more candidate, of size 1 in frame 25 as it is measured, and with a mark of the share `elsewhere` in all others that are fitted, where it is measured if `everywhere`; there it has all numbers `alike`, or any sign.
+  Curves& with_burst(double elsewhere, bool everywhere, bool alike = false) {
     with_mark_of_noise(1);
     candidates_.back().name = candidates_.back().sentence = "burst";
     const std::vector<int> held = held_out_blocks(frames);
     for (int i = 0; i < mark_of_noise_.size(); ++i) {
       const int t = i / (numbers + 1);
-      mark_of_noise_[i] = 10.0 * std::sin(7.0 * i + 0.3 * i * i) * (t == 25 ? 1.0 : std::count(held.begin(), held.end(), t) > 0 ? 0.0 : elsewhere);
+      mark_of_noise_[i] = 10.0 * (alike && t != 25 ? 1.0 : std::sin(7.0 * i + 0.3 * i * i)) * (t == 25 ? 1.0 : std::count(held.begin(), held.end(), t) > 0 ? 0.0 : elsewhere);
       if (everywhere || t == 25) measured_[i] += mark_of_noise_[i];
     }
     disturbance_.setZero();

@@ -622,6 +622,27 @@ TEST(Closing, WhatOneFrameTellsAloneIsNamedAndSaid) {
   }
 }
 
+/// Others do not speak against it where what the model errs by, which goes on from frame to frame, may hide it there.
+TEST(Closing, WhatIsInDoubtInAllOtherFramesDoesNotSpeakAgainstOne) {
+  int named = 0;
+  for (unsigned seed = 1; seed <= 6; ++seed) {
+    Curves experiment = Curves(seed).with_burst(0.085, false, true);
+    experiment.doubted_whole = 1.0;
+    const Report report = close_loop(experiment, usual);
+    named += report.set == std::vector<int>{7} && report.sentence.find("Nothing that is fitted tells of burst but frame 125.") != std::string::npos ? 1 : 0;
+  }
+  EXPECT_GE(named, 4);
+}
+
+/// A frame is not alone with what was read beside the data.
+TEST(Closing, WhatWasReadSpeaksForWhatOneFrameTells) {
+  for (unsigned seed = 1; seed <= 6; ++seed) {
+    const Report report = loop_on(Curves(seed).with_burst(0.085, false).read(static_cast<Curves::Effect>(7), 1.0, 0.02));
+    for (const Trial& trial : report.rounds.front().trials) EXPECT_EQ(trial.objection.find("alone asks for it"), std::string::npos) << trial.objection;
+    EXPECT_EQ(report.sentence.find("Nothing that is fitted tells of burst but"), std::string::npos) << report.sentence;
+  }
+}
+
 TEST(Closing, AForceThatIsOffInOneFrameIsSaid) {
   for (unsigned seed = 1; seed <= 4; ++seed) {
     const Report report = loop_on(Curves(seed).with_force_off(25, 40.0));
