@@ -12,6 +12,11 @@
 
 namespace imic3d::loop {
 
+std::string to_a_digit(double value, double deviation) {
+  const int last = static_cast<int>(std::floor(std::log10(deviation))), first = static_cast<int>(std::floor(std::log10(std::max(std::abs(value), deviation))));
+  return first > 6 ? fmt::format("{:.{}e}", value, first - last) : fmt::format("{:.{}f}", value, std::clamp(-last, 0, 12));
+}
+
 namespace {
 
 std::string size_of(const Experiment& experiment, int k, const Model& model) {
@@ -38,8 +43,7 @@ std::string changes(const Experiment& experiment, const Model& before, const Mod
     const double deviation = std::sqrt(std::max(before.covariance(was, was), after.covariance(now, now)));
     const double from = before.fit.values[static_cast<std::size_t>(j)], to = after.fit.values[static_cast<std::size_t>(j)];
     if (info.null_value || !(std::abs(to - from) > deviation)) continue;
-    const int decimals = std::clamp(static_cast<int>(-std::floor(std::log10(deviation))), 0, 12);
-    text += fmt::format("{}{} {:.{}f} -> {:.{}f}{}", text.empty() ? " " : ", ", info.name, from, decimals, to, decimals, info.unit == "-" ? "" : " " + info.unit);
+    text += fmt::format("{}{} {} -> {}{}", text.empty() ? " " : ", ", info.name, to_a_digit(from, deviation), to_a_digit(to, deviation), info.unit == "-" ? "" : " " + info.unit);
   }
   return text.empty() ? "" : text + ".";
 }

@@ -44,6 +44,12 @@ TEST(Closing, WhatIsDoubtedAsAWholeIsOneDirection) {
   EXPECT_GT(each, 3.0 * whole) << none << ' ' << each << ' ' << whole;
 }
 
+TEST(Sentence, ValuesHaveTheDigitsOfTheirDeviation) {
+  EXPECT_EQ(to_a_digit(0.04213, 0.0015), "0.042");
+  EXPECT_EQ(to_a_digit(197943.1, 3114.0), "197943");
+  EXPECT_EQ(to_a_digit(197943084938.8, 3.114e9), "1.98e+11");
+}
+
 TEST(Closing, AllCandidatesMayBeLeftOut) {
   Curves experiment(5, {{Curves::kink, 6.0}});
   LoopOptions none = usual;
