@@ -74,10 +74,12 @@ def groups():
 
 
 def history(rate, turns, rows):
+    """Time and strain of a bar at its rows and at the turning points, which it goes to between them, too; which of these are rows."""
     path = np.concatenate([[0.0], turns])
     length = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(path)))])
-    along = np.linspace(0.0, 1.0, rows) ** (1.0 if len(turns) > 1 else 1.5) * length[-1]
-    return along / rate, np.interp(along, length, path)
+    recorded = np.linspace(0.0, 1.0, rows) ** (1.0 if len(turns) > 1 else 1.5) * length[-1]
+    along = np.union1d(recorded, length)
+    return along / rate, np.interp(along, length, path), np.isin(along, recorded)
 
 
 def make(folder, effect, seed):
@@ -94,7 +96,7 @@ def make(folder, effect, seed):
     for name, bars, rate, turns in groups():
         files = []
         for bar in range(bars):
-            time, strain = history(rate, turns, 120 if len(turns) == 1 else 200)
+            time, strain, recorded = history(rate, turns, 120 if len(turns) == 1 else 200)
             true = strain / p["strain_gain"]
             stress = integrate(time, true, p)
             if p["compliance"]:
@@ -112,6 +114,7 @@ def make(folder, effect, seed):
             engineering = engineering + p["slip"] * (strain > 0.06) * (1 if bar % 2 else -1)    # out of the library: jumps of either sign
             engineering = engineering + p["friction"] * np.sign(np.diff(strain, prepend=-1e-9))
             engineering = np.interp(time - p["force_delay"], time, engineering) * p["force_gain"] + p["force_offset"]
+            time, strain, engineering = time[recorded], strain[recorded], engineering[recorded]
             engineering = np.round(engineering + random.normal(size=len(time)) * 2.0, 1)
             file = folder / f"{name}_{bar}.csv"
             np.savetxt(file, np.column_stack([time, np.round(np.expm1(strain), 6), engineering]), delimiter=",", header="time,strain,stress", comments="", fmt="%.9g")

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""What the light finds, and what the motion makes of it: a plate (`imic3d virtual`, on a finer mesh in more increments) of which nothing is missing but in its grey levels.
+"""What the light finds, and what the motion makes of it: a thin plate (`imic3d virtual`, on a finer mesh in more increments) of which nothing is missing but in its grey levels.
 
 - `aliasing`: the speckle is finer than the pixels resolve. The light says so, and the motion that interpolation errs; with a low pass both are next to nothing.
 - `noise`: it doubles over the test. `burst`: three frames are twice as noisy, which no effect explains. The motion is judged by the noise of each frame: nothing is missing there.
@@ -16,7 +16,7 @@ from runs import end, gmsh, require, run, workspace
 
 PLATE = """
 title: Plate with a hole
-specimen: {{mesh: {mesh}.msh, thickness: 4, kinematics: plane_stress, held: bottom, loaded: top}}
+specimen: {{mesh: {mesh}.msh, thickness: 0.4, kinematics: plane_stress, held: bottom, loaded: top}}
 cameras:
   - {{name: front, pixel_size: 0.04, place: {{origin: [299.5, 329.5]}}{images}}}
 material:
@@ -28,11 +28,11 @@ output: {name}
 TRUTH = {"E": 198e3, "nu": 0.25, "S_y": 284, "H": 1480}
 VIRTUAL = """
 simulate: {{centred: true, steps_per_frame: 8, value: [0, 0.004, 0.008, 0.012, 0.016, 0.022, 0.03, 0.04, 0.05, 0.06, 0.08]}}
-virtual: {{size: [600, 660], noise: 0.006, depth: 8, load_noise: 5, static_frames: 2, directory: {name}, declared_mesh: coarse.msh, speckle_size: 5}}
+virtual: {{size: [600, 660], noise: 0.006, depth: 8, load_noise: 0.5, static_frames: 2, directory: {name}, declared_mesh: coarse.msh, speckle_size: 5}}
 {effects}
 """
 LOOP = """
-loads: {{file: {made}/loads.csv, noise: 5}}
+loads: {{file: {made}/loads.csv, noise: 0.5}}
 dic: {{low_pass: {low_pass}}}
 identify:
   functional: displacement_driven
