@@ -173,10 +173,10 @@ void LightExperiment::make_whitening() {
     const Eigen::VectorXd root = (eigen.values.array() > floor).select(eigen.values.array().max(floor).rsqrt(), 0.0);
     w.of_linear = eigen.vectors * root.asDiagonal() * eigen.vectors.transpose() * optics.G.diagonal().cwiseSqrt().cwiseInverse().asDiagonal() / optics.noise;
     Eigen::MatrixXd fitted = Eigen::MatrixXd::Zero(optics.R.cols(), 4);  // offset and gain of a frame, the gain's slopes
+    fitted.block(optics.own, 0, 6 * cells, 2) = optics.offset_and_gain();
     for (Eigen::Index c = 0; c < cells; ++c) {
       const Eigen::Vector2d at = optics.middle[static_cast<std::size_t>(c)] - cameras_[k].scene.middle();
       const Eigen::Index first = optics.own + 6 * c;
-      fitted(first, 0) = 1.0, fitted(first, 1) = optics.mean[c], fitted(first + 1, 1) = 1.0;
       for (int a = 0; a < 2; ++a) fitted(first, 2 + a) = optics.mean[c] * at[a], fitted(first + 1, 2 + a) = at[a], fitted(first + 2 + a, 2 + a) = optics.mean[c], fitted(first + 4 + a, 2 + a) = 1.0;
     }
     w.of_fitted = w.of_linear * (optics.R * fitted);

@@ -62,6 +62,12 @@ Eigen::Vector4d shape_functions(double xi, double eta) {
 
 }  // namespace
 
+Eigen::MatrixXd LightOptics::offset_and_gain() const {
+  Eigen::MatrixXd light = Eigen::MatrixXd::Zero(basis * cells(), 2);
+  for (Eigen::Index c = 0; c < cells(); ++c) light(basis * c, 0) = 1.0, light(basis * c, 1) = mean[c], light(basis * c + 1, 1) = 1.0;
+  return light;
+}
+
 LightStatistics::LightStatistics(const correlation::GlobalDic& dic, int camera, int references, double noise, const Scene& scene)
     : dic_(&dic), camera_(camera), middle_(scene.middle()) {
   optics_.noise = noise, optics_.references = references;
@@ -117,11 +123,9 @@ void LightStatistics::find_marks(const Moments& of_this, const std::vector<Eigen
   optics_.beside_fitted = Eigen::MatrixXd::Identity(mine, mine);
   if (optics_.local) optics_.beside_fitted.setZero();
   else if (optics_.gain_and_offset_fitted) {
-    Eigen::MatrixXd fitted = Eigen::MatrixXd::Zero(mine, 2), weighted(mine, 2);
-    for (Eigen::Index c = 0; c < cells; ++c) {
-      fitted(basis * c, 0) = 1.0, fitted(basis * c, 1) = optics_.mean[c], fitted(basis * c + 1, 1) = 1.0;
-      weighted.middleRows<basis>(basis * c) = of_this.inner[static_cast<std::size_t>(c)] * fitted.middleRows<basis>(basis * c);
-    }
+    const Eigen::MatrixXd fitted = optics_.offset_and_gain();
+    Eigen::MatrixXd weighted(mine, 2);
+    for (Eigen::Index c = 0; c < cells; ++c) weighted.middleRows<basis>(basis * c) = of_this.inner[static_cast<std::size_t>(c)] * fitted.middleRows<basis>(basis * c);
     optics_.beside_fitted -= fitted * (weighted.transpose() * fitted).inverse() * weighted.transpose();
   }
   const auto& cameras = dic_->cameras();

@@ -13,6 +13,7 @@
 namespace imic3d::loop {
 
 std::string to_a_digit(double value, double deviation) {
+  if (!(deviation > 0.0)) return fmt::format("{:.6g}", value);
   const int last = static_cast<int>(std::floor(std::log10(deviation))), first = static_cast<int>(std::floor(std::log10(std::max(std::abs(value), deviation))));
   return first > 6 ? fmt::format("{:.{}e}", value, first - last) : fmt::format("{:.{}f}", value, std::clamp(-last, 0, 12));
 }

@@ -99,10 +99,12 @@ for name, variant in VARIANTS.items():
     pixel = PIXEL * (MILLI if name == "m and Pa" else 1.0)
     apart = np.sqrt(((moved[:, same_node] - ends)[..., :2] ** 2).mean()) / pixel
     require(apart < (1e-3 if turned else 1e-5), f"{name}: nodes are measured where they are, {apart:.1e} px (rms)")
+    if turned:
+        continue
     found = {key: (one["value"], one["standard_deviation"]) for key, one in result["parameters"].items() if one["standard_deviation"]}
     first = first or found
     for key, (value, deviation) in found.items():
         unit = 1.0 if key == "delta" else variant[-1]
         off, more = abs(value / unit - first[key][0]) / first[key][1], abs(deviation / unit / first[key][1] - 1.0)
-        require(turned or max(off, more) < 1e-3, f"{name}: {key} is {value / unit:.8g} +- {deviation / unit:.3g}, off by {off:.1e} standard deviations")
+        require(max(off, more) < 1e-3, f"{name}: {key} is {value / unit:.8g} +- {deviation / unit:.3g}, off by {off:.1e} standard deviations")
 end()

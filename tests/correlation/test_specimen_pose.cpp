@@ -17,7 +17,6 @@ using imaging::Pose;
 /// The rig's frame is another than the specimen's.
 const Pose true_pose{Eigen::AngleAxisd(0.4, Eigen::Vector3d(1, 2, -1).normalized()).toRotationMatrix(), {20.0, -7.0, 33.0}};
 
-
 std::vector<RigView> views(const Displacement& shape) {
   std::vector<RigView> result;
   for (const double angle : {-12.0, 10.0}) {

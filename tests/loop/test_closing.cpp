@@ -48,6 +48,7 @@ TEST(Sentence, ValuesHaveTheDigitsOfTheirDeviation) {
   EXPECT_EQ(to_a_digit(0.04213, 0.0015), "0.042");
   EXPECT_EQ(to_a_digit(197943.1, 3114.0), "197943");
   EXPECT_EQ(to_a_digit(197943084938.8, 3.114e9), "1.98e+11");
+  EXPECT_EQ(to_a_digit(197943.1, 0.0), "197943");
 }
 
 TEST(Closing, AllCandidatesMayBeLeftOut) {

@@ -38,6 +38,8 @@ struct LightOptics {
   double absorbed = 0.0;             ///< share of the noise's square that the correlation takes for motion
   double shared = 0.0;               ///< of the variance of a mean square: what the reference's noise alone makes [1/(pixels), for unit noise]
   [[nodiscard]] Eigen::Index cells() const { return pixels.size(); }
+  /// The light c of an offset and of a gain of one, alike in all cells [6 cells x 2].
+  [[nodiscard]] Eigen::MatrixXd offset_and_gain() const;
 };
 
 /// The numbers of one frame.
