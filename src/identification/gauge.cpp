@@ -153,13 +153,18 @@ std::vector<material::BarTurn> find_turns(const VectorXd& time, const VectorXd& 
     const double step_to = std::abs(strain[row] - strain[first]) / static_cast<double>(row - first), step_back = std::abs(strain[row] - strain[last]) / static_cast<double>(last - row);
     // Among rows closer than the noise the largest one is some rows from the turn.
     const Index beside_to = 1 + enough(step_to, noise, 0.5, row - first), beside_back = 1 + enough(step_back, noise, 0.5, last - row);
-    const Index before = std::min(std::max<Index>(5, enough(step_to, noise, 0.05, row - first)), row - beside_to - first + 1), after = std::min(std::max<Index>(5, enough(step_back, noise, 0.05, last - row)), last - row - beside_back + 1);
-    const Index from = row - beside_to - before + 1, until = row + beside_back;
+    const Index least_before = std::max<Index>(3, enough(step_to, noise, 0.05, row - first)), least_after = std::max<Index>(3, enough(step_back, noise, 0.05, last - row));
+    Index before = std::min(std::max<Index>(5, least_before), row - beside_to - first + 1), after = std::min(std::max<Index>(5, least_after), last - row - beside_back + 1);
+    const Index until = row + beside_back;
     if (before < 3 || after < 3) continue;
     material::BarTurn& turn = turns.back();
     turn.deviation = parabola;
-    const auto to = steady(time, strain, from, before, noise), back = steady(time, strain, until, after, noise);
+    // A load train that gives way has the gauge go faster while the bar is elastic, which may be fewer rows.
+    std::optional<Line> to, back;
+    for (++before; !to && before > least_before;) --before, to = steady(time, strain, row - beside_to - before + 1, before, noise);
+    for (++after; !back && after > least_after;) --after, back = steady(time, strain, until, after, noise);
     if (!to || !back || !(to->slope * back->slope < 0.0)) continue;
+    const Index from = row - beside_to - before + 1;
     const double apart = to->slope - back->slope, meet = (back->at(0.0) - to->at(0.0)) / apart, there = to->at(meet);
     if (!(meet > time[row - beside_to] && meet < time[until])) continue;
     const Index next = std::upper_bound(time.begin() + row - beside_to, time.begin() + until, meet) - time.begin();

@@ -39,8 +39,8 @@ bool matters(const Model& model, const Score& s) {
   if (s.statistic >= 0.2 * excess) return true;
   const Eigen::VectorXd shift = (s.bias * s.size).cwiseAbs();
   for (Eigen::Index j = 0; j < shift.size(); ++j)
-    if (shift[j] >= 0.01 * std::abs(model.fit.values[static_cast<std::size_t>(model.fit.free[static_cast<std::size_t>(j)])]) ||
-        shift[j] >= std::sqrt(model.covariance(j, j)))
+    if (shift[j] > 0.0 && (shift[j] >= 0.01 * std::abs(model.fit.values[static_cast<std::size_t>(model.fit.free[static_cast<std::size_t>(j)])]) ||
+                           shift[j] >= std::sqrt(model.covariance(j, j))))
       return true;
   return false;
 }

@@ -108,6 +108,20 @@ Linear secant(const Linear& from, const Eigen::VectorXd& step, Eigen::VectorXd r
   return to;
 }
 
+/// A declared parameter whose bound keeps it from taking more off chi^2 than chance would (10) does not give way to what is missing, and its column is zero: free to go beyond, as E to half of it, it would hide a compliance.
+void hold_at_bounds(Fit& fit, const std::vector<Eigen::Index>& rows, const std::vector<Parameter>& parameters) {
+  const Eigen::MatrixXd J = fit.sensitivity(rows, Eigen::all);
+  const Eigen::VectorXd r = fit.residual(rows);
+  for (Eigen::Index j = 0; j < J.cols(); ++j) {
+    const auto k = static_cast<std::size_t>(fit.free[static_cast<std::size_t>(j)]);
+    const auto& info = parameters[k].info;
+    const double pull = J.col(j).dot(r), edge = 1e-6 * (info.upper - info.lower);
+    if (info.null_value || !std::isfinite(edge)) continue;
+    if (!(fit.values[k] <= info.lower + edge && pull < 0.0) && !(fit.values[k] >= info.upper - edge && pull > 0.0)) continue;
+    if (pull * pull > 10.0 * J.col(j).squaredNorm()) fit.sensitivity.col(j).setZero();
+  }
+}
+
 }  // namespace
 
 std::array<double, 2> other_shapes(const Parameter& shape, double value) {
@@ -315,6 +329,7 @@ Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::I
     // As along a wall beyond which the model cannot follow.
     if (small == 4) last = std::min(last, result.iterations + 1);
   }
+  hold_at_bounds(result, rows, parameters);
   return result;
 }
 

@@ -56,6 +56,21 @@ TEST(Gauge, TurnsBetweenRowsAreWhereTheLinesMeet) {
   EXPECT_GT(off(straight), 0.05);
 }
 
+/// A load train that gives way has the gauge go half as fast again as the bar while that is elastic, which may be four rows.
+TEST(Gauge, TurnsBetweenRowsWhereAnElasticBranchIsShort) {
+  const auto triangle = [](double t) { return 0.01 * (1.0 - std::abs(std::fmod(t + 1.0, 4.0) - 2.0)); };  // turns at 1, 3
+  material::BarHistory fine{.time = Eigen::VectorXd::LinSpaced(4001, 0.0, 4.0), .strain = {}};
+  fine.strain = fine.time.unaryExpr(triangle);
+  const auto c = material::testing::with_effects("kinematic", {"kinematic"}, {20e3, 150});
+  const Eigen::VectorXd stress = material::pull_bar(*c.made().law, c.parameters, fine).kirchhoff;
+  const Eigen::VectorXd strain = fine.strain + 2.5e-6 * stress;
+  const auto rows = Eigen::seqN(30, 57, 70);
+  const auto turns = between_rows(fine.time(rows), strain(rows), stress(rows));
+  ASSERT_EQ(turns.size(), 2U);
+  EXPECT_NEAR(turns[0].time, 1.0, 0.002);
+  EXPECT_NEAR(turns[1].time, 3.0, 0.002);
+}
+
 /// A hundredth of a row's way beyond the row: it is passed through.
 TEST(Gauge, ATurnJustBeyondARowIsPassedThrough) {
   const auto triangle = [](double t) { return 0.01 * (1.0 - std::abs(std::fmod(t + 1.0, 4.0) - 2.0)); };

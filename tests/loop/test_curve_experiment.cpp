@@ -254,40 +254,54 @@ TEST(CurveExperiment, AGaugeActsOnTurnsBetweenRows) {
   EXPECT_LT((experiment.predict(values).front() - curve.stress).cwiseAbs().maxCoeff(), 0.05);
 }
 
+/// A bar pulled to 6 % with three unloadings, whose recorded strain holds the load train's.
+identification::Curve bar_of_a_soft_train(const material::FiniteStrainLaw& law, const std::vector<double>& values, double compliance, unsigned seed) {
+  std::mt19937_64 random(seed);
+  std::normal_distribution<double> normal;
+  identification::Curve curve;
+  curve.name = "bar", curve.group = "bar", curve.deviation = 1.0;
+  curve.history.time = Eigen::VectorXd::LinSpaced(500, 0.0, 499.0);
+  const auto strain = [](double t) {
+    double at = 0.0, from = 0.0;
+    for (const auto& [until, rate] : {std::pair(120.0, 1.5e-4), {140.0, -1e-4}, {260.0, 1.5e-4}, {280.0, -1e-4}, {400.0, 1.5e-4}, {420.0, -1e-4}, {499.0, 1.5e-4}}) {
+      if (t > from) at += rate * (std::min(t, until) - from);
+      from = until;
+    }
+    return at;
+  };
+  curve.history.strain = curve.history.time.unaryExpr(strain);
+  const Eigen::VectorXd stress = material::pull_bar(law, values, curve.history).engineering;
+  curve.history.strain = (curve.history.strain.array().exp() + compliance * stress.array()).log();
+  curve.stress = stress.unaryExpr([&](double s) { return s + 0.6 * normal(random); });
+  curve.use.assign(500, identification::Curve::fitted);
+  identification::read_gauge(curve, true);
+  return curve;
+}
+
+/// Whether the set of the loop on that bar has the compliance in it.
+bool finds_compliance(const CurveModel& m, double compliance, unsigned seed, std::size_t most) {
+  CurveExperiment experiment(Communicator(), {bar_of_a_soft_train(*m.extended(material::known_effects()), m.values, compliance, seed)}, m);
+  const Report report = loop_on(experiment);
+  const auto is_it = [&](int k) { return experiment.candidates()[static_cast<std::size_t>(k)].name == "compliance"; };
+  EXPECT_LE(report.set.size(), most) << report.sentence;
+  EXPECT_EQ(report.named.size(), 1U) << report.sentence;
+  return std::count_if(report.set.begin(), report.set.end(), is_it) == 1;
+}
+
+ParameterInfo& youngs_modulus(CurveModel& m) { return *std::find_if(m.information.begin(), m.information.end(), [](const auto& info) { return info.name == "E"; }); }
+
 /// A load train that gives way like the bar, and a handbook's E: noise of the stress is no strain of the train. The gain of a strain that hardens by a curve's formula is another name for it.
 TEST(CurveExperiment, AComplianceIsFoundBesideAPriorOnE) {
-  constexpr double compliance = 4e-6;
   CurveModel m = model(truth);
-  m.priors[static_cast<std::size_t>(std::find_if(m.information.begin(), m.information.end(), [](const auto& info) { return info.name == "E"; }) - m.information.begin())] = 2e3;
-  const auto law = m.extended(material::known_effects());
-  for (unsigned seed = 1; seed <= 2; ++seed) {
-    std::mt19937_64 random(seed);
-    std::normal_distribution<double> normal;
-    identification::Curve curve;
-    curve.name = "bar", curve.group = "bar", curve.deviation = 1.0;
-    curve.history.time = Eigen::VectorXd::LinSpaced(500, 0.0, 499.0);
-    // Pulled to 6 %, with three unloadings.
-    const auto strain = [](double t) {
-      double at = 0.0, from = 0.0;
-      for (const auto& [until, rate] : {std::pair(120.0, 1.5e-4), {140.0, -1e-4}, {260.0, 1.5e-4}, {280.0, -1e-4}, {400.0, 1.5e-4}, {420.0, -1e-4}, {499.0, 1.5e-4}}) {
-        if (t > from) at += rate * (std::min(t, until) - from);
-        from = until;
-      }
-      return at;
-    };
-    curve.history.strain = curve.history.time.unaryExpr(strain);
-    const Eigen::VectorXd stress = material::pull_bar(*law, m.values, curve.history).engineering;
-    curve.history.strain = (curve.history.strain.array().exp() + compliance * stress.array()).log();
-    curve.stress = stress.unaryExpr([&](double s) { return s + 0.6 * normal(random); });
-    curve.use.assign(500, identification::Curve::fitted);
-    identification::read_gauge(curve, true);
-    CurveExperiment experiment(Communicator(), {curve}, m);
-    const Report report = loop_on(experiment);
-    const auto is_it = [&](int k) { return experiment.candidates()[static_cast<std::size_t>(k)].name == "compliance"; };
-    EXPECT_EQ(std::count_if(report.set.begin(), report.set.end(), is_it), 1) << report.sentence;
-    EXPECT_LE(report.set.size(), 2U) << report.sentence;
-    EXPECT_EQ(report.named.size(), 1U) << report.sentence;
-  }
+  m.priors[static_cast<std::size_t>(&youngs_modulus(m) - m.information.data())] = 2e3;
+  for (unsigned seed = 1; seed <= 2; ++seed) EXPECT_TRUE(finds_compliance(m, 4e-6, seed, 2)) << seed;
+}
+
+/// E that would go to half of its value, were it not for its bound, hides none of it.
+TEST(CurveExperiment, AComplianceIsFoundWhereEIsOnItsBound) {
+  CurveModel m = model(truth);
+  youngs_modulus(m).lower = 150e3, youngs_modulus(m).upper = 250e3;
+  for (unsigned seed = 1; seed <= 2; ++seed) EXPECT_TRUE(finds_compliance(m, 4e-6, seed, 4)) << seed;
 }
 
 /// Pulled, held and turned between two rows: the strain before the turn stands still from row to row.
