@@ -29,8 +29,8 @@ void run_calibration(const CommandOptions& options) {
   std::filesystem::create_directories(folder, error);
   if (error) throw InputError(folder.string(), "cannot be made: " + error.message(), "a folder that can be written to");
   begin_log_file(folder / "log.txt");
-  spdlog::info("{}: {} camera{}, {} images each", request.title, request.cameras.size(), request.cameras.size() > 1 ? "s" : "",
-               request.cameras[0].images.size());
+  spdlog::info("{}: {} camera{}, {} images each", request.title, request.cameras.size(),
+               request.cameras.size() > 1 ? "s" : "", request.cameras[0].images.size());
   std::vector<imaging::CameraSightings> sightings;
   for (const auto& camera : request.cameras) sightings.push_back(sightings_of(camera, request.target));
   const imaging::RigCalibration result = imaging::calibrate_rig(request.target, sightings, request.terms);
@@ -42,8 +42,10 @@ void run_calibration(const CommandOptions& options) {
   }
   spdlog::info("reprojection error {:.4f} px rms of all, {} iterations", result.rms, result.iterations);
   imaging::write_calibration(folder / "calibration.yaml", result.cameras, request.unit);
-  const io::CalibrationRun run{
-      .request = request, .sightings = sightings, .result = result, .program = version_text().substr(0, version_text().find('\n'))};
+  const io::CalibrationRun run{.request = request,
+                               .sightings = sightings,
+                               .result = result,
+                               .program = version_text().substr(0, version_text().find('\n'))};
   io::write_calibration_result(folder / "result.json", run);
   io::write_calibration_page(folder / "calibration.html", run);
   fmt::print("{}\n", (folder / "calibration.yaml").string());

@@ -17,34 +17,39 @@
 namespace imic3d::app {
 namespace {
 
+using Eigen::Index;
 using imaging::camera_numbers;
 using imaging::PinholeCamera;
-using Eigen::Index;
 using Cameras = std::vector<std::shared_ptr<const imaging::Camera>>;
 
 Eigen::Matrix3d turn(const Eigen::Vector3d& r) {
-  return r.norm() > 0.0 ? Eigen::AngleAxisd(r.norm(), r.normalized()).toRotationMatrix() : Eigen::Matrix3d(Eigen::Matrix3d::Identity());
+  return r.norm() > 0.0 ? Eigen::AngleAxisd(r.norm(), r.normalized()).toRotationMatrix()
+                        : Eigen::Matrix3d(Eigen::Matrix3d::Identity());
 }
 
-/// A telecentric camera that was taken to be `scale` times as large a pixel and turned by `angle` [rad], about the pixel `fixed`.
-imaging::TelecentricCamera disturbed(const imaging::Camera& camera, const Eigen::Vector3d& middle, double scale, double angle) {
+/// A telecentric camera that was taken to be `scale` times as large a pixel and turned by `angle` [rad], about the
+/// pixel `fixed`.
+imaging::TelecentricCamera disturbed(const imaging::Camera& camera, const Eigen::Vector3d& middle, double scale,
+                                     double angle) {
   imaging::TelecentricCamera wrong;
   wrong.linear = Eigen::Rotation2Dd(angle).toRotationMatrix() * camera.jacobian(middle) / scale;
   wrong.offset = camera.project(middle) - wrong.linear * middle;
   return wrong;
 }
 
-/// A pinhole camera in the specimen's frame with errors of its numbers; `centre` is its translation in the frame of the rig, in
-/// which the errors are counted.
+/// A pinhole camera in the specimen's frame with errors of its numbers; `centre` is its translation in the frame of the
+/// rig, in which the errors are counted.
 PinholeCamera disturbed(const PinholeCamera& camera, const Eigen::Vector3d& centre, const Eigen::VectorXd& error) {
   imaging::Intrinsics lens = camera.intrinsics();
   lens.fx += error[0], lens.fy += error[1], lens.cx += error[2], lens.cy += error[3], lens.skew += error[4];
   for (std::size_t k = 0; k < lens.distortion.size(); ++k) lens.distortion[k] += error[5 + static_cast<Index>(k)];
   const Eigen::Matrix3d turned = turn(error.segment<3>(17));
-  return {lens, {turned * camera.pose().rotation, turned * (camera.pose().translation - centre) + centre + error.tail<3>()}};
+  return {lens,
+          {turned * camera.pose().rotation, turned * (camera.pose().translation - centre) + centre + error.tail<3>()}};
 }
 
-/// Standard deviations of the numbers of a face's cameras as the columns of a square root of their covariance [numbers x uncertain].
+/// Standard deviations of the numbers of a face's cameras as the columns of a square root of their covariance [numbers
+/// x uncertain].
 struct Uncertainty {
   std::vector<Index> first;  // of each view's numbers: 2 (pixel size, rotation) or 23
   std::vector<Eigen::Vector3d> centre;
@@ -65,7 +70,8 @@ Uncertainty uncertainty(const io::Case& test, const Rig& rig) {
     result.centre.emplace_back(Eigen::Vector3d::Zero());
     if (declared.model != "pinhole") {
       for (const auto& [name, value] : declared.calibration_sd) {
-        if (name != "pixel_size" && name != "rotation") throw InputError("cameras." + declared.name + ".calibration_sd", name, "pixel_size, rotation");
+        if (name != "pixel_size" && name != "rotation")
+          throw InputError("cameras." + declared.name + ".calibration_sd", name, "pixel_size, rotation");
         const Index row = at + (name == "rotation" ? 1 : 0);
         covariance(row, row) = std::pow(name == "rotation" ? value * M_PI / 180.0 : value, 2);
       }
@@ -87,10 +93,12 @@ Uncertainty uncertainty(const io::Case& test, const Rig& rig) {
   }
   // Numbers of such different size are scaled to a correlation before the decomposition.
   const Eigen::VectorXd scale = covariance.diagonal().cwiseSqrt().unaryExpr([](double s) { return s > 0.0 ? s : 1.0; });
-  const Eigen::MatrixXd correlation = scale.cwiseInverse().asDiagonal() * covariance * scale.cwiseInverse().asDiagonal();
+  const Eigen::MatrixXd correlation =
+      scale.cwiseInverse().asDiagonal() * covariance * scale.cwiseInverse().asDiagonal();
   const SymmetricEigen axes = symmetric_eigen(0.5 * (correlation + correlation.transpose()));
   const Index uncertain = (axes.values.array() > 1e-12).count();  // the last ones: ascending
-  result.root = scale.asDiagonal() * axes.vectors.rightCols(uncertain) * axes.values.tail(uncertain).cwiseSqrt().asDiagonal();
+  result.root =
+      scale.asDiagonal() * axes.vectors.rightCols(uncertain) * axes.values.tail(uncertain).cwiseSqrt().asDiagonal();
   return result;
 }
 
@@ -124,7 +132,8 @@ Cameras placed(const mesh::Mesh& surface, const Cameras& truth, Cameras wrong, c
 
 /// dU/d(x, y) at the nodes, the mean of the elements around, weighted by their areas [nodes][components x 2].
 std::vector<Eigen::MatrixXd> slopes(const mesh::Mesh& surface, const Eigen::VectorXd& U, int components) {
-  std::vector<Eigen::MatrixXd> sum(static_cast<std::size_t>(surface.nodes.rows()), Eigen::MatrixXd::Zero(components, 2));
+  std::vector<Eigen::MatrixXd> sum(static_cast<std::size_t>(surface.nodes.rows()),
+                                   Eigen::MatrixXd::Zero(components, 2));
   Eigen::VectorXd area = Eigen::VectorXd::Zero(surface.nodes.rows());
   Eigen::Matrix<double, 4, 2> central;
   central << -0.25, -0.25, 0.25, -0.25, 0.25, 0.25, -0.25, 0.25;
@@ -147,7 +156,8 @@ std::vector<Eigen::MatrixXd> slopes(const mesh::Mesh& surface, const Eigen::Vect
 }
 
 /// What cameras `wrong` take for the displacement U that cameras `truth` have recorded, less U.
-Eigen::VectorXd error_of(const mesh::Mesh& surface, const Cameras& truth, const Cameras& wrong, const Eigen::VectorXd& U, int components) {
+Eigen::VectorXd error_of(const mesh::Mesh& surface, const Cameras& truth, const Cameras& wrong,
+                         const Eigen::VectorXd& U, int components) {
   const auto gradient = slopes(surface, U, components);
   Eigen::VectorXd error = Eigen::VectorXd::Zero(U.size());
   const auto count = static_cast<Index>(truth.size());
@@ -158,7 +168,8 @@ Eigen::VectorXd error_of(const mesh::Mesh& surface, const Cameras& truth, const 
     for (Index c = 0; c < count; ++c) {
       const auto& camera = *truth[static_cast<std::size_t>(c)];
       // The point that is in truth where the node is taken to be, and where its image goes.
-      const Eigen::Vector2d away = camera.jacobian(X).leftCols<2>().inverse() * (wrong[static_cast<std::size_t>(c)]->project(X) - camera.project(X));
+      const Eigen::Vector2d away = camera.jacobian(X).leftCols<2>().inverse() *
+                                   (wrong[static_cast<std::size_t>(c)]->project(X) - camera.project(X));
       Eigen::Vector3d x = X;
       x.head<2>() += away;
       const Eigen::VectorXd there = u + gradient[static_cast<std::size_t>(i)] * away;
@@ -188,14 +199,16 @@ Eigen::VectorXd calibration_deviations(const io::CameraCase& declared) {
   Eigen::VectorXd deviations = Eigen::VectorXd::Zero(camera_numbers);
   for (const auto& [name, value] : declared.calibration_sd) {
     const auto found = std::find(names.begin(), names.end(), name);
-    if (found == names.end()) throw InputError("cameras." + declared.name + ".calibration_sd", name, fmt::format("{}", fmt::join(names, ", ")));
+    if (found == names.end())
+      throw InputError("cameras." + declared.name + ".calibration_sd", name, fmt::format("{}", fmt::join(names, ", ")));
     deviations[found - names.begin()] = value;
   }
   return deviations;
 }
 
-std::vector<Eigen::MatrixXd> calibration_errors(const Observation& observation, const io::Case& test, const identification::Specimen& specimen,
-                                                const Eigen::MatrixXd& U, int draws, unsigned seed) {
+std::vector<Eigen::MatrixXd> calibration_errors(const Observation& observation, const io::Case& test,
+                                                const identification::Specimen& specimen, const Eigen::MatrixXd& U,
+                                                int draws, unsigned seed) {
   std::vector<Uncertainty> of_face;
   Index uncertain = 0;
   for (const auto& face : observation.faces) {
@@ -203,13 +216,13 @@ std::vector<Eigen::MatrixXd> calibration_errors(const Observation& observation, 
     uncertain += of_face.back().root.cols();
   }
   if (uncertain == 0 || draws == 0) return {};
-  // With as many draws as uncertain numbers their sample covariance is made exact: the share is then that of a linear answer.
+  // With as many draws as uncertain numbers their sample covariance is made exact: the share is then that of a linear
+  // answer.
   std::mt19937_64 random(seed);
   std::normal_distribution<double> normal;
   Eigen::MatrixXd white(draws, uncertain);
   for (double& value : white.reshaped()) value = normal(random);
-  if (draws >= uncertain)
-    white = std::sqrt(draws) * orthonormal(white);
+  if (draws >= uncertain) white = std::sqrt(draws) * orthonormal(white);
   std::vector<Eigen::MatrixXd> errors(static_cast<std::size_t>(draws), Eigen::MatrixXd::Zero(U.rows(), U.cols()));
   Index column = 0;
   for (std::size_t k = 0; k < observation.faces.size(); ++k) {
@@ -226,14 +239,17 @@ std::vector<Eigen::MatrixXd> calibration_errors(const Observation& observation, 
     }
     const Eigen::Vector3d middle = rig.surface.nodes.colwise().mean();
     for (std::size_t d = 0; d < errors.size(); ++d) {
-      const Eigen::VectorXd drawn = numbers.root * white.row(static_cast<Index>(d)).segment(column, numbers.root.cols()).transpose();
+      const Eigen::VectorXd drawn =
+          numbers.root * white.row(static_cast<Index>(d)).segment(column, numbers.root.cols()).transpose();
       Cameras wrong;
       for (std::size_t c = 0; c < truth.size(); ++c) {
         const Index at = numbers.first[c];
         if (const auto* camera = dynamic_cast<const PinholeCamera*>(truth[c].get()))
-          wrong.push_back(std::make_shared<PinholeCamera>(disturbed(*camera, numbers.centre[c], drawn.segment(at, camera_numbers))));
+          wrong.push_back(std::make_shared<PinholeCamera>(
+              disturbed(*camera, numbers.centre[c], drawn.segment(at, camera_numbers))));
         else
-          wrong.push_back(std::make_shared<imaging::TelecentricCamera>(disturbed(*truth[c], middle, 1.0 + drawn[at], drawn[at + 1])));
+          wrong.push_back(std::make_shared<imaging::TelecentricCamera>(
+              disturbed(*truth[c], middle, 1.0 + drawn[at], drawn[at + 1])));
       }
       wrong = placed(rig.surface, truth, std::move(wrong), movable);
       for (Index t = 0; t < U.cols(); ++t)

@@ -15,7 +15,9 @@ using Eigen::MatrixXd;
 using Eigen::VectorXd;
 using io::Checkpoint;
 
-MatrixXd column(const std::vector<double>& values) { return Eigen::Map<const VectorXd>(values.data(), static_cast<Index>(values.size())); }
+MatrixXd column(const std::vector<double>& values) {
+  return Eigen::Map<const VectorXd>(values.data(), static_cast<Index>(values.size()));
+}
 std::vector<double> values_of(const MatrixXd& column) { return {column.data(), column.data() + column.size()}; }
 
 MatrixXd columns(const std::vector<VectorXd>& vectors) {
@@ -44,16 +46,20 @@ void put(Checkpoint& into, const std::string& at, const correlation::DicSeries& 
     into.put(at + "elements", static_cast<double>(frame.element_rms.size()));
     into.put(at + "cameras", static_cast<double>(frame.cameras.size()));
   }
-  for (std::size_t t = first; t < series.frames.size(); ++t) into.put(frame_name(at, t), correlation::numbers_of(series.frames[t]));
+  for (std::size_t t = first; t < series.frames.size(); ++t)
+    into.put(frame_name(at, t), correlation::numbers_of(series.frames[t]));
 }
 correlation::DicSeries series_of(const Checkpoint& from, const std::string& at) {
   correlation::DicSeries series;
   series.starts = vectors_of(from.matrix(at + "starts"));
   for (const double lost : values_of(from.matrix(at + "lost"))) series.lost.push_back(lost > 0.5 ? 1 : 0);
   series.round = from.count(at + "round");
-  for (const double left_out : values_of(from.matrix(at + "left_out"))) series.left_out.push_back(left_out > 0.5 ? 1 : 0);
+  for (const double left_out : values_of(from.matrix(at + "left_out")))
+    series.left_out.push_back(left_out > 0.5 ? 1 : 0);
   for (int t = 0; t < from.count(at + "done"); ++t)
-    series.frames.push_back(correlation::frame_of(from.matrix(frame_name(at, static_cast<std::size_t>(t))), from.count(at + "unknowns"), from.count(at + "elements"), from.count(at + "cameras")));
+    series.frames.push_back(correlation::frame_of(from.matrix(frame_name(at, static_cast<std::size_t>(t))),
+                                                  from.count(at + "unknowns"), from.count(at + "elements"),
+                                                  from.count(at + "cameras")));
   return series;
 }
 
@@ -62,7 +68,9 @@ void put(Checkpoint& into, const std::string& at, const std::vector<id::Iterate>
   for (std::size_t i = 0; i < iterates.size(); ++i) {
     const auto& one = iterates[i];
     into.put(fmt::format("{}{}/parameters", at, i), column(one.parameters));
-    into.put(fmt::format("{}{}/numbers", at, i), column({one.eta, one.displacement_rms, one.image_rms, one.force_rms, one.cost, static_cast<double>(one.frames), static_cast<double>(one.increments)}));
+    into.put(fmt::format("{}{}/numbers", at, i),
+             column({one.eta, one.displacement_rms, one.image_rms, one.force_rms, one.cost,
+                     static_cast<double>(one.frames), static_cast<double>(one.increments)}));
     into.put(fmt::format("{}{}/message", at, i), one.message);
   }
 }
@@ -84,12 +92,20 @@ std::vector<id::Iterate> iterates_of(const Checkpoint& from, const std::string& 
 }
 
 void put(Checkpoint& into, const std::string& at, const id::Covariance& covariance) {
-  for (const auto& [name, part] : {std::pair{"image", &covariance.image}, {"force", &covariance.force}, {"boundary", &covariance.boundary}, {"calibration", &covariance.calibration}, {"total", &covariance.total}})
+  for (const auto& [name, part] : {std::pair{"image", &covariance.image},
+                                   {"force", &covariance.force},
+                                   {"boundary", &covariance.boundary},
+                                   {"calibration", &covariance.calibration},
+                                   {"total", &covariance.total}})
     into.put(at + name, *part);
 }
 id::Covariance covariance_of(const Checkpoint& from, const std::string& at) {
   id::Covariance covariance;
-  for (const auto& [name, part] : {std::pair{"image", &covariance.image}, {"force", &covariance.force}, {"boundary", &covariance.boundary}, {"calibration", &covariance.calibration}, {"total", &covariance.total}})
+  for (const auto& [name, part] : {std::pair{"image", &covariance.image},
+                                   {"force", &covariance.force},
+                                   {"boundary", &covariance.boundary},
+                                   {"calibration", &covariance.calibration},
+                                   {"total", &covariance.total}})
     *part = from.matrix(at + name);
   return covariance;
 }
@@ -119,7 +135,8 @@ void put(Checkpoint& into, const std::string& at, const id::StagePoint& point) {
   into.put(at + "reaction", point.linear.reaction);
   into.put(at + "message", point.linear.message);
   into.put(at + "free", static_cast<double>(point.linear.sensitivity.size()));
-  for (std::size_t j = 0; j < point.linear.sensitivity.size(); ++j) into.put(fmt::format("{}sensitivity/{}", at, j), point.linear.sensitivity[j]);
+  for (std::size_t j = 0; j < point.linear.sensitivity.size(); ++j)
+    into.put(fmt::format("{}sensitivity/{}", at, j), point.linear.sensitivity[j]);
   into.put(at + "force_sensitivity", columns(point.linear.force_sensitivity));
   put(into, at + "finer/", point.finer);
   into.put(at + "noise/parameters", column(point.noise.parameters));
@@ -129,7 +146,8 @@ void put(Checkpoint& into, const std::string& at, const id::StagePoint& point) {
   const auto& normal = point.normal;
   into.put(at + "matrix", normal.matrix);
   into.put(at + "right", normal.right);
-  into.put(at + "sums", column({normal.cost, normal.squares, normal.pixels, normal.distance, normal.force, static_cast<double>(normal.frames)}));
+  into.put(at + "sums", column({normal.cost, normal.squares, normal.pixels, normal.distance, normal.force,
+                                static_cast<double>(normal.frames)}));
 }
 id::StagePoint point_of(const Checkpoint& from, const std::string& at) {
   id::StagePoint point;
@@ -139,15 +157,20 @@ id::StagePoint point_of(const Checkpoint& from, const std::string& at) {
   point.linear.surface = from.matrix(at + "surface");
   point.linear.reaction = from.matrix(at + "reaction");
   point.linear.message = from.text(at + "message");
-  for (int j = 0; j < from.count(at + "free"); ++j) point.linear.sensitivity.push_back(from.matrix(fmt::format("{}sensitivity/{}", at, j)));
+  for (int j = 0; j < from.count(at + "free"); ++j)
+    point.linear.sensitivity.push_back(from.matrix(fmt::format("{}sensitivity/{}", at, j)));
   point.linear.force_sensitivity = vectors_of(from.matrix(at + "force_sensitivity"));
   point.finer = finer_increments_of(from, at + "finer/");
-  point.noise = {.parameters = values_of(from.matrix(at + "noise/parameters")), .covariance = covariance_of(from, at + "noise/covariance/"), .difference = from.matrix(at + "noise/difference"), .unknown = from.text(at + "noise/unknown")};
+  point.noise = {.parameters = values_of(from.matrix(at + "noise/parameters")),
+                 .covariance = covariance_of(from, at + "noise/covariance/"),
+                 .difference = from.matrix(at + "noise/difference"),
+                 .unknown = from.text(at + "noise/unknown")};
   point.normal.matrix = from.matrix(at + "matrix");
   point.normal.right = from.matrix(at + "right");
   const auto sums = values_of(from.matrix(at + "sums"));
   point.normal.cost = sums.at(0), point.normal.squares = sums.at(1), point.normal.pixels = sums.at(2);
-  point.normal.distance = sums.at(3), point.normal.force = sums.at(4), point.normal.frames = static_cast<int>(sums.at(5));
+  point.normal.distance = sums.at(3), point.normal.force = sums.at(4),
+  point.normal.frames = static_cast<int>(sums.at(5));
   return point;
 }
 
@@ -184,7 +207,8 @@ id::Solutions solutions_of(const Checkpoint& from, const std::string& at) {
     solution.d_displacement.resize(solution.displacement.size());
     for (std::size_t j = 0; j < solution.free.size(); ++j) {
       const auto& derivative = from.matrix(fmt::format("{}derivative/{}", of, j));
-      for (Index t = 0; t < derivative.cols(); ++t) solution.d_displacement[static_cast<std::size_t>(t)].emplace_back(derivative.col(t));
+      for (Index t = 0; t < derivative.cols(); ++t)
+        solution.d_displacement[static_cast<std::size_t>(t)].emplace_back(derivative.col(t));
     }
   }
   return solutions;
@@ -192,9 +216,11 @@ id::Solutions solutions_of(const Checkpoint& from, const std::string& at) {
 
 RunState state_of(const Checkpoint& from) {
   RunState state;
-  for (int k = 0; from.has(fmt::format("dic/{}/done", k)); ++k) state.dic.push_back(series_of(from, fmt::format("dic/{}/", k)));
+  for (int k = 0; from.has(fmt::format("dic/{}/done", k)); ++k)
+    state.dic.push_back(series_of(from, fmt::format("dic/{}/", k)));
   if (from.has("reaction_noise")) state.reaction_noise = from.number("reaction_noise");
-  for (int k = 0; from.has(fmt::format("stages/{}/values", k)); ++k) state.stages.push_back(stage_of(from, fmt::format("stages/{}/", k)));
+  for (int k = 0; from.has(fmt::format("stages/{}/values", k)); ++k)
+    state.stages.push_back(stage_of(from, fmt::format("stages/{}/", k)));
   if (from.has("point/converged")) state.point = point_of(from, "point/");
   if (from.has("solutions/0/parameters")) state.solutions = solutions_of(from, "solutions/");
   return state;
@@ -204,14 +230,20 @@ std::string reached_by(const RunState& state) {
   std::size_t frames = 0, coarse = 0;
   for (const auto& series : state.dic) frames += series.frames.size(), coarse += series.starts.size();
   if (state.stages.empty() && !state.point)
-    return frames > 0 ? fmt::format("{} of {} frames correlated", frames, coarse) : fmt::format("{} frames on the coarse levels", coarse);
-  return state.point ? fmt::format("iteration {} of stage {}", state.point->iterates.size() - 1, state.stages.size() + 1) : fmt::format("stage {} done", state.stages.size());
+    return frames > 0 ? fmt::format("{} of {} frames correlated", frames, coarse)
+                      : fmt::format("{} frames on the coarse levels", coarse);
+  return state.point
+             ? fmt::format("iteration {} of stage {}", state.point->iterates.size() - 1, state.stages.size() + 1)
+             : fmt::format("stage {} done", state.stages.size());
 }
 
 }  // namespace
 
-RunCheckpoint::RunCheckpoint(const Communicator& world, const std::filesystem::path& folder, const io::Case& test, bool resume)
-    : world_(world), file_(world, folder / "checkpoint.h5", [&] { return io::fingerprint(test); }, resume) {
+RunCheckpoint::RunCheckpoint(const Communicator& world, const std::filesystem::path& folder, const io::Case& test,
+                             bool resume)
+    : world_(world),
+      file_(
+          world, folder / "checkpoint.h5", [&] { return io::fingerprint(test); }, resume) {
   if (!file_.found()) return;
   found_ = state_of(file_.everywhere());
   stages_ = found_.stages.size();

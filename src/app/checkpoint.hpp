@@ -6,9 +6,9 @@
 #include <string>
 #include <vector>
 
+#include "checkpoint_file.hpp"
 #include "imic3d/correlation/global_dic.hpp"
 #include "imic3d/identification/gauss_newton.hpp"
-#include "checkpoint_file.hpp"
 
 namespace imic3d::app {
 
@@ -20,11 +20,11 @@ struct StageDone {
 
 /// What a run has reached, the same on every rank.
 struct RunState {
-  std::vector<correlation::DicSeries> dic;                  ///< of each face
-  std::optional<double> reaction_noise;                     ///< identification::reaction_noise [force]
+  std::vector<correlation::DicSeries> dic;  ///< of each face
+  std::optional<double> reaction_noise;     ///< identification::reaction_noise [force]
   std::vector<StageDone> stages;
-  std::optional<identification::StagePoint> point;          ///< within the next stage
-  std::optional<identification::Solutions> solutions;       ///< where its next simulation starts
+  std::optional<identification::StagePoint> point;     ///< within the next stage
+  std::optional<identification::Solutions> solutions;  ///< where its next simulation starts
 };
 
 /// The file; every function is called on every rank.
@@ -35,7 +35,8 @@ class RunCheckpoint {
 
   [[nodiscard]] const RunState& found() const { return found_; }
 
-  // Each keeps what it is given, writes the file (the first leaves that to the others) and stops the run if it was asked to (Interrupted).
+  // Each keeps what it is given, writes the file (the first leaves that to the others) and stops the run if it was
+  // asked to (Interrupted).
   void reaction_noise(double noise);
   /// Written at first, about every 10 s, when all `frames` are done, and before a stop.
   void dic(std::size_t face, const correlation::DicSeries& series, std::size_t frames);

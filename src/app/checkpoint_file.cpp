@@ -8,7 +8,9 @@
 
 namespace imic3d::app {
 
-CheckpointFile::CheckpointFile(const Communicator& world, std::filesystem::path path, const std::function<std::map<std::string, std::string>()>& sections, bool resume) : world_(world), path_(std::move(path)) {
+CheckpointFile::CheckpointFile(const Communicator& world, std::filesystem::path path,
+                               const std::function<std::map<std::string, std::string>()>& sections, bool resume)
+    : world_(world), path_(std::move(path)) {
   collectively(world, [&] {
     if (!world.is_root()) return;
     std::error_code error;
@@ -17,12 +19,15 @@ CheckpointFile::CheckpointFile(const Communicator& world, std::filesystem::path 
       constexpr const char* or_anew = "without --resume the run starts anew";
       content_ = io::Checkpoint::read(path_);
       if (content_.text("program") != revision())
-        throw InputError(path_.string(), "a checkpoint of imic3d " + content_.text("program"), fmt::format("one of this program, {}; {}", revision(), or_anew));
+        throw InputError(path_.string(), "a checkpoint of imic3d " + content_.text("program"),
+                         fmt::format("one of this program, {}; {}", revision(), or_anew));
       std::vector<std::string> others;
       for (const auto& [section, hash] : sections())
         if (!content_.has("case/" + section) || content_.text("case/" + section) != hash) others.push_back(section);
       if (!others.empty())
-        throw InputError(path_.string(), fmt::format("a checkpoint of another case: {} changed, or what {} names", fmt::join(others, ", "), others.size() == 1 ? "it" : "they"),
+        throw InputError(path_.string(),
+                         fmt::format("a checkpoint of another case: {} changed, or what {} names",
+                                     fmt::join(others, ", "), others.size() == 1 ? "it" : "they"),
                          fmt::format("the same case; {}", or_anew));
     } else {
       std::filesystem::remove(path_, error);
@@ -47,7 +52,8 @@ void CheckpointFile::write() {
     content_.write(path_);
   } catch (const std::exception& error) {
     std::error_code ignored;
-    spdlog::warn("no checkpoint: {}. The run goes on; {}", error.what(), std::filesystem::exists(path_, ignored) ? "the checkpoint before stays" : "there is none yet");
+    spdlog::warn("no checkpoint: {}. The run goes on; {}", error.what(),
+                 std::filesystem::exists(path_, ignored) ? "the checkpoint before stays" : "there is none yet");
   }
   const auto end = std::chrono::steady_clock::now();
   next_ = end + std::max<std::chrono::steady_clock::duration>(std::chrono::seconds(10), 20 * (end - start));

@@ -12,12 +12,15 @@
 
 namespace imic3d::app {
 
-/// Rank 0 reads and writes it. A file that cannot be written is warned of, and the run goes on: what was written before stays.
+/// Rank 0 reads and writes it. A file that cannot be written is warned of, and the run goes on: what was written before
+/// stays.
 class CheckpointFile {
  public:
-  /// With `resume` takes up what the file holds; where there is none, a line says so and the run starts anew. Without `resume` an old one is removed. `sections`: hashes of what the run
-  /// depends on, asked for on rank 0. Throws InputError if the checkpoint is broken, or of another case or program. Collective.
-  CheckpointFile(const Communicator& world, std::filesystem::path path, const std::function<std::map<std::string, std::string>()>& sections, bool resume);
+  /// With `resume` takes up what the file holds; where there is none, a line says so and the run starts anew. Without
+  /// `resume` an old one is removed. `sections`: hashes of what the run depends on, asked for on rank 0. Throws
+  /// InputError if the checkpoint is broken, or of another case or program. Collective.
+  CheckpointFile(const Communicator& world, std::filesystem::path path,
+                 const std::function<std::map<std::string, std::string>()>& sections, bool resume);
 
   [[nodiscard]] const std::filesystem::path& path() const { return path_; }
   /// Whether there was one to go on from.

@@ -91,23 +91,29 @@ void write_results(const std::filesystem::path& folder, const io::Case& test, co
   io::store_case(h5, test, versions());
   std::vector<std::string> names, units, curves, groups;
   std::vector<double> initial, values, deviations;
-  for (const auto& p : run.parameters) names.push_back(p.name), units.push_back(p.unit), initial.push_back(p.start), values.push_back(p.value), deviations.push_back(p.deviation);
+  for (const auto& p : run.parameters)
+    names.push_back(p.name), units.push_back(p.unit), initial.push_back(p.start), values.push_back(p.value),
+        deviations.push_back(p.deviation);
   h5.store_texts("identification/parameters", names, "names of the parameters");
   h5.store_texts("identification/units", units, "units of the parameters");
   const std::string unit = "see identification/units";
   h5.store("identification/initial", {names.size()}, initial, unit, "values in the case file");
   h5.store("identification/values", {names.size()}, values, unit, "identified values");
-  h5.store("identification/standard_deviation", {names.size()}, deviations, unit, "standard deviation; NaN where a parameter was not free");
+  h5.store("identification/standard_deviation", {names.size()}, deviations, unit,
+           "standard deviation; NaN where a parameter was not free");
   for (const auto& one : run.curves) {
-    const auto store = [&, at = fmt::format("curves/{:04d}/", curves.size())](const char* name, const Eigen::VectorXd& numbers, const std::string& of, const char* what) {
+    const auto store = [&, at = fmt::format("curves/{:04d}/", curves.size())](
+                           const char* name, const Eigen::VectorXd& numbers, const std::string& of, const char* what) {
       const auto size = static_cast<std::size_t>(numbers.size());
       h5.store(at + name, {size}, std::span<const double>(numbers.data(), size), of, what);
     };
     store("time", one.time, run.time_unit, "time");
     store("strain", one.strain, "-", "logarithmic strain");
-    store("measured", one.measured, run.stress_unit, one.engineering ? "measured engineering stress" : "measured true stress");
+    store("measured", one.measured, run.stress_unit,
+          one.engineering ? "measured engineering stress" : "measured true stress");
     store("predicted", one.predicted, run.stress_unit, "predicted stress");
-    h5.store(fmt::format("curves/{:04d}/use", curves.size()), {one.use.size()}, std::vector<int>(one.use.begin(), one.use.end()), "-", "0: not judged, 1: fitted, 2: held out");
+    h5.store(fmt::format("curves/{:04d}/use", curves.size()), {one.use.size()},
+             std::vector<int>(one.use.begin(), one.use.end()), "-", "0: not judged, 1: fitted, 2: held out");
     curves.push_back(one.name), groups.push_back(one.group);
   }
   h5.store_texts("curves/names", curves, "name of each curve");
@@ -124,10 +130,13 @@ std::string deviation_from(const io::ExperimentCase& experiment) {
 }
 
 namespace {
-/// Whether most changes of the stress are against those of the strain, by their products: elastic loading and unloading go together, whatever flow does.
+/// Whether most changes of the stress are against those of the strain, by their products: elastic loading and unloading
+/// go together, whatever flow does.
 bool falls_with_strain(const id::Curve& curve) {
   const Eigen::Index last = curve.stress.size() - 1;
-  const auto steps = [last](const Eigen::VectorXd& values) -> Eigen::ArrayXd { return values.tail(last).array() - values.head(last).array(); };
+  const auto steps = [last](const Eigen::VectorXd& values) -> Eigen::ArrayXd {
+    return values.tail(last).array() - values.head(last).array();
+  };
   const Eigen::ArrayXd products = steps(curve.history.strain) * steps(curve.stress);
   return products.sum() < -0.5 * products.abs().sum();
 }
@@ -152,22 +161,32 @@ std::vector<id::Curve> make_curves(const io::Case& test) {
     if (k > 0 && curves[k].group != curves[k - 1].group) file = 0;
     const auto& own = curves[k];
     const auto place = fmt::format("experiments.{} {}", own.group, own.name);
-    if (falls_with_strain(own)) mistakes.push_back({place, "a stress that falls where the strain grows", "stress and strain of one sign, both positive in tension"});
+    if (falls_with_strain(own))
+      mistakes.push_back({place, "a stress that falls where the strain grows",
+                          "stress and strain of one sign, both positive in tension"});
     for (std::size_t other = k - file; other < k; ++other)
-      if (curves[other].stress.size() == own.stress.size() && curves[other].stress == own.stress && curves[other].history.strain == own.history.strain)
-        mistakes.push_back({place, fmt::format("the numbers of {} once more", curves[other].name), "bars that were measured, each once"});
+      if (curves[other].stress.size() == own.stress.size() && curves[other].stress == own.stress &&
+          curves[other].history.strain == own.history.strain)
+        mistakes.push_back({place, fmt::format("the numbers of {} once more", curves[other].name),
+                            "bars that were measured, each once"});
   }
   if (!mistakes.empty()) throw InputError(std::move(mistakes));
   std::size_t fitted = 0, most_free = 0;
-  for (const auto& curve : curves) fitted += static_cast<std::size_t>(std::count(curve.use.begin(), curve.use.end(), id::Curve::fitted));
+  for (const auto& curve : curves)
+    fitted += static_cast<std::size_t>(std::count(curve.use.begin(), curve.use.end(), id::Curve::fitted));
   for (const auto& stage : test.identify.stages) most_free = std::max(most_free, stage.free.size());
-  if (fitted == 0) throw InputError("experiments", "no row to fit: all are held out, or come before `from`", "rows that are fitted, more than there are free parameters");
-  if (fitted <= most_free) throw InputError("experiments", fmt::format("{} rows to fit, {} free parameters", fitted, most_free), "more rows than free parameters");
+  if (fitted == 0)
+    throw InputError("experiments", "no row to fit: all are held out, or come before `from`",
+                     "rows that are fitted, more than there are free parameters");
+  if (fitted <= most_free)
+    throw InputError("experiments", fmt::format("{} rows to fit, {} free parameters", fitted, most_free),
+                     "more rows than free parameters");
   return curves;
 }
 
 namespace {
-/// Stress over strain in the rows below 30 % of the largest stress that come before it, by least squares with an offset; NaN if there are too few.
+/// Stress over strain in the rows below 30 % of the largest stress that come before it, by least squares with an
+/// offset; NaN if there are too few.
 double first_slope(const id::Curve& curve) {
   const double largest = curve.stress.cwiseAbs().maxCoeff();
   double n = 0.0, x = 0.0, y = 0.0, xx = 0.0, xy = 0.0;
@@ -185,8 +204,12 @@ std::vector<std::string> doubts_of_curves(const io::Case& test, const std::vecto
   const auto& effects = test.material.effects;
   for (const char* effect : {"rate", "viscosity"})
     for (const auto& experiment : test.experiments)
-      if (std::find(effects.begin(), effects.end(), effect) != effects.end() && experiment.columns.time.empty() && !experiment.rate) {
-        doubts.push_back(fmt::format("experiments.{}: neither time nor rate is given, and a row is taken for one unit of time: the parameters of material.effects: {} are in that unit", experiment.name, effect));
+      if (std::find(effects.begin(), effects.end(), effect) != effects.end() && experiment.columns.time.empty() &&
+          !experiment.rate) {
+        doubts.push_back(
+            fmt::format("experiments.{}: neither time nor rate is given, and a row is taken for one unit of time: the "
+                        "parameters of material.effects: {} are in that unit",
+                        experiment.name, effect));
         spdlog::warn("{}", doubts.back());
       }
   const auto declared = test.material.parameters.find("E");
@@ -199,8 +222,10 @@ std::vector<std::string> doubts_of_curves(const io::Case& test, const std::vecto
     if (slopes.empty()) continue;
     const double slope = median(std::move(slopes)), ratio = slope / declared->second.value;
     if (ratio > 1.0 / far && ratio < far) continue;
-    doubts.push_back(fmt::format("experiments.{}: the stress first rises by {:.3g} {} for a strain of 1, where E was declared as {:.4g}: is the strain in percent (strain_scale: 0.01), or the stress in another unit than {} (stress_unit)?",
-                                 experiment.name, slope, io::stress_unit(test.units), declared->second.value, io::stress_unit(test.units)));
+    doubts.push_back(fmt::format(
+        "experiments.{}: the stress first rises by {:.3g} {} for a strain of 1, where E was declared as {:.4g}: is the "
+        "strain in percent (strain_scale: 0.01), or the stress in another unit than {} (stress_unit)?",
+        experiment.name, slope, io::stress_unit(test.units), declared->second.value, io::stress_unit(test.units)));
     spdlog::warn("{}", doubts.back());
   }
   return doubts;
@@ -210,12 +235,15 @@ namespace {
 constexpr int most_weighings = 4;
 
 bool alike(const std::vector<double>& a, const std::vector<double>& b) {
-  return std::equal(a.begin(), a.end(), b.begin(), [](double x, double y) { return std::abs(x - y) <= 0.02 * std::max(x, y); });
+  return std::equal(a.begin(), a.end(), b.begin(),
+                    [](double x, double y) { return std::abs(x - y) <= 0.02 * std::max(x, y); });
 }
 
 void say_strain_noise(const id::CurveSet& set, const std::vector<double>& noise) {
   for (std::size_t k = 0; k < noise.size(); ++k)
-    if (noise[k] > 0.0) spdlog::info("  {}: a noise of the strain of {:.2g} is seen, and weighs where the curve is steep", set.curves()[k].name, noise[k]);
+    if (noise[k] > 0.0)
+      spdlog::info("  {}: a noise of the strain of {:.2g} is seen, and weighs where the curve is steep",
+                   set.curves()[k].name, noise[k]);
 }
 }  // namespace
 
@@ -257,7 +285,8 @@ void identify_curves(const Communicator& world, const CommandOptions& options, c
       fit = id::fit(set, material.information, fit.parameters, free, solver, report);
     }
     if (!fit.converged) {
-      run.doubts.push_back(fmt::format("stage {} did not converge in {} iterations: eta is still {:.2e}", k + 1, fit.iterates.size() - 1, fit.iterates.back().eta));
+      run.doubts.push_back(fmt::format("stage {} did not converge in {} iterations: eta is still {:.2e}", k + 1,
+                                       fit.iterates.size() - 1, fit.iterates.back().eta));
       spdlog::warn("  {}", run.doubts.back());
     }
     run.converged = run.converged && fit.converged;
@@ -278,8 +307,11 @@ void identify_curves(const Communicator& world, const CommandOptions& options, c
   };
   for (const int j : all_free) {
     const auto& name = material.information[static_cast<std::size_t>(j)].name;
-    if (at_bounds.contains(j)) doubt(fmt::format("{} ended on a bound, {:.6g}: the curves pull it beyond, or do not show it", name, material.values[static_cast<std::size_t>(j)]));
-    else if (!std::isfinite(deviation[j])) doubt(fmt::format("{} is not determined: the fitted rows do not show it", name));
+    if (at_bounds.contains(j))
+      doubt(fmt::format("{} ended on a bound, {:.6g}: the curves pull it beyond, or do not show it", name,
+                        material.values[static_cast<std::size_t>(j)]));
+    else if (!std::isfinite(deviation[j]))
+      doubt(fmt::format("{} is not determined: the fitted rows do not show it", name));
   }
   for (auto& unlikely : unlikely_values(test, material, material.values)) run.doubts.push_back(std::move(unlikely));
   const Eigen::VectorXd predicted = set.predict(material.values);
@@ -297,7 +329,8 @@ void identify_curves(const Communicator& world, const CommandOptions& options, c
     const auto members = of_group(set.curves(), experiment.name);
     double sum = 0.0, of_strain = 0.0;
     for (std::size_t k = 0; k < set.curves().size(); ++k)
-      if (set.curves()[k].group == experiment.name) sum += set.curves()[k].deviation, of_strain += strain_noise[k] / static_cast<double>(members.size());
+      if (set.curves()[k].group == experiment.name)
+        sum += set.curves()[k].deviation, of_strain += strain_noise[k] / static_cast<double>(members.size());
     const auto of = [&](bool fitted) {
       const auto m = id::misfit(set, predicted, experiment.name, fitted);
       return io::CurveRun::Misfit{m.rows, m.stress, m.chi, m.typical};

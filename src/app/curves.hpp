@@ -12,8 +12,10 @@ namespace imic3d::app {
 /// given, else the scatter of the repetitions, else that of the points. Throws InputError.
 [[nodiscard]] std::vector<identification::Curve> make_curves(const io::Case& test);
 
-/// Experiments whose stress first rises with the strain by far more or less than the declared E: units that were forgotten; those without a clock under a law that depends on the rate. Said in the log, too.
-[[nodiscard]] std::vector<std::string> doubts_of_curves(const io::Case& test, const std::vector<identification::Curve>& curves);
+/// Experiments whose stress first rises with the strain by far more or less than the declared E: units that were
+/// forgotten; those without a clock under a law that depends on the rate. Said in the log, too.
+[[nodiscard]] std::vector<std::string> doubts_of_curves(const io::Case& test,
+                                                        const std::vector<identification::Curve>& curves);
 
 /// Where the standard deviation of an experiment comes from.
 [[nodiscard]] std::string deviation_from(const io::ExperimentCase& experiment);

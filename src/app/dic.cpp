@@ -26,14 +26,20 @@ void dic(const Communicator& world, const CommandOptions& options) {
   RunOutput output(world, output_folder(test, options, world), test, specimen, Material{}, seen);
   spdlog::info("{}: {} frames, {} elements", test.title, seen.places.size(), specimen.surface.mesh.cells.rows());
   GroupTimes times;
-  correlate(seen, test, world, [&](int place, const correlation::DicFrame& frame) {
-    output.dic_frame(place, frame);
-    spdlog::info("  frame {}: residual {:.3f} grey levels, {} iterations{}", test.frames[static_cast<std::size_t>(place)],
-                 frame.rms, frame.iterations, frame.converged ? "" : ", not converged");
-  }, {.reached = [&](std::size_t, const correlation::DicSeries& series) { times["correlation"] = series.group_times; }});
+  correlate(seen, test, world,
+            [&](int place, const correlation::DicFrame& frame) {
+              output.dic_frame(place, frame);
+              spdlog::info("  frame {}: residual {:.3f} grey levels, {} iterations{}",
+                           test.frames[static_cast<std::size_t>(place)], frame.rms, frame.iterations,
+                           frame.converged ? "" : ", not converged");
+            },
+            {.reached = [&](std::size_t, const correlation::DicSeries& series) {
+              times["correlation"] = series.group_times;
+            }});
   say(times);
   output.noise(seen.noise);
-  output.finish(Material{}, {}, {}, std::nan(""), std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(), times);
+  output.finish(Material{}, {}, {}, std::nan(""),
+                std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(), times);
 }
 
 }  // namespace imic3d::app

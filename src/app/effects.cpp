@@ -14,7 +14,8 @@ namespace {
 
 std::string null_of(double value, bool shape) { return fmt::format("{} {:<4g}", shape ? "usual" : "null", value); }
 
-void print_quantity(const std::string& name, const std::string& null, const std::string& unit, const std::string& description) {
+void print_quantity(const std::string& name, const std::string& null, const std::string& unit,
+                    const std::string& description) {
   fmt::print("    {:24} {} [{}]  {}\n", name, null, unit, description);
 }
 
@@ -25,11 +26,16 @@ void print_confusion(const std::string& confused_with, const std::string& separa
 void print_effect(const loop::Effect& effect, const io::Units& units) {
   const auto description = effect.describe(unit_scene());
   fmt::print("{} ({}): {}\n", loop::key_of(description.name), name(description.link), description.sentence);
-  for (const auto& q : description.quantities) print_quantity(q.name, null_of(q.null, q.shape), unit_in(q.unit, units), q.description);
+  for (const auto& q : description.quantities)
+    print_quantity(q.name, null_of(q.null, q.shape), unit_in(q.unit, units), q.description);
   print_confusion(description.confused_with, description.separated_by);
-  if (effect.of_each_camera()) fmt::print("    with cameras on both faces: front_{0}, back_{0}\n", loop::key_of(description.name));
-  if (effect.of_one_of_several() && description.link == loop::Link::light) fmt::print("    with several cameras: NAME_{0} for each by its name\n", loop::key_of(description.name));
-  else if (effect.of_one_of_several()) fmt::print("    with several cameras on a face, one of them a perspective one: NAME_{0} for each by its name\n", loop::key_of(description.name));
+  if (effect.of_each_camera())
+    fmt::print("    with cameras on both faces: front_{0}, back_{0}\n", loop::key_of(description.name));
+  if (effect.of_one_of_several() && description.link == loop::Link::light)
+    fmt::print("    with several cameras: NAME_{0} for each by its name\n", loop::key_of(description.name));
+  else if (effect.of_one_of_several())
+    fmt::print("    with several cameras on a face, one of them a perspective one: NAME_{0} for each by its name\n",
+               loop::key_of(description.name));
 }
 
 void print_effects_of_law(const io::Units& units) {
@@ -39,10 +45,12 @@ void print_effects_of_law(const io::Units& units) {
     fmt::print("{} (material, declared in material.effects): {}\n", candidate.name, candidate.sentence);
     for (int j : candidate.parameters) {
       const ParameterInfo& info = parameters[static_cast<std::size_t>(j)];
-      print_quantity(info.name, null_of(info.null_value.value_or(0.0), info.shape), unit_in(info.unit, units), info.description);
+      print_quantity(info.name, null_of(info.null_value.value_or(0.0), info.shape), unit_in(info.unit, units),
+                     info.description);
     }
     print_confusion(candidate.confused_with, candidate.separated_by);
-    if (!candidate.formula_for.empty()) fmt::print("    one formula for {}, of which a test shows the course\n", candidate.formula_for);
+    if (!candidate.formula_for.empty())
+      fmt::print("    one formula for {}, of which a test shows the course\n", candidate.formula_for);
   }
   for (const auto& info : parameters) {
     if (info.name != "nu") continue;
@@ -56,8 +64,8 @@ void print_effects_of_law(const io::Units& units) {
 }  // namespace
 
 void effects(const Communicator& world, const CommandOptions& options) {
-  const io::Units units =
-      options.case_file.empty() ? io::Units{.length = "length", .force = "force", .time = "time"} : read_case(options, {}, false).units;
+  const io::Units units = options.case_file.empty() ? io::Units{.length = "length", .force = "force", .time = "time"}
+                                                    : read_case(options, {}, false).units;
   if (!world.is_root()) return;
   for (const auto& effect : loop::all_effects()) print_effect(*effect, units);
   print_effects_of_law(units);

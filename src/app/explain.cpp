@@ -1,5 +1,6 @@
-// imic3d explain: which effect of the test, if it was left out of the model, carries one set of identified parameters into
-// another? Nothing is measured: the declared specimen is simulated with the first set and the effect, and identified without it.
+// imic3d explain: which effect of the test, if it was left out of the model, carries one set of identified parameters
+// into another? Nothing is measured: the declared specimen is simulated with the first set and the effect, and
+// identified without it.
 
 #include "imic3d/loop/explain.hpp"
 
@@ -39,24 +40,31 @@ struct ParameterSet {
 
 ParameterSet read_set(const std::filesystem::path& file, const Material& material) {
   const auto wrong = [&](const std::string& found) {
-    return InputError(file.string(), found, "a result.json of imic3d identify: {parameters: {E: {value: …, standard_deviation: …}}}");
+    return InputError(file.string(), found,
+                      "a result.json of imic3d identify: {parameters: {E: {value: …, standard_deviation: …}}}");
   };
   std::error_code error;
   std::ifstream stream(file);
-  if (!stream || std::filesystem::is_directory(file, error)) throw wrong(std::filesystem::exists(file, error) ? "a folder, or not to be read" : "no such file");
+  if (!stream || std::filesystem::is_directory(file, error))
+    throw wrong(std::filesystem::exists(file, error) ? "a folder, or not to be read" : "no such file");
   const auto json = nlohmann::json::parse(stream, nullptr, false);
   if (json.is_discarded()) throw wrong("no JSON");
-  if (!json.is_object() || !json.contains("parameters") || !json["parameters"].is_object()) throw wrong("no parameters");
+  if (!json.is_object() || !json.contains("parameters") || !json["parameters"].is_object())
+    throw wrong("no parameters");
   ParameterSet set;
   if (json.contains("title") && json["title"].is_string()) set.title = json["title"];
   for (const auto& [name, one] : json["parameters"].items()) {
-    if (!one.is_object() || !one.contains("value") || !one["value"].is_number()) throw wrong("parameters." + name + " without a value");
+    if (!one.is_object() || !one.contains("value") || !one["value"].is_number())
+      throw wrong("parameters." + name + " without a value");
     set.values[name] = one["value"];
-    if (one.contains("standard_deviation") && one["standard_deviation"].is_number()) set.deviations[name] = one["standard_deviation"];
-    if (set.deviations.contains(name) && !(set.deviations[name] >= 0.0)) throw wrong(fmt::format("parameters.{}.standard_deviation: {:g}", name, set.deviations[name]));
+    if (one.contains("standard_deviation") && one["standard_deviation"].is_number())
+      set.deviations[name] = one["standard_deviation"];
+    if (set.deviations.contains(name) && !(set.deviations[name] >= 0.0))
+      throw wrong(fmt::format("parameters.{}.standard_deviation: {:g}", name, set.deviations[name]));
     for (const auto& info : material.information)
       if (info.name == name && one.contains("unit") && one["unit"].is_string() && one["unit"] != info.unit)
-        throw InputError(file.string(), fmt::format("{} in {}", name, one["unit"].get<std::string>()), "the case's unit, " + info.unit);
+        throw InputError(file.string(), fmt::format("{} in {}", name, one["unit"].get<std::string>()),
+                         "the case's unit, " + info.unit);
   }
   if (!json.contains("covariance")) return set;
   try {
@@ -65,15 +73,20 @@ ParameterSet read_set(const std::filesystem::path& file, const Material& materia
     const auto n = static_cast<Eigen::Index>(set.correlated.size());
     set.covariance.resize(n, n);
     const auto is_row = [&](const auto& row) { return row.size() == rows.size(); };
-    if (rows.size() != set.correlated.size() || !std::all_of(rows.begin(), rows.end(), is_row)) throw std::length_error("rows");
+    if (rows.size() != set.correlated.size() || !std::all_of(rows.begin(), rows.end(), is_row))
+      throw std::length_error("rows");
     for (Eigen::Index i = 0; i < n; ++i)
-      for (Eigen::Index j = 0; j < n; ++j) set.covariance(i, j) = rows.at(static_cast<std::size_t>(i)).at(static_cast<std::size_t>(j));
+      for (Eigen::Index j = 0; j < n; ++j)
+        set.covariance(i, j) = rows.at(static_cast<std::size_t>(i)).at(static_cast<std::size_t>(j));
   } catch (const std::exception&) {
-    throw InputError(file.string() + " covariance", "not understood", "{parameters: [names], values: [rows]}, as many rows and columns as names");
+    throw InputError(file.string() + " covariance", "not understood",
+                     "{parameters: [names], values: [rows]}, as many rows and columns as names");
   }
   const Eigen::VectorXd scale = set.covariance.diagonal().cwiseMax(1e-300).cwiseSqrt().cwiseInverse();
   const Eigen::MatrixXd correlation = scale.asDiagonal() * set.covariance * scale.asDiagonal();
-  if (set.covariance.size() > 0 && (set.covariance.diagonal().minCoeff() < 0.0 || Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(correlation).eigenvalues()[0] < -1e-6))
+  if (set.covariance.size() > 0 &&
+      (set.covariance.diagonal().minCoeff() < 0.0 ||
+       Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(correlation).eigenvalues()[0] < -1e-6))
     throw InputError(file.string() + " covariance", "not positive semi-definite", "a covariance");
   return set;
 }
@@ -82,7 +95,8 @@ ParameterSet read_set(const std::filesystem::path& file, const Material& materia
 Eigen::MatrixXd covariance_of(const ParameterSet& set, const std::vector<std::string>& names) {
   const auto p = static_cast<Eigen::Index>(names.size());
   const auto place = [&](Eigen::Index i) {
-    return std::find(set.correlated.begin(), set.correlated.end(), names[static_cast<std::size_t>(i)]) - set.correlated.begin();
+    return std::find(set.correlated.begin(), set.correlated.end(), names[static_cast<std::size_t>(i)]) -
+           set.correlated.begin();
   };
   const auto known = static_cast<std::ptrdiff_t>(set.correlated.size());
   Eigen::MatrixXd covariance = Eigen::MatrixXd::Zero(p, p);
@@ -98,17 +112,21 @@ Eigen::MatrixXd covariance_of(const ParameterSet& set, const std::vector<std::st
 /// The case as the simulation has it: without images and record, its frames those of `simulate`.
 io::Case as_simulated(io::Case test) {
   test.cameras.clear(), test.loads.records.clear(), test.frames.clear();
-  for (std::size_t frame = 0; frame < test.simulate->value.size(); ++frame) test.frames.push_back(static_cast<int>(frame));
+  for (std::size_t frame = 0; frame < test.simulate->value.size(); ++frame)
+    test.frames.push_back(static_cast<int>(frame));
   return test;
 }
 
-/// A test of the declared specimen as if it were measured, without noise, and its identification as the case file declares it.
+/// A test of the declared specimen as if it were measured, without noise, and its identification as the case file
+/// declares it.
 class VirtualIdentification {
  public:
-  VirtualIdentification(const Communicator& world, const io::Case& test, const Material& material, const std::vector<double>& truth, const std::filesystem::path& folder)
+  VirtualIdentification(const Communicator& world, const io::Case& test, const Material& material,
+                        const std::vector<double>& truth, const std::filesystem::path& folder)
       : world_(world), test_(test), material_(material), truth_(truth), specimen_(make_specimen(test)) {
     if (specimen_.projection.rows() != 2 * specimen_.surface.mesh.nodes.rows() || specimen_.faces.size() > 1)
-      throw InputError("cameras", "cameras on both faces, or several that see the motion along z", "one camera for imic3d explain");
+      throw InputError("cameras", "cameras on both faces, or several that see the motion along z",
+                       "one camera for imic3d explain");
     Material with = material;
     with.values = truth;
     const auto frames = static_cast<Eigen::Index>(test.simulate->value.size()) - 1;
@@ -138,7 +156,8 @@ class VirtualIdentification {
     model.increments = test.identify.increments();
     model.groups = test.identify.groups;
     model.unit = [&test](std::string unit) { return unit_in(std::move(unit), test.units); };
-    experiment_ = std::make_unique<loop::FieldExperiment>(world, data_, std::move(model), loop::FieldOptions{.modes = 10});
+    experiment_ =
+        std::make_unique<loop::FieldExperiment>(world, data_, std::move(model), loop::FieldOptions{.modes = 10});
     for (const auto& p : experiment_->parameters()) declared_.push_back(p.value);
     base_ = *identified(declared_);
     spdlog::info("without any effect the first set comes back within {:.1e}",
@@ -152,7 +171,8 @@ class VirtualIdentification {
   /// The test as it was simulated, and what was found.
   void write(const nlohmann::json& found) { output_->finish(found); }
 
-  /// Shift of the identified parameters by an effect that the model does not have; `values` are those of all parameters. Collective.
+  /// Shift of the identified parameters by an effect that the model does not have; `values` are those of all
+  /// parameters. Collective.
   [[nodiscard]] std::optional<Eigen::VectorXd> shift(const std::vector<double>& values) {
     const auto found = identified(values);
     if (!found) return std::nullopt;
@@ -160,14 +180,16 @@ class VirtualIdentification {
   }
 
  private:
-  /// Of the images it is only known how large a pixel is and, from the declared noise, how a displacement's noise compares with
-  /// that of the force: M is that of a speckle whose gradient is 8 % of the dynamics per pixel in each direction.
+  /// Of the images it is only known how large a pixel is and, from the declared noise, how a displacement's noise
+  /// compares with that of the force: M is that of a speckle whose gradient is 8 % of the dynamics per pixel in each
+  /// direction.
   void place_camera() {
     loop::FieldFace& face = data_.faces.front();
     const auto& surface = face.surface;
-    const double pixel = test_.cameras.empty() || test_.cameras.front().pixel_size <= 0.0
-                             ? 1e-3 * (surface.nodes.colwise().maxCoeff() - surface.nodes.colwise().minCoeff()).maxCoeff()
-                             : test_.cameras.front().pixel_size;
+    const double pixel =
+        test_.cameras.empty() || test_.cameras.front().pixel_size <= 0.0
+            ? 1e-3 * (surface.nodes.colwise().maxCoeff() - surface.nodes.colwise().minCoeff()).maxCoeff()
+            : test_.cameras.front().pixel_size;
     const double dynamic = test_.virtual_test && test_.virtual_test->depth == 16 ? 65535.0 : 255.0;
     noise_ = test_.virtual_test      ? test_.virtual_test->noise * dynamic
              : test_.cameras.empty() ? 0.01 * dynamic
@@ -181,18 +203,21 @@ class VirtualIdentification {
       for (int a = 0; a < 4; ++a) share[surface.cells(e, a)] += 0.25 * 0.5 * d1.cross(d2).norm();
     }
     images_.M.resize(2 * share.size(), 2 * share.size());
-    for (Eigen::Index i = 0; i < 2 * share.size(); ++i) images_.M.insert(i, i) = gradient * gradient * share[i / 2] / (pixel * pixel);
+    for (Eigen::Index i = 0; i < 2 * share.size(); ++i)
+      images_.M.insert(i, i) = gradient * gradient * share[i / 2] / (pixel * pixel);
     images_.noise = noise_;
     images_.pixels_per_length = 1.0 / pixel;
     images_.reach = 0.0;  // the distance to the displacement judges: there are no grey levels
     images_.evaluate = [this](int, const Eigen::VectorXd& u, const Communicator&) {
-      return id::ImageEvaluation{.b = Eigen::VectorXd::Zero(u.size()), .squares = 0.0, .pixels = 1.0, .element_rms = {}};
+      return id::ImageEvaluation{
+          .b = Eigen::VectorXd::Zero(u.size()), .squares = 0.0, .pixels = 1.0, .element_rms = {}};
     };
     face.M = images_.M;
     data_.noise = noise_;
     face.pixels = Eigen::Vector2d(1.0, -1.0).asDiagonal();
     face.pixels /= pixel;
-    face.axis_of_lens = 0.5 * (surface.nodes.colwise().maxCoeff() + surface.nodes.colwise().minCoeff()).head<2>().transpose();
+    face.axis_of_lens =
+        0.5 * (surface.nodes.colwise().maxCoeff() + surface.nodes.colwise().minCoeff()).head<2>().transpose();
   }
 
   void make_stages() {
@@ -201,7 +226,8 @@ class VirtualIdentification {
       for (const auto& name : declared.free) stage.free.push_back(material_.index(name));
       for (const int frame : declared.frames)
         if (frame > 0) stage.frames.push_back(frame - 1);
-      if (stage.frames.empty()) throw InputError("identify.stages.frames", "no frame after the reference", "frames of simulate after 0");
+      if (stage.frames.empty())
+        throw InputError("identify.stages.frames", "no frame after the reference", "frames of simulate after 0");
       for (const int j : stage.free)
         if (std::find(free_.begin(), free_.end(), j) == free_.end()) free_.push_back(j);
       stages_.push_back(std::move(stage));
@@ -211,7 +237,8 @@ class VirtualIdentification {
 
   [[nodiscard]] Eigen::VectorXd of_free(const std::vector<double>& values) const {
     Eigen::VectorXd result(static_cast<Eigen::Index>(free_.size()));
-    for (std::size_t i = 0; i < free_.size(); ++i) result[static_cast<Eigen::Index>(i)] = values[static_cast<std::size_t>(free_[i])];
+    for (std::size_t i = 0; i < free_.size(); ++i)
+      result[static_cast<Eigen::Index>(i)] = values[static_cast<std::size_t>(free_[i])];
     return result;
   }
 
@@ -225,12 +252,14 @@ class VirtualIdentification {
       record.surface_displacement = data_.displacement - U;
       record.driving = data_.driving;  // what the ends were seen to do
       id::GaussNewtonOptions options;
-      options.sensitivities = test_.identify.sensitivities == "direct" ? id::Sensitivities::direct : id::Sensitivities::perturbed;
+      options.sensitivities =
+          test_.identify.sensitivities == "direct" ? id::Sensitivities::direct : id::Sensitivities::perturbed;
       std::size_t most_free = 1;
       for (const auto& stage : stages_) most_free = std::max(most_free, stage.free.size());
       id::ForwardModel forward(world_, specimen_, material_.law, std::move(record),
                                {.increments = test_.identify.increments(), .with_fields = false},
-                               options.sensitivities == id::Sensitivities::direct ? 1 : static_cast<int>(1 + most_free), test_.identify.groups);
+                               options.sensitivities == id::Sensitivities::direct ? 1 : static_cast<int>(1 + most_free),
+                               test_.identify.groups);
       options.functional = id::functional_from(test_.identify.functional);
       options.alpha = test_.identify.alpha;
       options.eta = std::min(1e-4, test_.identify.eta);
@@ -239,7 +268,9 @@ class VirtualIdentification {
       for (const auto& info : material_.information) options.scale.push_back(info.effect.empty() ? 0.0 : info.scale);
       std::vector<double> found = truth_;
       for (const auto& stage : stages_)
-        if (const auto result = id::gauss_newton(world_, forward, images_, material_.information, stage, options, found); !result.message.empty())
+        if (const auto result =
+                id::gauss_newton(world_, forward, images_, material_.information, stage, options, found);
+            !result.message.empty())
           return std::nullopt;
       return of_free(found);
     } catch (const ConvergenceError&) {
@@ -271,7 +302,8 @@ std::vector<loop::Candidate> candidates_of(const loop::FieldExperiment& experime
       return std::count(one.parameters.begin(), one.parameters.end(), static_cast<int>(j)) > 0;
     });
     if (info.effect.empty() || info.shape || !info.null_value || experiment.parameters()[j].free || known) continue;
-    const auto same = std::find_if(candidates.begin(), candidates.end(), [&](const auto& one) { return one.name == info.effect; });
+    const auto same =
+        std::find_if(candidates.begin(), candidates.end(), [&](const auto& one) { return one.name == info.effect; });
     if (same != candidates.end())
       same->parameters.push_back(static_cast<int>(j));
     else
@@ -286,7 +318,8 @@ std::vector<loop::Candidate> candidates_of(const loop::FieldExperiment& experime
   // How an effect acts is as declared: what is looked for is its size.
   for (auto& one : candidates) {
     one.elsewhere.clear();
-    std::erase_if(one.parameters, [&](int j) { return experiment.parameters()[static_cast<std::size_t>(j)].info.shape; });
+    std::erase_if(one.parameters,
+                  [&](int j) { return experiment.parameters()[static_cast<std::size_t>(j)].info.shape; });
   }
   return candidates;
 }
@@ -297,9 +330,11 @@ void explain(const Communicator& world, const CommandOptions& options) {
   const auto start = std::chrono::steady_clock::now();
   const io::Case test = read_case(options, {"specimen", "material", "simulate", "identify"}, false);
   refuse_effects(test, "explain");
-  if (!(options.tolerance >= 0.0)) throw InputError("--tolerance", fmt::format("{}", options.tolerance), "a number from 0");
+  if (!(options.tolerance >= 0.0))
+    throw InputError("--tolerance", fmt::format("{}", options.tolerance), "a number from 0");
   if (id::functional_from(test.identify.functional) == id::Functional::equilibrium_gap)
-    throw InputError("identify.functional", "equilibrium_gap", "force_driven, displacement_driven, combined for imic3d explain");
+    throw InputError("identify.functional", "equilibrium_gap",
+                     "force_driven, displacement_driven, combined for imic3d explain");
   const Material material = make_material(test);
   const ParameterSet from = read_set(options.from, material), to = read_set(options.to, material);
   CommandOptions own = options;  // an identification of the same case file keeps its folder
@@ -307,7 +342,8 @@ void explain(const Communicator& world, const CommandOptions& options) {
   const auto folder = output_folder(test, own, world);
   std::vector<double> truth = material.values;
   for (std::size_t j = 0; j < truth.size(); ++j)
-    if (const auto found = from.values.find(material.information[j].name); found != from.values.end()) truth[j] = found->second;
+    if (const auto found = from.values.find(material.information[j].name); found != from.values.end())
+      truth[j] = found->second;
 
   VirtualIdentification test_of(world, test, material, truth, folder);
   const auto& free = test_of.free();
@@ -315,9 +351,11 @@ void explain(const Communicator& world, const CommandOptions& options) {
   std::vector<std::string> names;
   Eigen::VectorXd a(p), difference(p);
   for (Eigen::Index i = 0; i < p; ++i) {
-    const auto& name = names.emplace_back(material.information[static_cast<std::size_t>(free[static_cast<std::size_t>(i)])].name);
+    const auto& name =
+        names.emplace_back(material.information[static_cast<std::size_t>(free[static_cast<std::size_t>(i)])].name);
     for (const auto& [set, file] : {std::pair(&from, &options.from), std::pair(&to, &options.to)})
-      if (!set->values.contains(name)) throw InputError(file->string(), "no parameter " + name, "all that the stages of the case file identify");
+      if (!set->values.contains(name))
+        throw InputError(file->string(), "no parameter " + name, "all that the stages of the case file identify");
     a[i] = from.values.at(name), difference[i] = to.values.at(name) - a[i];
   }
   Eigen::MatrixXd covariance = covariance_of(from, names) + covariance_of(to, names);
@@ -336,7 +374,8 @@ void explain(const Communicator& world, const CommandOptions& options) {
     for (const int j : candidate.parameters) {
       const auto& one = parameters[static_cast<std::size_t>(j)];
       const double null = one.info.null_value.value_or(one.value);
-      const double step = j < static_cast<int>(material.values.size()) && one.info.scale > 0.0 ? 0.05 * one.info.scale : 10.0 * one.step;
+      const double step = j < static_cast<int>(material.values.size()) && one.info.scale > 0.0 ? 0.05 * one.info.scale
+                                                                                               : 10.0 * one.step;
       nulls.push_back(null);
       sizes.push_back({null, std::min(step, 0.25 * (one.info.upper - null)), one.info.lower, one.info.upper});
     }
@@ -346,8 +385,9 @@ void explain(const Communicator& world, const CommandOptions& options) {
         values[static_cast<std::size_t>(candidate.parameters[k])] = nulls[k] + size[static_cast<Eigen::Index>(k)];
       return test_of.shift(values);
     }));
-    spdlog::info("{:6.0f} s  {}: chi^2 {:.3g}, {} identifications", std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(),
-                 candidate.name, found.back().second.chi_squared, found.back().second.identifications);
+    spdlog::info("{:6.0f} s  {}: chi^2 {:.3g}, {} identifications",
+                 std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(), candidate.name,
+                 found.back().second.chi_squared, found.back().second.identifications);
   }
   std::stable_sort(found.begin(), found.end(), [](const auto& x, const auto& y) {
     if ((x.second.degrees > 0) != (y.second.degrees > 0)) return x.second.degrees > 0;
@@ -359,9 +399,10 @@ void explain(const Communicator& world, const CommandOptions& options) {
   for (const auto& [candidate, one] : found)
     if (one.fits) fitting += (fitting.empty() ? "" : "; ") + candidate->name;
   const double alone = loop::chi_squared_tail(nothing, static_cast<int>(p));
-  const std::string sentence = alone >= 0.01     ? fmt::format("the two sets do not differ (chi^2 {:.1f} with {} parameters)", nothing, p)
-                               : fitting.empty() ? "none fits: no effect that is known carries the first set into the second"
-                                                 : fmt::format("a hypothesis, no more: {} would carry the first set into the second", fitting);
+  const std::string sentence =
+      alone >= 0.01     ? fmt::format("the two sets do not differ (chi^2 {:.1f} with {} parameters)", nothing, p)
+      : fitting.empty() ? "none fits: no effect that is known carries the first set into the second"
+                        : fmt::format("a hypothesis, no more: {} would carry the first set into the second", fitting);
   nlohmann::json json;
   const auto by_name = [&](const Eigen::VectorXd& x) {
     nlohmann::json of;
@@ -409,13 +450,14 @@ void explain(const Communicator& world, const CommandOptions& options) {
                              {"unit", info.unit},
                              {"size", one.size[place]},
                              {"tangent_percent_per_unit", by_name(percent(one.tangent.col(place)))}});
-      if (one.degrees > 0) sizes += fmt::format("{}{} {:+.4g} {}", sizes.empty() ? "" : ", ", info.name, one.size[place], info.unit);
+      if (one.degrees > 0)
+        sizes += fmt::format("{}{} {:+.4g} {}", sizes.empty() ? "" : ", ", info.name, one.size[place], info.unit);
     }
     json["effects"].push_back(of);
     if (one.degrees > 0)
       row(candidate->name, percent(one.explained),
-          fmt::format("chi^2 {:.1f} with {}, p {:.1e}{}{}; {}", one.chi_squared, one.degrees, one.p, one.fits ? ", FITS" : "",
-                      one.on_bound ? ", on its bound" : "", sizes));
+          fmt::format("chi^2 {:.1f} with {}, p {:.1e}{}{}; {}", one.chi_squared, one.degrees, one.p,
+                      one.fits ? ", FITS" : "", one.on_bound ? ", on its bound" : "", sizes));
     else
       fmt::print("\n  {:26}not judged", candidate->name);
     if (!one.message.empty()) fmt::print(" ({})", one.message);

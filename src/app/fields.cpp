@@ -30,7 +30,8 @@ struct Axes {
 
   explicit Axes(const io::FieldsCase& fields) : origin(fields.origin[0], fields.origin[1]) {
     const double turn = fields.rotation * std::numbers::pi / 180.0;
-    linear = fields.scale * Eigen::Rotation2Dd(-turn).toRotationMatrix() * Eigen::Vector2d(1.0, fields.y_down ? -1.0 : 1.0).asDiagonal();
+    linear = fields.scale * Eigen::Rotation2Dd(-turn).toRotationMatrix() *
+             Eigen::Vector2d(1.0, fields.y_down ? -1.0 : 1.0).asDiagonal();
   }
   [[nodiscard]] Points place(const Points& at) const { return (at.rowwise() - origin) * linear.transpose(); }
   [[nodiscard]] Points displacement(const Points& d) const { return d * linear.transpose(); }
@@ -42,14 +43,19 @@ struct LeastSquares {
   Eigen::SparseMatrix<double> M;  // [nodes x nodes]
   Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor;
   double inflation = 1.0;
-  [[nodiscard]] Eigen::MatrixXd operator()(const Eigen::MatrixXd& values) const { return factor.solve(N.transpose() * values / inflation); }
+  [[nodiscard]] Eigen::MatrixXd operator()(const Eigen::MatrixXd& values) const {
+    return factor.solve(N.transpose() * values / inflation);
+  }
 };
 
 /// Two components a node, interleaved [2 nodes x 1], of two columns [nodes x 2], and back.
 Eigen::VectorXd interleaved(const Points& U) { return Eigen::MatrixXd(U.transpose()).reshaped(); }
-Points columns_of(const Eigen::VectorXd& U) { return Eigen::Map<const Eigen::Matrix2Xd>(U.data(), 2, U.size() / 2).transpose(); }
+Points columns_of(const Eigen::VectorXd& U) {
+  return Eigen::Map<const Eigen::Matrix2Xd>(U.data(), 2, U.size() / 2).transpose();
+}
 
-/// Points that every table has [points], in the axes of the specimen, within its face; displacements of each frame there.
+/// Points that every table has [points], in the axes of the specimen, within its face; displacements of each frame
+/// there.
 struct Common {
   Points at;
   std::vector<Points> displacement;
@@ -60,17 +66,24 @@ Common common_points(const io::FieldsCase& fields, const mesh::Mesh& face) {
   const Axes axes(fields);
   // Places are compared to a millionth of the field.
   const auto& first = fields.tables.front();
-  const double unit = 1e-6 * std::max(1e-300, (first.at.colwise().maxCoeff() - first.at.colwise().minCoeff()).maxCoeff());
-  const auto key = [&](const Points& at, Eigen::Index k) { return std::pair(std::llround(at(k, 0) / unit), std::llround(at(k, 1) / unit)); };
-  std::map<std::pair<long long, long long>, std::vector<Eigen::Index>> rows;  // of each point in the tables that have it
+  const double unit =
+      1e-6 * std::max(1e-300, (first.at.colwise().maxCoeff() - first.at.colwise().minCoeff()).maxCoeff());
+  const auto key = [&](const Points& at, Eigen::Index k) {
+    return std::pair(std::llround(at(k, 0) / unit), std::llround(at(k, 1) / unit));
+  };
+  // of each point in the tables that have it
+  std::map<std::pair<long long, long long>, std::vector<Eigen::Index>> rows;
   for (Eigen::Index k = 0; k < first.at.rows(); ++k) rows[key(first.at, k)] = {k};
   for (std::size_t f = 1; f < fields.tables.size(); ++f)
     for (Eigen::Index k = 0; k < fields.tables[f].at.rows(); ++k)
-      if (const auto found = rows.find(key(fields.tables[f].at, k)); found != rows.end() && found->second.size() == f) found->second.push_back(k);
+      if (const auto found = rows.find(key(fields.tables[f].at, k)); found != rows.end() && found->second.size() == f)
+        found->second.push_back(k);
   std::vector<std::vector<Eigen::Index>> kept;
   for (Eigen::Index k = 0; k < first.at.rows(); ++k)
     if (const auto& its = rows[key(first.at, k)]; its.size() == fields.tables.size()) kept.push_back(its);
-  if (kept.empty()) throw InputError("fields.files", fmt::format("no point that stands in all {} tables", fields.tables.size()), "the same points of the reference in every frame");
+  if (kept.empty())
+    throw InputError("fields.files", fmt::format("no point that stands in all {} tables", fields.tables.size()),
+                     "the same points of the reference in every frame");
   std::vector<Eigen::Index> lines;
   for (const auto& its : kept) lines.push_back(its.front());
   const Points all = axes.place(first.at(lines, Eigen::all));
@@ -82,18 +95,27 @@ Common common_points(const io::FieldsCase& fields, const mesh::Mesh& face) {
   for (Eigen::Index k = 0; k < all.rows(); ++k)
     if ((there.row(k) - all.row(k)).norm() < tolerance) inside.push_back(k);
   const auto lost = first.at.rows() - all.rows();
-  spdlog::info("fields: {} points on the specimen; {} beside it, {} lost in some frame", inside.size(), all.rows() - static_cast<Eigen::Index>(inside.size()), lost);
+  spdlog::info("fields: {} points on the specimen; {} beside it, {} lost in some frame", inside.size(),
+               all.rows() - static_cast<Eigen::Index>(inside.size()), lost);
   if (static_cast<Eigen::Index>(inside.size()) < 3)
-    throw InputError("fields", fmt::format("{} of {} points on the specimen: they lie from ({:.4g}, {:.4g}) to ({:.4g}, {:.4g}), the mesh from ({:.4g}, {:.4g}) to ({:.4g}, {:.4g})", inside.size(), all.rows(),
-                                           all.col(0).minCoeff(), all.col(1).minCoeff(), all.col(0).maxCoeff(), all.col(1).maxCoeff(), face.nodes.col(0).minCoeff(), face.nodes.col(1).minCoeff(),
-                                           face.nodes.col(0).maxCoeff(), face.nodes.col(1).maxCoeff()), "scale, origin, rotation, y_down that bring them onto it");
+    throw InputError(
+        "fields",
+        fmt::format("{} of {} points on the specimen: they lie from ({:.4g}, {:.4g}) to ({:.4g}, {:.4g}), the mesh "
+                    "from ({:.4g}, {:.4g}) to ({:.4g}, {:.4g})",
+                    inside.size(), all.rows(), all.col(0).minCoeff(), all.col(1).minCoeff(), all.col(0).maxCoeff(),
+                    all.col(1).maxCoeff(), face.nodes.col(0).minCoeff(), face.nodes.col(1).minCoeff(),
+                    face.nodes.col(0).maxCoeff(), face.nodes.col(1).maxCoeff()),
+        "scale, origin, rotation, y_down that bring them onto it");
   Common result{all(inside, Eigen::all), {}, {}};
   Eigen::SparseMatrix<double, Eigen::RowMajor> by_row = N, chosen(static_cast<Eigen::Index>(inside.size()), N.cols());
-  for (std::size_t i = 0; i < inside.size(); ++i) chosen.middleRows(static_cast<Eigen::Index>(i), 1) = by_row.middleRows(inside[i], 1);
+  for (std::size_t i = 0; i < inside.size(); ++i)
+    chosen.middleRows(static_cast<Eigen::Index>(i), 1) = by_row.middleRows(inside[i], 1);
   result.N = chosen;
   for (std::size_t f = 0; f < fields.tables.size(); ++f) {
     Points d(result.at.rows(), 2);
-    for (std::size_t i = 0; i < inside.size(); ++i) d.row(static_cast<Eigen::Index>(i)) = fields.tables[f].displacement.row(kept[static_cast<std::size_t>(inside[i])][f]);
+    for (std::size_t i = 0; i < inside.size(); ++i)
+      d.row(static_cast<Eigen::Index>(i)) =
+          fields.tables[f].displacement.row(kept[static_cast<std::size_t>(inside[i])][f]);
     result.displacement.push_back(axes.displacement(d));
   }
   return result;
@@ -109,15 +131,21 @@ void check_cover(const Points& at, double distance, const identification::Specim
       furthest = std::max(furthest, std::sqrt((at.rowwise() - place).rowwise().squaredNorm().minCoeff()));
     }
     if (furthest > 3.0 * distance)
-      throw InputError("specimen.mesh", fmt::format("its end `{}` is {:.3g} from the nearest point of the fields, which are {:.3g} apart", end, furthest, distance),
-                       "a mesh whose ends, which the measured displacement drives, lie within the points");
+      throw InputError(
+          "specimen.mesh",
+          fmt::format("its end `{}` is {:.3g} from the nearest point of the fields, which are {:.3g} apart", end,
+                      furthest, distance),
+          "a mesh whose ends, which the measured displacement drives, lie within the points");
   }
 }
 
-/// That of the reference's own field, of zeros, if there is one; else what is recorded last before the first frame, or as long before it as the second one is after it.
+/// That of the reference's own field, of zeros, if there is one; else what is recorded last before the first frame, or
+/// as long before it as the second one is after it.
 double time_of_field_reference(const io::Case& test, std::optional<std::size_t> own, double start) {
   const auto& frames = test.fields->frames;
-  const auto time = [&](std::size_t place) { return test.loads.records.empty() ? static_cast<double>(frames[place]) : test.load(static_cast<int>(place)).time; };
+  const auto time = [&](std::size_t place) {
+    return test.loads.records.empty() ? static_cast<double>(frames[place]) : test.load(static_cast<int>(place)).time;
+  };
   if (own) return std::min(time(*own), start);
   double reference = frames.size() > 1 ? time(0) - (time(1) - time(0)) : start;
   for (const auto& record : test.loads.records)
@@ -140,21 +168,27 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
   squares->inflation = std::pow(std::max(1.0, fields.subset * fields.scale / distance), 2);
   const double density = static_cast<double>(count) / area / squares->inflation;  // of M, per area
   const auto weight = [density](double wave) { return density * std::pow(wave / (2.0 * std::numbers::pi), 4); };
-  squares->M = Eigen::SparseMatrix<double>(points.N.transpose() * points.N) / squares->inflation + weight(2.0 * distance) * correlation::curvature_energy(face, 1);
+  squares->M = Eigen::SparseMatrix<double>(points.N.transpose() * points.N) / squares->inflation +
+               weight(2.0 * distance) * correlation::curvature_energy(face, 1);
   squares->factor.compute(squares->M);
 
-  // Frames: a field of zeros was not measured, it is the reference's own; those at rest tell the noise, the others are judged.
+  // Frames: a field of zeros was not measured, it is the reference's own; those at rest tell the noise, the others are
+  // judged.
   std::vector<std::size_t> judged, at_rest;
   std::optional<std::size_t> reference;
   for (std::size_t f = 0; f < fields.frames.size(); ++f) {
     if (points.displacement[f].isZero(0.0)) {
-      spdlog::log(judged.empty() ? spdlog::level::info : spdlog::level::warn, "fields: frame {} is left out: its displacement is 0 at all points{}", fields.frames[f], judged.empty() ? ", as in the reference" : "");
+      spdlog::log(judged.empty() ? spdlog::level::info : spdlog::level::warn,
+                  "fields: frame {} is left out: its displacement is 0 at all points{}", fields.frames[f],
+                  judged.empty() ? ", as in the reference" : "");
       if (judged.empty()) reference = f;
       continue;
     }
-    (std::binary_search(fields.at_rest.begin(), fields.at_rest.end(), fields.frames[f]) ? at_rest : judged).push_back(f);
+    (std::binary_search(fields.at_rest.begin(), fields.at_rest.end(), fields.frames[f]) ? at_rest : judged)
+        .push_back(f);
   }
-  if (judged.empty()) throw InputError("fields.at_rest", "every frame that has a displacement", "frames under load beside them");
+  if (judged.empty())
+    throw InputError("fields.at_rest", "every frame that has a displacement", "frames under load beside them");
   std::vector<Points> nodal;
   for (const auto& d : points.displacement) nodal.emplace_back((*squares)(d));
 
@@ -162,14 +196,16 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
   data.faces = {{.surface = face, .M = identification::of_components(squares->M)}};
   data.references = 1;
   // Numbers of a component that the nodes take from the points; what holds the shortest waves takes the others.
-  const double followed = squares->factor.solve(Eigen::MatrixXd(points.N.transpose() * points.N / squares->inflation)).trace();
+  const double followed =
+      squares->factor.solve(Eigen::MatrixXd(points.N.transpose() * points.N / squares->inflation)).trace();
   if (fields.noise) {
     data.noise = *fields.noise * fields.scale / std::sqrt(2.0);  // of the frame; the reference has as much
   } else if (!at_rest.empty()) {
     // Less what a clamped specimen does between two pictures: it moves and strains uniformly.
     Eigen::MatrixXd affine(face.nodes.rows(), 3);
     affine << Eigen::VectorXd::Ones(face.nodes.rows()), face.nodes.leftCols<2>();
-    const Eigen::MatrixXd weighted = squares->M * affine, motion = solve_symmetric(affine.transpose() * weighted, weighted.transpose());
+    const Eigen::MatrixXd weighted = squares->M * affine,
+                          motion = solve_symmetric(affine.transpose() * weighted, weighted.transpose());
     data.noise_at_rest = [squares, affine, motion, followed](const Eigen::MatrixXd& U) {
       double sum = 0.0;
       for (const auto& frame : U.colwise()) {
@@ -181,15 +217,19 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
     };
     data.at_rest = static_cast<int>(at_rest.size());
     Eigen::MatrixXd still(2 * face.nodes.rows(), data.at_rest);
-    for (std::size_t k = 0; k < at_rest.size(); ++k) still.col(static_cast<Eigen::Index>(k)) = interleaved(nodal[at_rest[k]]);
+    for (std::size_t k = 0; k < at_rest.size(); ++k)
+      still.col(static_cast<Eigen::Index>(k)) = interleaved(nodal[at_rest[k]]);
     data.noise = data.noise_at_rest(still);
   } else {
     // What the nodes cannot follow, in the frame where that is least: noise of the frame and of the reference.
     double least = INFINITY;
-    for (std::size_t f : judged) least = std::min(least, (points.displacement[f] - points.N * nodal[f]).squaredNorm() / (2.0 * std::max(1.0, static_cast<double>(count) - followed)));
+    for (std::size_t f : judged)
+      least = std::min(least, (points.displacement[f] - points.N * nodal[f]).squaredNorm() /
+                                  (2.0 * std::max(1.0, static_cast<double>(count) - followed)));
     data.noise = std::sqrt(0.5 * least);
   }
-  spdlog::info("fields: {} frames, points {:.3g} {} apart, noise of a displacement {:.3g} {}", judged.size(), distance, test.units.length, data.noise * std::sqrt(2.0), test.units.length);
+  spdlog::info("fields: {} frames, points {:.3g} {} apart, noise of a displacement {:.3g} {}", judged.size(), distance,
+               test.units.length, data.noise * std::sqrt(2.0), test.units.length);
 
   const auto frames = static_cast<Eigen::Index>(judged.size());
   data.displacement.resize(2 * face.nodes.rows(), frames), data.time.resize(frames), data.force.setZero(frames);
@@ -208,18 +248,30 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
   if (data.start_time >= data.time[0] && frames > 1) data.start_time = data.time[0] - (data.time[1] - data.time[0]);
   data.reference_time = time_of_field_reference(test, reference, data.start_time);
   if (test.loads.noise)
-    for (const std::size_t f : at_rest) data.force_at_rest.conservativeResize(data.force_at_rest.size() + 1), data.force_at_rest.tail(1)[0] = test.load(static_cast<int>(f)).force;
-  data.force_noise = test.loads.records.empty() ? INFINITY : test.loads.noise.value_or(1e-3 * data.force.cwiseAbs().maxCoeff());
+    for (const std::size_t f : at_rest)
+      data.force_at_rest.conservativeResize(data.force_at_rest.size() + 1),
+          data.force_at_rest.tail(1)[0] = test.load(static_cast<int>(f)).force;
+  data.force_noise =
+      test.loads.records.empty() ? INFINITY : test.loads.noise.value_or(1e-3 * data.force.cwiseAbs().maxCoeff());
 
-  auto measure = std::make_shared<correlation::Measure>(correlation::Measure{.surface = face, .dofs_per_node = 2, .M = data.faces.front().M, .smoothing_weight = weight});
-  const Eigen::VectorXd touched = Eigen::VectorXd::Ones(specimen.displacement_from_surface.rows()).transpose() * specimen.displacement_from_surface.cwiseAbs();
+  auto measure = std::make_shared<correlation::Measure>(
+      correlation::Measure{.surface = face, .dofs_per_node = 2, .M = data.faces.front().M, .smoothing_weight = weight});
+  const Eigen::VectorXd touched = Eigen::VectorXd::Ones(specimen.displacement_from_surface.rows()).transpose() *
+                                  specimen.displacement_from_surface.cwiseAbs();
   std::vector<int> ends;
   for (Eigen::Index i = 0; i < face.nodes.rows(); ++i)
     if (touched[2 * i] + touched[2 * i + 1] > 0.0) ends.push_back(static_cast<int>(i));
   std::vector<double> cut_offs;
   const double longest = test.identify.boundary_smoothing.value_or(longest_cut_off(specimen));
-  if (longest > 0.0) cut_offs = correlation::undersmoothed(correlation::cut_offs_of_least_error(*measure, data.displacement, ends, Eigen::VectorXd::Constant(data.displacement.cols(), data.noise * std::sqrt(2.0)), longest), longest);
-  data.smooth = [measure, cut_offs](Eigen::MatrixXd field) { return correlation::smooth(*measure, std::move(field), cut_offs); };
+  if (longest > 0.0)
+    cut_offs = correlation::undersmoothed(
+        correlation::cut_offs_of_least_error(
+            *measure, data.displacement, ends,
+            Eigen::VectorXd::Constant(data.displacement.cols(), data.noise * std::sqrt(2.0)), longest),
+        longest);
+  data.smooth = [measure, cut_offs](Eigen::MatrixXd field) {
+    return correlation::smooth(*measure, std::move(field), cut_offs);
+  };
   data.driving = data.smooth(data.displacement);
 
   const Points at = points.at;

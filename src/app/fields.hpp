@@ -11,9 +11,9 @@ namespace imic3d::app {
 ///
 ///   U_t = argmin sum over points |d - N U|^2 / inflation + w U^T C U,   M = N^T N / inflation + w C,
 ///
-/// C the curvature's energy, w such that only waves shorter than two distances of the points are held by it. What a subset is the mean of, its
-/// neighbours share: inflation = max(1, (subset/distance)^2). Points that a frame lacks are left out of all. Throws InputError where the points
-/// do not cover the mesh.
+/// C the curvature's energy, w such that only waves shorter than two distances of the points are held by it. What a
+/// subset is the mean of, its neighbours share: inflation = max(1, (subset/distance)^2). Points that a frame lacks are
+/// left out of all. Throws InputError where the points do not cover the mesh.
 [[nodiscard]] loop::FieldData imported_fields(const io::Case& test, const identification::Specimen& specimen);
 
 }  // namespace imic3d::app

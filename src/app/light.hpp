@@ -20,14 +20,18 @@ struct LightFindings {
   std::string sentence;
   bool gain_or_offset = false;  ///< found, or most of what was found is a gain and an offset of each frame
   bool gradient = false;        ///< found, or most of it grows linearly over the surface beside
-  std::vector<Eigen::VectorXd> frame_noise;  ///< of each face, over the cameras' noise [frames]; empty where nothing was found
-  double rms = 0.0;             ///< of the grey levels that the correlation leaves, over the frames [grey level]
-  nlohmann::json json;          ///< section `light` of result.json
+  /// of each face, over the cameras' noise [frames]; empty where nothing was found
+  std::vector<Eigen::VectorXd> frame_noise;
+  /// of the grey levels that the correlation leaves, over the frames [grey level]
+  double rms = 0.0;
+  nlohmann::json json;  ///< section `light` of result.json
 };
 
-/// Closes the loop on the light of the first `frames` frames that were correlated. `synthetic` correlates images of the declared model's motion and shows
-/// them; it is called once. Collective.
-[[nodiscard]] LightFindings look_at_light(const Observation& seen, const io::Case& test, int frames, const std::function<void(const ImageShown&)>& synthetic,
-                                          const loop::LoopOptions& options, const std::function<void(const std::string&)>& say);
+/// Closes the loop on the light of the first `frames` frames that were correlated. `synthetic` correlates images of the
+/// declared model's motion and shows them; it is called once. Collective.
+[[nodiscard]] LightFindings look_at_light(const Observation& seen, const io::Case& test, int frames,
+                                          const std::function<void(const ImageShown&)>& synthetic,
+                                          const loop::LoopOptions& options,
+                                          const std::function<void(const std::string&)>& say);
 
 }  // namespace imic3d::app

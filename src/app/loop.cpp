@@ -10,6 +10,7 @@
 #include <nlohmann/json.hpp>
 #include <span>
 
+#include "fields.hpp"
 #include "imic3d/app/observation.hpp"
 #include "imic3d/app/output.hpp"
 #include "imic3d/app/program.hpp"
@@ -18,13 +19,12 @@
 #include "imic3d/core/linear.hpp"
 #include "imic3d/core/log.hpp"
 #include "imic3d/correlation/smoothing.hpp"
+#include "imic3d/io/loop_page.hpp"
 #include "imic3d/io/run_results.hpp"
 #include "imic3d/loop/closing.hpp"
-#include "imic3d/io/loop_page.hpp"
 #include "imic3d/loop/field_experiment.hpp"
 #include "imic3d/loop/joint_experiment.hpp"
 #include "imic3d/loop/recorded.hpp"
-#include "fields.hpp"
 #include "light.hpp"
 #include "loop_case.hpp"
 #include "loop_checkpoint.hpp"
@@ -40,29 +40,41 @@ namespace imic3d::app {
 
 namespace {
 
-/// What parameters would be off by in plane stress alone, without what a simulation in space shows beyond it; empty where that is less than their standard deviations.
-std::string taken_off_plane_stress(const loop::FieldExperiment& experiment, const loop::Model& model, bool plane_stress) {
+/// What parameters would be off by in plane stress alone, without what a simulation in space shows beyond it; empty
+/// where that is less than their standard deviations.
+std::string taken_off_plane_stress(const loop::FieldExperiment& experiment, const loop::Model& model,
+                                   bool plane_stress) {
   const auto& fit = model.fit;
-  if (plane_stress && experiment.in_space().size() == 0) return "what plane stress errs by is not known: the specimen could not be simulated in space";
-  if (experiment.in_space().size() == 0 || experiment.in_space().size() != fit.residual.size() || fit.free.empty()) return {};
+  if (plane_stress && experiment.in_space().size() == 0)
+    return "what plane stress errs by is not known: the specimen could not be simulated in space";
+  if (experiment.in_space().size() == 0 || experiment.in_space().size() != fit.residual.size() || fit.free.empty())
+    return {};
   const Eigen::VectorXd shift = least_squares(fit.sensitivity, model.ground->weight(experiment.in_space()));
   std::vector<std::string> off;
   for (std::size_t k = 0; k < fit.free.size(); ++k) {
     const auto i = static_cast<Eigen::Index>(k);
     const auto& info = experiment.parameters()[static_cast<std::size_t>(fit.free[k])].info;
     const double deviations = std::abs(shift[i]) / std::sqrt(std::max(model.covariance(i, i), 1e-300));
-    if (!info.shape && deviations > 1.0) off.push_back(fmt::format("{} by {:+.2g} {} ({:.1f} standard deviations)", info.name, shift[i], info.unit, deviations));
+    if (!info.shape && deviations > 1.0)
+      off.push_back(
+          fmt::format("{} by {:+.2g} {} ({:.1f} standard deviations)", info.name, shift[i], info.unit, deviations));
   }
   if (off.empty()) return {};
-  return fmt::format("the specimen is thick for plane stress: what a simulation in space shows beyond it is taken off here, without that (imic3d identify) parameters would be off, {}; specimen.kinematics: 3d has it in the model", fmt::join(off, ", "));
+  return fmt::format(
+      "the specimen is thick for plane stress: what a simulation in space shows beyond it is taken off here, without "
+      "that (imic3d identify) parameters would be off, {}; specimen.kinematics: 3d has it in the model",
+      fmt::join(off, ", "));
 }
 
-
 /// What the loop knows of a rig.
-loop::FieldFace field_face(const io::Case& test, const ObservedFace& seen, const identification::Face& face, const Eigen::SparseMatrix<double>& M) {
+loop::FieldFace field_face(const io::Case& test, const ObservedFace& seen, const identification::Face& face,
+                           const Eigen::SparseMatrix<double>& M) {
   const auto& view = seen.rig->views.front();
   const Eigen::RowVector3d middle = seen.rig->surface.nodes.colwise().mean();
-  loop::FieldFace result{.name = face.back ? "back" : "front", .surface = face.surface.mesh, .components = face.components, .M = M.block(face.first_unknown, face.first_unknown, face.unknowns(), face.unknowns())};
+  loop::FieldFace result{.name = face.back ? "back" : "front",
+                         .surface = face.surface.mesh,
+                         .components = face.components,
+                         .M = M.block(face.first_unknown, face.first_unknown, face.unknowns(), face.unknowns())};
   if (const auto held = seen.dic->held(); held.size() > 0) result.M += held;
   result.pixels = view.camera->jacobian(middle.transpose()).leftCols<2>();
   result.axis_of_lens = middle.head<2>().transpose();
@@ -73,7 +85,9 @@ loop::FieldFace field_face(const io::Case& test, const ObservedFace& seen, const
   if (face.components == 3)
     for (std::size_t c = 0; c < seen.rig->views.size(); ++c) {
       const auto& one = seen.rig->views[c];
-      result.sights.emplace_back(test.cameras[static_cast<std::size_t>(seen.rig->cameras[c])].name, *one.camera, face.surface.mesh, Eigen::Vector2d(0.5 * (one.reference.width - 1), 0.5 * (one.reference.height - 1)));
+      result.sights.emplace_back(test.cameras[static_cast<std::size_t>(seen.rig->cameras[c])].name, *one.camera,
+                                 face.surface.mesh,
+                                 Eigen::Vector2d(0.5 * (one.reference.width - 1), 0.5 * (one.reference.height - 1)));
     }
   return result;
 }
@@ -83,23 +97,28 @@ int last_frame(const io::Case& test, const identification::Record& record) {
   int last = 0;
   for (const auto& stage : test.identify.stages)
     for (std::size_t t = 0; t < record.frames.size(); ++t)
-      if (std::binary_search(stage.frames.begin(), stage.frames.end(), record.frames[t])) last = std::max(last, static_cast<int>(t));
+      if (std::binary_search(stage.frames.begin(), stage.frames.end(), record.frames[t]))
+        last = std::max(last, static_cast<int>(t));
   return last;
 }
 
 /// `shown` gets the images of every synthetic test, if it is one then.
-loop::FieldData field_data(const Communicator& world, Observation& seen, const io::Case& test, const identification::Specimen& specimen, const ImageShown& shown) {
+loop::FieldData field_data(const Communicator& world, Observation& seen, const io::Case& test,
+                           const identification::Specimen& specimen, const ImageShown& shown) {
   const auto record = make_record(seen, test, specimen);
   const auto images = make_image_data(seen, test);
   const int frames = 1 + last_frame(test, record);
   loop::FieldData data;
-  for (std::size_t k = 0; k < seen.faces.size(); ++k) data.faces.push_back(field_face(test, seen.faces[k], specimen.faces[k], images.M));
+  for (std::size_t k = 0; k < seen.faces.size(); ++k)
+    data.faces.push_back(field_face(test, seen.faces[k], specimen.faces[k], images.M));
   data.noise = images.noise;
   data.references = seen.references;
-  data.displacement = identification::without_leaning(specimen, record.surface_displacement.leftCols(frames));  // predictions stay upright
+  // predictions stay upright
+  data.displacement = identification::without_leaning(specimen, record.surface_displacement.leftCols(frames));
   data.smooth = [&seen](Eigen::MatrixXd field) { return driving_displacement(seen, std::move(field)); };
   data.driving = data.smooth(data.displacement);
-  data.correlate = [&seen, &test, &world, &shown, frames](const identification::Specimen& made, const Eigen::MatrixXd& U) {
+  data.correlate = [&seen, &test, &world, &shown, frames](const identification::Specimen& made,
+                                                          const Eigen::MatrixXd& U) {
     return correlated_images(seen, test, world, made, U.leftCols(frames), shown);
   };
   data.frames.assign(record.frames.begin(), record.frames.begin() + frames);
@@ -111,15 +130,24 @@ loop::FieldData field_data(const Communicator& world, Observation& seen, const i
   return data;
 }
 
-/// Where a camera was placed by the outline, which tells it to some tenths of a pixel, the rest is one more unknown, if nothing else is declared of it.
+/// Where a camera was placed by the outline, which tells it to some tenths of a pixel, the rest is one more unknown, if
+/// nothing else is declared of it.
 void free_placement(const io::Case& test, std::vector<loop::DeclaredEffect>& effects) {
   constexpr double pixels = 0.3;
-  const bool both = std::any_of(test.cameras.begin(), test.cameras.end(), [&](const auto& camera) { return camera.face != test.cameras.front().face; });
+  const bool both = std::any_of(test.cameras.begin(), test.cameras.end(),
+                                [&](const auto& camera) { return camera.face != test.cameras.front().face; });
   for (const auto& camera : test.cameras) {
     if (camera.place.automatic.empty()) continue;
     const std::string effect = both ? camera.face + "_placement" : "placement";
     if (std::any_of(effects.begin(), effects.end(), [&](const auto& one) { return one.effect == effect; })) continue;
-    for (const char* quantity : {"placement_x", "placement_y", "placement_turn"}) effects.push_back({.effect = effect, .quantity = quantity, .value = {}, .lower = {}, .upper = {}, .free = true, .prior = pixels});
+    for (const char* quantity : {"placement_x", "placement_y", "placement_turn"})
+      effects.push_back({.effect = effect,
+                         .quantity = quantity,
+                         .value = {},
+                         .lower = {},
+                         .upper = {},
+                         .free = true,
+                         .prior = pixels});
   }
 }
 
@@ -132,13 +160,16 @@ loop::DeclaredModel declared_model(const io::Case& test, const Material& materia
   model.priors.assign(material.values.size(), 0.0);
   for (const auto& stage : test.identify.stages)
     for (const auto& name : stage.free) model.free[static_cast<std::size_t>(material.index(name))] = 1;
-  for (const auto& [name, deviation] : test.loop.prior) model.priors[static_cast<std::size_t>(material.index(name))] = deviation;
+  for (const auto& [name, deviation] : test.loop.prior)
+    model.priors[static_cast<std::size_t>(material.index(name))] = deviation;
   if (test.material.law != "elastic") {
     const ExtendedMaterial extended = make_extended_material(test);
     for (std::size_t j = 0; j < extended.information.size(); ++j)
       if (extended.declared[j] == 0) model.lacking.push_back(extended.information[j]);
   }
-  model.extended = [&test](const std::vector<std::string>& effects, bool in_space) { return extended_law(test, effects, in_space); };
+  model.extended = [&test](const std::vector<std::string>& effects, bool in_space) {
+    return extended_law(test, effects, in_space);
+  };
   model.specimen = [&test](const loop::MeshChange& change) { return make_specimen(test, false, change); };
   model.thickness = test.specimen.thickness;
   model.increments = test.identify.increments();
@@ -152,22 +183,33 @@ loop::DeclaredModel declared_model(const io::Case& test, const Material& materia
 /// The names, which were checked before, but for those of effects that this test cannot have.
 std::vector<std::string> of_candidates(const loop::Experiment& experiment, std::vector<std::string> names) {
   const auto& all = experiment.candidates();
-  std::erase_if(names, [&](const std::string& name) { return std::none_of(all.begin(), all.end(), [&](const auto& one) { return loop::key_of(one.name) == loop::key_of(name); }); });
+  std::erase_if(names, [&](const std::string& name) {
+    return std::none_of(all.begin(), all.end(),
+                        [&](const auto& one) { return loop::key_of(one.name) == loop::key_of(name); });
+  });
   return names;
 }
 
 loop::LoopOptions how(const io::Case& test, std::vector<int> held_out) {
-  return {.draws = test.loop.draws, .additions = test.loop.additions, .rivals = test.loop.rivals, .starts = test.loop.starts, .leave_out = test.loop.leave_out, .held_out = std::move(held_out)};
+  return {.draws = test.loop.draws,
+          .additions = test.loop.additions,
+          .rivals = test.loop.rivals,
+          .starts = test.loop.starts,
+          .leave_out = test.loop.leave_out,
+          .held_out = std::move(held_out)};
 }
 
 class FieldTest final : public LoopTest {
  public:
-  FieldTest(const Communicator& world, const io::Case& test, const std::function<void(const std::string&)>& say) : world_(world), test_(test), material_(make_material(test_)), specimen_(make_specimen(test_)) {
+  FieldTest(const Communicator& world, const io::Case& test, const std::function<void(const std::string&)>& say)
+      : world_(world), test_(test), material_(make_material(test_)), specimen_(make_specimen(test_)) {
     if (specimen_.faces.size() > 1 && specimen_.section_factor != 1.0)
-      throw InputError("specimen.mid_plane_symmetry", "true with cameras on both faces", "false for imic3d loop, which looks for what makes the faces differ");
+      throw InputError("specimen.mid_plane_symmetry", "true with cameras on both faces",
+                       "false for imic3d loop, which looks for what makes the faces differ");
     check_light_effects(test_, specimen_.faces.front().surface.mesh);
     if (!test_.fields) seen_ = observe(test_, specimen_);
-    spdlog::info("{}: {} frames, {} surface nodes", test_.title, seen_ ? seen_->places.size() : test_.frames.size(), specimen_.surface.mesh.nodes.rows());
+    spdlog::info("{}: {} frames, {} surface nodes", test_.title, seen_ ? seen_->places.size() : test_.frames.size(),
+                 specimen_.surface.mesh.nodes.rows());
     if (!seen_) {
       lay_out(imported_fields(test_, specimen_));
       return;
@@ -175,7 +217,10 @@ class FieldTest final : public LoopTest {
     correlate_frames();
     lay_out(field_data(world, *seen_, test_, specimen_, shown_));
     settle_light(say);
-    spdlog::info("noise: {:.3f} grey levels{}", seen_->noise, std::isfinite(experiment_->measured().force_noise) ? fmt::format(", {:.4g} {} of the force", experiment_->measured().force_noise, test_.units.force) : "");
+    spdlog::info("noise: {:.3f} grey levels{}", seen_->noise,
+                 std::isfinite(experiment_->measured().force_noise)
+                     ? fmt::format(", {:.4g} {} of the force", experiment_->measured().force_noise, test_.units.force)
+                     : "");
   }
   loop::Experiment& experiment() override { return *experiment_; }
   std::vector<int> held_out() const override { return experiment_->measured().held_out; }
@@ -190,13 +235,17 @@ class FieldTest final : public LoopTest {
     const GroupTimes groups = group_times();
     app::say(groups);
     if (seen_) test_.doubts = doubts_of(test_, *seen_);
-    for (auto& doubt : unlikely_values(test_, material_, report.final.fit.values)) test_.doubts.push_back(std::move(doubt));
-    if (auto doubt = taken_off_plane_stress(*experiment_, report.final, test_.specimen.plane_stress()); !doubt.empty()) {
+    for (auto& doubt : unlikely_values(test_, material_, report.final.fit.values))
+      test_.doubts.push_back(std::move(doubt));
+    if (auto doubt = taken_off_plane_stress(*experiment_, report.final, test_.specimen.plane_stress());
+        !doubt.empty()) {
       spdlog::warn("{}", doubt);
       test_.doubts.push_back(std::move(doubt));
     }
     collectively(world_, [&] {
-      if (world_.is_root()) write_loop_report(folder, test_, *experiment_, report, fields, light_, seen_ ? seen_->left_out : "", groups, seconds);
+      if (world_.is_root())
+        write_loop_report(folder, test_, *experiment_, report, fields, light_, seen_ ? seen_->left_out : "", groups,
+                          seconds);
     });
   }
 
@@ -208,20 +257,28 @@ class FieldTest final : public LoopTest {
     for (std::size_t t = 0; t < frames.size(); ++t)
       if (std::binary_search(declared.begin(), declared.end(), frames[t])) held.push_back(static_cast<int>(t));
     std::vector<int> beyond;
-    std::copy_if(declared.begin(), declared.end(), std::back_inserter(beyond), [&](int frame) { return frame > frames.back(); });
-    if (!beyond.empty()) spdlog::info("held-out frames behind the last one that is fitted take no part: {}", io::to_text(beyond));
+    std::copy_if(declared.begin(), declared.end(), std::back_inserter(beyond),
+                 [&](int frame) { return frame > frames.back(); });
+    if (!beyond.empty())
+      spdlog::info("held-out frames behind the last one that is fitted take no part: {}", io::to_text(beyond));
     return held.empty() ? loop::held_out_blocks(static_cast<int>(frames.size())) : held;
   }
 
   void correlate_frames() {
-    const auto name = [&](std::size_t face) { return seen_->faces.size() == 1 ? "correlation" : face == 0 ? "correlation_front" : "correlation_back"; };
-    correlate(*seen_, test_, world_, {}, {.reached = [&](std::size_t face, const correlation::DicSeries& series) { correlation_times_[name(face)] = series.group_times; }});
+    const auto name = [&](std::size_t face) {
+      return seen_->faces.size() == 1 ? "correlation" : face == 0 ? "correlation_front" : "correlation_back";
+    };
+    correlate(*seen_, test_, world_, {}, {.reached = [&](std::size_t face, const correlation::DicSeries& series) {
+      correlation_times_[name(face)] = series.group_times;
+    }});
   }
   void lay_out(loop::FieldData data) {
     data.held_out = places_held_out(data.frames);
-    experiment_ = std::make_unique<loop::FieldExperiment>(world_, std::move(data), declared_model(test_, material_), loop::FieldOptions{.modes = test_.loop.modes});
+    experiment_ = std::make_unique<loop::FieldExperiment>(world_, std::move(data), declared_model(test_, material_),
+                                                          loop::FieldOptions{.modes = test_.loop.modes});
   }
-  /// The declared model fitted to the data as they are, near which the loop will find it again; as declared where that fails.
+  /// The declared model fitted to the data as they are, near which the loop will find it again; as declared where that
+  /// fails.
   std::vector<double> first_fit() {
     std::vector<double> values;
     std::vector<int> free;
@@ -240,8 +297,9 @@ class FieldTest final : public LoopTest {
     }
   }
 
-  /// Looks at the light, beside images of the declared model's motion on a finer mesh, of which the experiment learns its bias; where it changes and the correlation has left it alone, the images are
-  /// correlated again with gain and offset of each frame, or of each element, fitted.
+  /// Looks at the light, beside images of the declared model's motion on a finer mesh, of which the experiment learns
+  /// its bias; where it changes and the correlation has left it alone, the images are correlated again with gain and
+  /// offset of each frame, or of each element, fitted.
   void settle_light(const std::function<void(const std::string&)>& say) {
     auto options = how(test_, held_out());
     options.starts = {1.0};
@@ -253,7 +311,8 @@ class FieldTest final : public LoopTest {
       shown_ = {};
     };
     const auto look = [&] {
-      return look_at_light(*seen_, test_, static_cast<int>(experiment_->frame_numbers().size()), synthetic, options, [&](const std::string& line) { say("light: " + line); });
+      return look_at_light(*seen_, test_, static_cast<int>(experiment_->frame_numbers().size()), synthetic, options,
+                           [&](const std::string& line) { say("light: " + line); });
     };
     auto found = look();
     light_ = std::move(found.json);
@@ -272,20 +331,30 @@ class FieldTest final : public LoopTest {
     lay_out(field_data(world_, *seen_, test_, specimen_, shown_));
     const auto after = look();
     say(fmt::format("light: grey levels left {:.3f} -> {:.3f}; {}", found.rms, after.rms, after.sentence));
-    light_["corrected"] = {{"option", name}, {"rms_before", found.rms}, {"rms_after", after.rms}, {"unit", "grey level"}, {"after", after.json}};
-    light_["sentence"] = fmt::format("{} The images were correlated again with {}: grey levels left {:.2f} -> {:.2f}. {}", found.sentence, name, found.rms, after.rms, after.sentence);
+    light_["corrected"] = {{"option", name},
+                           {"rms_before", found.rms},
+                           {"rms_after", after.rms},
+                           {"unit", "grey level"},
+                           {"after", after.json}};
+    light_["sentence"] =
+        fmt::format("{} The images were correlated again with {}: grey levels left {:.2f} -> {:.2f}. {}",
+                    found.sentence, name, found.rms, after.rms, after.sentence);
     take_noise(after.frame_noise);
   }
 
-  /// Where the light of the frames is not what noise at rest makes it, the motion is as noisy as the grey levels that the correlation leaves.
+  /// Where the light of the frames is not what noise at rest makes it, the motion is as noisy as the grey levels that
+  /// the correlation leaves.
   void take_noise(const std::vector<Eigen::VectorXd>& of_faces) {
     if (of_faces.empty()) return;
     loop::FieldData data = experiment_->measured();
     for (std::size_t k = 0; k < of_faces.size(); ++k) data.faces[k].frame_noise = of_faces[k];
     lay_out(std::move(data));
     double least = INFINITY, largest = 0.0;
-    for (const auto& noise : of_faces) least = std::min(least, noise.minCoeff()), largest = std::max(largest, noise.maxCoeff());
-    light_["sentence"] = fmt::format("{} The motion is judged by the noise of each frame, {:.2f} to {:.2f} of that at rest.", light_["sentence"].get<std::string>(), least, largest);
+    for (const auto& noise : of_faces)
+      least = std::min(least, noise.minCoeff()), largest = std::max(largest, noise.maxCoeff());
+    light_["sentence"] =
+        fmt::format("{} The motion is judged by the noise of each frame, {:.2f} to {:.2f} of that at rest.",
+                    light_["sentence"].get<std::string>(), least, largest);
   }
 
   const Communicator& world_;
@@ -301,11 +370,15 @@ class FieldTest final : public LoopTest {
 
 using Say = std::function<void(const std::string&)>;
 
-std::unique_ptr<LoopTest> make_test(const Communicator& world, const io::Case& test, const Say& say) { return test.experiments.empty() ? make_field_test(world, test, say) : make_curve_test(world, test); }
+std::unique_ptr<LoopTest> make_test(const Communicator& world, const io::Case& test, const Say& say) {
+  return test.experiments.empty() ? make_field_test(world, test, say) : make_curve_test(world, test);
+}
 
 /// The loop on an experiment whose answers are kept in `checkpoint`, to go on from.
-loop::Report close_loop(loop::Experiment& experiment, const loop::LoopOptions& options, const Say& say, LoopCheckpoint& checkpoint) {
-  loop::RecordedExperiment recorded(experiment, checkpoint.known(), [&](const loop::Answer& answer) { checkpoint.keep(answer); });
+loop::Report close_loop(loop::Experiment& experiment, const loop::LoopOptions& options, const Say& say,
+                        LoopCheckpoint& checkpoint) {
+  loop::RecordedExperiment recorded(experiment, checkpoint.known(),
+                                    [&](const loop::Answer& answer) { checkpoint.keep(answer); });
   try {
     return loop::close_loop(recorded, options, say);
   } catch (const Interrupted&) {
@@ -315,7 +388,8 @@ loop::Report close_loop(loop::Experiment& experiment, const loop::LoopOptions& o
 }
 
 /// Several tests at once: the report of all, and in a folder of each test what it shows of that.
-void loop_on_tests(const Communicator& world, const CommandOptions& options, const io::Case& all, const std::function<double()>& seconds, const Say& say) {
+void loop_on_tests(const Communicator& world, const CommandOptions& options, const io::Case& all,
+                   const std::function<double()>& seconds, const Say& say) {
   const std::vector<io::Case> cases = cases_of_tests(all, options);
   const SignalWatch watch;
   const auto folder = output_folder(all, options, world);
@@ -350,13 +424,17 @@ void loop_on_tests(const Communicator& world, const CommandOptions& options, con
     json.update(io::case_summary(write_loop_tests(folder, all, experiment, report, experiment.first_frames())));
     io::write_json(folder / "result.json", json);
     io::write_loop_page(folder / "report.html", json, {});
-    fmt::print("\n{}\n  {}: {}\n  {:.0f} s, {} simulations; {}\n", all.title, name(report.verdict), report.sentence, seconds(), simulations, (folder / "report.html").string());
+    fmt::print("\n{}\n  {}: {}\n  {:.0f} s, {} simulations; {}\n", all.title, name(report.verdict), report.sentence,
+               seconds(), simulations, (folder / "report.html").string());
   });
 }
 
 }  // namespace
 
-std::unique_ptr<LoopTest> make_field_test(const Communicator& world, const io::Case& test, const std::function<void(const std::string&)>& say) { return std::make_unique<FieldTest>(world, test, say); }
+std::unique_ptr<LoopTest> make_field_test(const Communicator& world, const io::Case& test,
+                                          const std::function<void(const std::string&)>& say) {
+  return std::make_unique<FieldTest>(world, test, say);
+}
 
 void loop(const Communicator& world, const CommandOptions& options) {
   const auto start = std::chrono::steady_clock::now();
@@ -378,7 +456,8 @@ void loop(const Communicator& world, const CommandOptions& options) {
   const auto one = make_test(world, test, say);
   auto options_of_test = how(test, one->held_out());
   options_of_test.leave_out = of_candidates(one->experiment(), options_of_test.leave_out);
-  const auto report = checkpoint ? close_loop(one->experiment(), options_of_test, say, *checkpoint) : loop::close_loop(one->experiment(), options_of_test, say);
+  const auto report = checkpoint ? close_loop(one->experiment(), options_of_test, say, *checkpoint)
+                                 : loop::close_loop(one->experiment(), options_of_test, say);
   one->write(folder, report, seconds());
 }
 

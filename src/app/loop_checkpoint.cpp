@@ -12,7 +12,8 @@ namespace {
 std::map<std::string, std::string> sections_of(const io::Case& test, std::span<const io::Case> cases) {
   auto sections = io::fingerprint(test, true);
   for (std::size_t k = 0; k < cases.size(); ++k)
-    for (const auto& [section, hash] : io::fingerprint(cases[k], true)) sections[fmt::format("{} of {}", section, test.tests[k].name)] = hash;
+    for (const auto& [section, hash] : io::fingerprint(cases[k], true))
+      sections[fmt::format("{} of {}", section, test.tests[k].name)] = hash;
   return sections;
 }
 
@@ -20,8 +21,11 @@ std::string place_of(std::size_t answer) { return fmt::format("answers/{:06d}/",
 
 }  // namespace
 
-LoopCheckpoint::LoopCheckpoint(const Communicator& world, const std::filesystem::path& folder, const io::Case& test, std::span<const io::Case> cases, bool resume)
-    : world_(world), file_(world, folder / "loop_checkpoint.h5", [&] { return sections_of(test, cases); }, resume) {}
+LoopCheckpoint::LoopCheckpoint(const Communicator& world, const std::filesystem::path& folder, const io::Case& test,
+                               std::span<const io::Case> cases, bool resume)
+    : world_(world),
+      file_(
+          world, folder / "loop_checkpoint.h5", [&] { return sections_of(test, cases); }, resume) {}
 
 std::deque<loop::Answer> LoopCheckpoint::known() {
   std::deque<loop::Answer> answers;
@@ -30,7 +34,8 @@ std::deque<loop::Answer> LoopCheckpoint::known() {
   for (; all.has(place_of(kept_) + "question"); ++kept_) {
     const std::string at = place_of(kept_);
     auto& answer = answers.emplace_back(loop::Answer{all.matrix(at + "question"), {}, all.text(at + "failure")});
-    for (int k = 0; all.has(fmt::format("{}{}", at, k)); ++k) answer.numbers.push_back(all.matrix(fmt::format("{}{}", at, k)));
+    for (int k = 0; all.has(fmt::format("{}{}", at, k)); ++k)
+      answer.numbers.push_back(all.matrix(fmt::format("{}{}", at, k)));
   }
   spdlog::info("goes on from {}: {} answers of the test", file_.path().string(), kept_);
   return answers;
@@ -41,7 +46,8 @@ void LoopCheckpoint::keep(const loop::Answer& answer) {
     const std::string at = place_of(kept_);
     file_.content().put(at + "question", answer.question);
     file_.content().put(at + "failure", answer.failure);
-    for (std::size_t k = 0; k < answer.numbers.size(); ++k) file_.content().put(fmt::format("{}{}", at, k), answer.numbers[k]);
+    for (std::size_t k = 0; k < answer.numbers.size(); ++k)
+      file_.content().put(fmt::format("{}{}", at, k), answer.numbers[k]);
   }
   ++kept_;
   if (file_.due()) file_.write();

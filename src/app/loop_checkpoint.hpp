@@ -13,7 +13,8 @@ namespace imic3d::app {
 class LoopCheckpoint {
  public:
   /// As a CheckpointFile, of `test` and, if it is a file of several tests, of their `cases`. Collective.
-  LoopCheckpoint(const Communicator& world, const std::filesystem::path& folder, const io::Case& test, std::span<const io::Case> cases, bool resume);
+  LoopCheckpoint(const Communicator& world, const std::filesystem::path& folder, const io::Case& test,
+                 std::span<const io::Case> cases, bool resume);
 
   /// The answers of the run before, the same on every rank. Collective.
   [[nodiscard]] std::deque<loop::Answer> known();

@@ -23,49 +23,72 @@ namespace imic3d::app {
 namespace {
 
 std::vector<LoopCurve> curves_of(const loop::CurveExperiment& experiment, const loop::Report& report) {
-  const auto before = experiment.predict(report.declared.fit.values), after = experiment.predict(report.final.fit.values);
+  const auto before = experiment.predict(report.declared.fit.values),
+             after = experiment.predict(report.final.fit.values);
   std::vector<LoopCurve> curves;
   for (std::size_t k = 0; k < experiment.curves().size(); ++k) {
     const auto& curve = experiment.curves()[k];
     curves.push_back({curve.name, curve.group, false, curve.history.strain, curve.stress, before[k], after[k]});
   }
   for (std::size_t t = 0; t < report.held_out.size(); ++t)
-    if (report.held_out[t] != 0) curves[static_cast<std::size_t>(experiment.curve_of(static_cast<int>(t)))].held_out = true;  // as a whole, if it is not cut into pieces
+    if (report.held_out[t] != 0)
+      curves[static_cast<std::size_t>(experiment.curve_of(static_cast<int>(t)))].held_out =
+          true;  // as a whole, if it is not cut into pieces
   return curves;
 }
 
 /// Measured and predicted of every bar, and per group the rms of measured - predicted on fitted and held-out rows.
-void add_curves(nlohmann::json& json, const io::Case& test, const loop::CurveExperiment& experiment, const std::vector<LoopCurve>& curves) {
+void add_curves(nlohmann::json& json, const io::Case& test, const loop::CurveExperiment& experiment,
+                const std::vector<LoopCurve>& curves) {
   const auto list = [](const Eigen::VectorXd& values) { return std::vector<double>(values.begin(), values.end()); };
-  struct Sums { double before = 0.0, after = 0.0; Eigen::Index rows = 0; };
+  struct Sums {
+    double before = 0.0, after = 0.0;
+    Eigen::Index rows = 0;
+  };
   std::vector<std::string> order;
   std::map<std::string, std::array<Sums, 2>> sums;
   for (std::size_t k = 0; k < curves.size(); ++k) {
     const auto& curve = experiment.curves()[k];
     const LoopCurve& one = curves[k];
-    json["curves"].push_back({{"name", one.name}, {"group", one.group}, {"held_out", one.held_out}, {"noise", experiment.bin_noise(static_cast<int>(k))}, {"strain", list(one.strain)}, {"measured", list(one.measured)},
-                              {"before", list(one.before)}, {"after", list(one.after)}});
+    json["curves"].push_back({{"name", one.name},
+                              {"group", one.group},
+                              {"held_out", one.held_out},
+                              {"noise", experiment.bin_noise(static_cast<int>(k))},
+                              {"strain", list(one.strain)},
+                              {"measured", list(one.measured)},
+                              {"before", list(one.before)},
+                              {"after", list(one.after)}});
     if (!sums.contains(curve.group)) order.push_back(curve.group);
     for (Eigen::Index row = 0; row < curve.stress.size(); ++row) {
       const auto use = curve.use[static_cast<std::size_t>(row)];
       if (use == identification::Curve::not_judged) continue;
-      auto& sum = sums[curve.group][use == identification::Curve::held_out || (one.held_out && !experiment.cut_into_pieces(static_cast<int>(k))) ? 1 : 0];
-      sum.before += std::pow(one.measured[row] - one.before[row], 2), sum.after += std::pow(one.measured[row] - one.after[row], 2);
+      auto& sum = sums[curve.group][use == identification::Curve::held_out ||
+                                            (one.held_out && !experiment.cut_into_pieces(static_cast<int>(k)))
+                                        ? 1
+                                        : 0];
+      sum.before += std::pow(one.measured[row] - one.before[row], 2),
+          sum.after += std::pow(one.measured[row] - one.after[row], 2);
       ++sum.rows;
     }
   }
   for (const auto& group : order)
     for (int h = 0; h < 2; ++h)
       if (const auto& one = sums[group][static_cast<std::size_t>(h)]; one.rows > 0)
-        json["groups"].push_back({{"name", group}, {"held_out", h == 1}, {"rows", one.rows}, {"before", std::sqrt(one.before / static_cast<double>(one.rows))},
-                                  {"after", std::sqrt(one.after / static_cast<double>(one.rows))}, {"unit", io::stress_unit(test.units)}});
+        json["groups"].push_back({{"name", group},
+                                  {"held_out", h == 1},
+                                  {"rows", one.rows},
+                                  {"before", std::sqrt(one.before / static_cast<double>(one.rows))},
+                                  {"after", std::sqrt(one.after / static_cast<double>(one.rows))},
+                                  {"unit", io::stress_unit(test.units)}});
 }
 
 class CurveTest final : public LoopTest {
  public:
-  CurveTest(const Communicator& world, const io::Case& test, loop::CurveModel model) : world_(world), test_(test), experiment_(world, make_curves(test), std::move(model)) {
+  CurveTest(const Communicator& world, const io::Case& test, loop::CurveModel model)
+      : world_(world), test_(test), experiment_(world, make_curves(test), std::move(model)) {
     doubts_ = doubts_of_curves(test, experiment_.curves());
-    spdlog::info("{}: {} curves, {} numbers, {} candidates", test.title, experiment_.curves().size(), experiment_.data().size(), experiment_.candidates().size());
+    spdlog::info("{}: {} curves, {} numbers, {} candidates", test.title, experiment_.curves().size(),
+                 experiment_.data().size(), experiment_.candidates().size());
   }
   loop::Experiment& experiment() override { return experiment_; }
   std::vector<int> held_out() const override { return experiment_.held_out(); }
@@ -91,9 +114,11 @@ class CurveTest final : public LoopTest {
     io::write_loop_page(folder / "report.html", json, {});
     fmt::print("\n{}\n  {}: {}\n", test_.title, name(report.verdict), report.sentence);
     for (const auto& group : json["groups"])
-      fmt::print("    {:28} {:9} rms {:7.4g} -> {:7.4g} {}\n", group["name"].get<std::string>(), group["held_out"].get<bool>() ? "held out" : "fitted", group["before"].get<double>(), group["after"].get<double>(),
-                 group["unit"].get<std::string>());
-    fmt::print("  {:.0f} s, {} simulations; {}\n", seconds, experiment_.simulations(), (folder / "report.html").string());
+      fmt::print("    {:28} {:9} rms {:7.4g} -> {:7.4g} {}\n", group["name"].get<std::string>(),
+                 group["held_out"].get<bool>() ? "held out" : "fitted", group["before"].get<double>(),
+                 group["after"].get<double>(), group["unit"].get<std::string>());
+    fmt::print("  {:.0f} s, {} simulations; {}\n", seconds, experiment_.simulations(),
+               (folder / "report.html").string());
   }
 
   const Communicator& world_;
@@ -105,15 +130,25 @@ class CurveTest final : public LoopTest {
 }  // namespace
 
 std::unique_ptr<LoopTest> make_curve_test(const Communicator& world, const io::Case& test) {
-  if (!test.cameras.empty()) throw InputError("experiments", "given beside cameras", "images or experiments, each in a case of its own (both at once: tests)");
+  if (!test.cameras.empty())
+    throw InputError("experiments", "given beside cameras",
+                     "images or experiments, each in a case of its own (both at once: tests)");
   const ExtendedMaterial material = make_extended_material(test);
   auto declared = declared_effects(test);
-  for (auto& light : declared_effects(test, true)) declared.push_back(std::move(light));  // refused, as all that does not act on bars
-  loop::CurveModel model{[&test](const std::vector<std::string>& effects) { return extended_law(test, effects); }, material.information, material.values, std::vector<double>(material.values.size(), 0.0), material.declared,
-                         std::vector<char>(material.values.size(), 0), std::move(declared), [&test](std::string word) { return unit_in(std::move(word), test.units); }};
+  for (auto& light : declared_effects(test, true))
+    declared.push_back(std::move(light));  // refused, as all that does not act on bars
+  loop::CurveModel model{[&test](const std::vector<std::string>& effects) { return extended_law(test, effects); },
+                         material.information,
+                         material.values,
+                         std::vector<double>(material.values.size(), 0.0),
+                         material.declared,
+                         std::vector<char>(material.values.size(), 0),
+                         std::move(declared),
+                         [&test](std::string word) { return unit_in(std::move(word), test.units); }};
   for (const auto& stage : test.identify.stages)
     for (const auto& name : stage.free) model.free[static_cast<std::size_t>(material.index(name))] = 1;
-  for (const auto& [name, deviation] : test.loop.prior) model.priors[static_cast<std::size_t>(material.index(name))] = deviation;
+  for (const auto& [name, deviation] : test.loop.prior)
+    model.priors[static_cast<std::size_t>(material.index(name))] = deviation;
   return std::make_unique<CurveTest>(world, test, std::move(model));
 }
 

@@ -26,7 +26,9 @@ namespace {
 /// Correlation coefficients of the remainder's curve with what changed during the test.
 nlohmann::json companions(const loop::Scene& scene, const Eigen::VectorXd& curve) {
   const auto frames = curve.size();
-  const auto before = [](const Eigen::VectorXd& all, Eigen::Index t, double first) { return t == 0 ? first : all[t - 1]; };
+  const auto before = [](const Eigen::VectorXd& all, Eigen::Index t, double first) {
+    return t == 0 ? first : all[t - 1];
+  };
   Eigen::VectorXd rate(frames), unloading(frames), plastic = scene.elongation;
   Eigen::Index first_loaded = 0;
   for (Eigen::Index t = 0; t < frames; ++t) {
@@ -35,12 +37,18 @@ nlohmann::json companions(const loop::Scene& scene, const Eigen::VectorXd& curve
     unloading[t] = std::abs(scene.force[t]) < std::abs(before(scene.force, t, 0.0)) ? 1.0 : 0.0;
     if (std::abs(scene.force[t]) < 0.3 * scene.force.cwiseAbs().maxCoeff()) first_loaded = t;
   }
-  if (scene.force[first_loaded] != 0.0) plastic -= scene.force * (scene.elongation[first_loaded] / scene.force[first_loaded]);
+  if (scene.force[first_loaded] != 0.0)
+    plastic -= scene.force * (scene.elongation[first_loaded] / scene.force[first_loaded]);
   nlohmann::json json = nlohmann::json::object();
-  for (const auto& [name, other] : {std::pair<const char*, Eigen::VectorXd>{"clock", scene.time}, {"force", scene.force}, {"elongation", scene.elongation}, {"plastic elongation", plastic},
-                                    {"rate of elongation", rate}, {"unloading", unloading}}) {
+  for (const auto& [name, other] : {std::pair<const char*, Eigen::VectorXd>{"clock", scene.time},
+                                    {"force", scene.force},
+                                    {"elongation", scene.elongation},
+                                    {"plastic elongation", plastic},
+                                    {"rate of elongation", rate},
+                                    {"unloading", unloading}}) {
     const Eigen::VectorXd a = curve.array() - curve.mean(), b = other.array() - other.mean();
-    if (frames > 2 && b.norm() > 1e-9 * (1e-300 + other.norm())) json[name] = a.dot(b) / std::max(1e-300, a.norm() * b.norm());
+    if (frames > 2 && b.norm() > 1e-9 * (1e-300 + other.norm()))
+      json[name] = a.dot(b) / std::max(1e-300, a.norm() * b.norm());
   }
   return json;
 }
@@ -52,7 +60,10 @@ nlohmann::json place_of_largest(const loop::FieldExperiment& experiment, const l
   const auto* face = experiment.measured().faces.data();
   for (; node >= face->surface.nodes.rows(); ++face) node -= face->surface.nodes.rows();
   const auto& at = face->surface.nodes;
-  nlohmann::json map = {{"largest", largest}, {"limit", remainder.limit}, {"frame", experiment.measured().frames[static_cast<std::size_t>(frame)]}, {"place", {at(node, 0), at(node, 1)}},
+  nlohmann::json map = {{"largest", largest},
+                        {"limit", remainder.limit},
+                        {"frame", experiment.measured().frames[static_cast<std::size_t>(frame)]},
+                        {"place", {at(node, 0), at(node, 1)}},
                         {"share_beyond_limit", (remainder.map.array() > remainder.limit).cast<double>().mean()}};
   if (experiment.measured().faces.size() > 1) map["face"] = face->name;
   return map;
@@ -61,10 +72,12 @@ nlohmann::json place_of_largest(const loop::FieldExperiment& experiment, const l
 /// Pictures of one frame, in units of what noise alone leaves (sigma), all faces on one scale.
 class SigmaMaps {
  public:
-  SigmaMaps(const std::filesystem::path& folder, const loop::FieldExperiment& experiment, const loop::Report& report) : folder_(folder), experiment_(experiment), report_(report) {
+  SigmaMaps(const std::filesystem::path& folder, const loop::FieldExperiment& experiment, const loop::Report& report)
+      : folder_(folder), experiment_(experiment), report_(report) {
     report.declared.misfit.frames.maxCoeff(&frame_);
     const auto& remainder = report.remainder;
-    largest_ = std::max({remainder.before.col(frame_).cwiseAbs().maxCoeff(), remainder.map.col(frame_).maxCoeff(), remainder.limit});
+    largest_ = std::max(
+        {remainder.before.col(frame_).cwiseAbs().maxCoeff(), remainder.map.col(frame_).maxCoeff(), remainder.limit});
   }
 
   [[nodiscard]] std::vector<io::ReportPicture> drawn() {
@@ -81,22 +94,38 @@ class SigmaMaps {
     const auto& remainder = report_.remainder;
     const auto nodes = face.surface.nodes.rows();
     Eigen::Index component = 0, worst = 0;
-    remainder.before.col(frame_).segment(unknown, face.unknowns()).reshaped(face.components, nodes).cwiseAbs().maxCoeff(&component, &worst);
-    const auto along = [&](const Eigen::MatrixXd& all) -> Eigen::VectorXd { return all.col(frame_)(Eigen::seqN(unknown + component, nodes, face.components)); };
-    const Eigen::VectorXd before = along(remainder.before), after = along(remainder.after), left = remainder.map.col(frame_).segment(node, nodes);
+    remainder.before.col(frame_)
+        .segment(unknown, face.unknowns())
+        .reshaped(face.components, nodes)
+        .cwiseAbs()
+        .maxCoeff(&component, &worst);
+    const auto along = [&](const Eigen::MatrixXd& all) -> Eigen::VectorXd {
+      return all.col(frame_)(Eigen::seqN(unknown + component, nodes, face.components));
+    };
+    const Eigen::VectorXd before = along(remainder.before), after = along(remainder.after),
+                          left = remainder.map.col(frame_).segment(node, nodes);
     const bool added = report_.final.fit.values != report_.declared.fit.values;
     const Eigen::Vector2d middle = face.surface.nodes.row(worst).head<2>();
-    const std::string of_frame = fmt::format("frame {}", experiment_.measured().frames[static_cast<std::size_t>(frame_)]), of_left = fmt::format("length of what the final model leaves; one null test of a hundred exceeds {:.1f} somewhere", remainder.limit);
-    draw(face, "residual_before", before, fmt::format("displacement along {}, measured − predicted{}; {}, the worst one", "xyz"[component], added ? ", before" : "", of_frame));
+    const std::string of_frame =
+                          fmt::format("frame {}", experiment_.measured().frames[static_cast<std::size_t>(frame_)]),
+                      of_left = fmt::format(
+                          "length of what the final model leaves; one null test of a hundred exceeds {:.1f} somewhere",
+                          remainder.limit);
+    draw(face, "residual_before", before,
+         fmt::format("displacement along {}, measured − predicted{}; {}, the worst one", "xyz"[component],
+                     added ? ", before" : "", of_frame));
     if (added) draw(face, "residual_after", after, "the same, after");
     draw(face, "remainder", left, of_left);
-    draw(face, "zoom_before", before, fmt::format("{}about the worst place ({:.3g}, {:.3g})", added ? "before, " : "", middle[0], middle[1]), &middle);
+    draw(face, "zoom_before", before,
+         fmt::format("{}about the worst place ({:.3g}, {:.3g})", added ? "before, " : "", middle[0], middle[1]),
+         &middle);
     if (added) draw(face, "zoom_after", after, "after, about the same place", &middle);
     draw(face, "zoom_remainder", left, "what is left there", &middle);
   }
 
   /// `middle`: only the elements about it, a quarter of the surface across, or three elements.
-  void draw(const loop::FieldFace& face, const std::string& name, const Eigen::VectorXd& values, const std::string& caption, const Eigen::Vector2d* middle = nullptr) {
+  void draw(const loop::FieldFace& face, const std::string& name, const Eigen::VectorXd& values,
+            const std::string& caption, const Eigen::Vector2d* middle = nullptr) {
     const bool alone = experiment_.measured().faces.size() == 1;
     const auto surface = middle == nullptr ? face.surface : mesh_about(face.surface, *middle);
     std::vector<double> positions;
@@ -105,7 +134,8 @@ class SigmaMaps {
       positions.insert(positions.end(), {pixel[0], pixel[1]});
     }
     const auto picture = folder_ / fmt::format("{}{}.png", name, alone ? "" : "_" + face.name);
-    io::draw_field(picture, surface, positions, {values.data(), static_cast<std::size_t>(values.size())}, {.legend = "sigma", .lower = -largest_, .upper = largest_});
+    io::draw_field(picture, surface, positions, {values.data(), static_cast<std::size_t>(values.size())},
+                   {.legend = "sigma", .lower = -largest_, .upper = largest_});
     pictures_.push_back({picture, (alone ? "" : face.name + " face: ") + caption});
   }
 
@@ -131,8 +161,10 @@ class SigmaMaps {
 
 }  // namespace
 
-void write_loop_report(const std::filesystem::path& folder, const io::Case& test, const loop::FieldExperiment& experiment, const loop::Report& report,
-                       const LoopFields& fields, const nlohmann::json& light, const std::string& left_out, const GroupTimes& groups, double seconds) {
+void write_loop_report(const std::filesystem::path& folder, const io::Case& test,
+                       const loop::FieldExperiment& experiment, const loop::Report& report, const LoopFields& fields,
+                       const nlohmann::json& light, const std::string& left_out, const GroupTimes& groups,
+                       double seconds) {
   nlohmann::json json = loop_summary(experiment, report);
   const auto& measured = experiment.measured();
   const auto& remainder = report.remainder;
@@ -144,20 +176,27 @@ void write_loop_report(const std::filesystem::path& folder, const io::Case& test
   const std::string sentence = left_out.empty() ? report.sentence : fmt::format("{} {}.", report.sentence, left_out);
   json["sentence"] = sentence;
   if (!light.is_null()) json["light"] = light;
-  if (!light.is_null() && light["verdict"] != "nothing found") json["sentence"] = fmt::format("{} The light: {}", sentence, light["sentence"].get<std::string>());
+  if (!light.is_null() && light["verdict"] != "nothing found")
+    json["sentence"] = fmt::format("{} The light: {}", sentence, light["sentence"].get<std::string>());
   if (std::isfinite(measured.force_noise)) {
     json["load"] = {{"force", numbers(measured.force)}, {"unit", test.units.force}};
-    json["force_residual"] = {{"before", numbers(fields.force_before)}, {"after", numbers(fields.force_after)}, {"null_rms", numbers(measured.force_noise * remainder.force)}, {"unit", test.units.force}};
+    json["force_residual"] = {{"before", numbers(fields.force_before)},
+                              {"after", numbers(fields.force_after)},
+                              {"null_rms", numbers(measured.force_noise * remainder.force)},
+                              {"unit", test.units.force}};
   }
   if (remainder.time.size() > 0) json["remainder"]["goes_with"] = companions(experiment.scene(), remainder.time);
   if (remainder.map.size() > 0) json["remainder"]["map"] = place_of_largest(experiment, remainder);
   json.update(io::case_summary(write_loop_fields(folder, test, experiment, report, fields)));
-  const auto pictures = remainder.map.size() > 0 ? SigmaMaps(folder, experiment, report).drawn() : std::vector<io::ReportPicture>();
-  for (const auto& picture : pictures) json["pictures"].push_back({{"file", picture.file.filename().string()}, {"caption", picture.caption}});
+  const auto pictures =
+      remainder.map.size() > 0 ? SigmaMaps(folder, experiment, report).drawn() : std::vector<io::ReportPicture>();
+  for (const auto& picture : pictures)
+    json["pictures"].push_back({{"file", picture.file.filename().string()}, {"caption", picture.caption}});
   io::write_json(folder / "result.json", json);
   io::write_loop_page(folder / "report.html", json, pictures);
   fmt::print("\n{}\n  {}: {}\n", test.title, name(report.verdict), sentence);
-  if (!light.is_null()) fmt::print("  light: {}: {}\n", light["verdict"].get<std::string>(), light["sentence"].get<std::string>());
+  if (!light.is_null())
+    fmt::print("  light: {}: {}\n", light["verdict"].get<std::string>(), light["sentence"].get<std::string>());
   fmt::print("  {:.0f} s, {} simulations; {}\n", seconds, experiment.simulations(), (folder / "report.html").string());
 }
 

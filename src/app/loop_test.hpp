@@ -26,7 +26,8 @@ class LoopTest {
 };
 
 /// Images, correlated, whose light has been looked at, or displacement fields. `world` outlives it. Collective.
-[[nodiscard]] std::unique_ptr<LoopTest> make_field_test(const Communicator& world, const io::Case& test, const std::function<void(const std::string&)>& say);
+[[nodiscard]] std::unique_ptr<LoopTest> make_field_test(const Communicator& world, const io::Case& test,
+                                                        const std::function<void(const std::string&)>& say);
 /// Stress-strain curves of bars. `world` and `test` outlive it.
 [[nodiscard]] std::unique_ptr<LoopTest> make_curve_test(const Communicator& world, const io::Case& test);
 

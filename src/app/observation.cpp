@@ -4,7 +4,6 @@
 #include <fmt/ranges.h>
 
 #include <Eigen/Dense>
-
 #include <algorithm>
 #include <cmath>
 #include <set>
@@ -32,39 +31,50 @@ std::vector<int> nodes_of_ends(const identification::Specimen& specimen, const F
 }
 
 /// The correlation of a face, without some of its elements.
-std::shared_ptr<const correlation::GlobalDic> make_dic(const io::Case& test, const Rig& rig, int components, const std::vector<int>& ends, std::vector<char> left_out) {
+std::shared_ptr<const correlation::GlobalDic> make_dic(const io::Case& test, const Rig& rig, int components,
+                                                       const std::vector<int>& ends, std::vector<char> left_out) {
   std::vector<correlation::View> views = rig.views;
   if (views.size() == 1) views.front().noise = 0.0;  // a weight of one, exactly
-  return std::make_shared<const correlation::GlobalDic>(rig.surface, std::move(views), components,
-                                                        correlation::DicOptions{.pyramid_levels = test.dic.pyramid_levels,
-                                                                                .max_iterations = test.dic.max_iterations,
-                                                                                .tolerance = test.dic.tolerance,
-                                                                                .regularisation = test.dic.regularisation.value_or(0.0),
-                                                                                .low_pass = test.dic.low_pass,
-                                                                                .border = test.dic.border,
-                                                                                .cut_nodes = ends,
-                                                                                .brightness = test.dic.brightness,
-                                                                                .local_brightness = test.dic.local_brightness,
-                                                                                .groups = test.dic.groups,
-                                                                                .left_out = std::move(left_out)});
+  return std::make_shared<const correlation::GlobalDic>(
+      rig.surface, std::move(views), components,
+      correlation::DicOptions{.pyramid_levels = test.dic.pyramid_levels,
+                              .max_iterations = test.dic.max_iterations,
+                              .tolerance = test.dic.tolerance,
+                              .regularisation = test.dic.regularisation.value_or(0.0),
+                              .low_pass = test.dic.low_pass,
+                              .border = test.dic.border,
+                              .cut_nodes = ends,
+                              .brightness = test.dic.brightness,
+                              .local_brightness = test.dic.local_brightness,
+                              .groups = test.dic.groups,
+                              .left_out = std::move(left_out)});
 }
 
 /// The frames with what is left in all elements of a face at their displacement.
-std::vector<correlation::DicFrame> as_whole(const ObservedFace& face, std::vector<correlation::DicFrame> frames, const std::vector<std::vector<std::filesystem::path>>& files, const Communicator& world) {
+std::vector<correlation::DicFrame> as_whole(const ObservedFace& face, std::vector<correlation::DicFrame> frames,
+                                            const std::vector<std::vector<std::filesystem::path>>& files,
+                                            const Communicator& world) {
   const auto& cameras = face.whole->cameras();
   const Eigen::Index elements = cameras.elements();
   Eigen::MatrixXd rms = Eigen::MatrixXd::Zero(elements * cameras.size(), static_cast<Eigen::Index>(frames.size()));
   collectively(world, [&] {
     for (Eigen::Index t = world.rank(); t < rms.cols(); t += world.size()) {
       std::vector<imaging::BSpline> g;
-      for (const auto& of_camera : files) g.push_back(face.whole->spline(imaging::read_image(of_camera[static_cast<std::size_t>(t)])));
-      const auto seen = cameras.evaluate(g, frames[static_cast<std::size_t>(t)].displacement, Communicator{MPI_COMM_SELF}, correlation::Gradient::reference, face.dic->cameras().off_epipolar(frames[static_cast<std::size_t>(t)].epipolar));
-      for (int c = 0; c < cameras.size(); ++c) rms.col(t).segment(c * elements, elements) = seen.cameras[static_cast<std::size_t>(c)].element_rms;
+      for (const auto& of_camera : files)
+        g.push_back(face.whole->spline(imaging::read_image(of_camera[static_cast<std::size_t>(t)])));
+      const auto seen =
+          cameras.evaluate(g, frames[static_cast<std::size_t>(t)].displacement, Communicator{MPI_COMM_SELF},
+                           correlation::Gradient::reference,
+                           face.dic->cameras().off_epipolar(frames[static_cast<std::size_t>(t)].epipolar));
+      for (int c = 0; c < cameras.size(); ++c)
+        rms.col(t).segment(c * elements, elements) = seen.cameras[static_cast<std::size_t>(c)].element_rms;
     }
   });
   world.sum(std::span(rms.data(), static_cast<std::size_t>(rms.size())));
   for (std::size_t t = 0; t < frames.size(); ++t)
-    for (int c = 0; c < cameras.size(); ++c) frames[t].cameras[static_cast<std::size_t>(c)].element_rms = rms.col(static_cast<Eigen::Index>(t)).segment(c * elements, elements);
+    for (int c = 0; c < cameras.size(); ++c)
+      frames[t].cameras[static_cast<std::size_t>(c)].element_rms =
+          rms.col(static_cast<Eigen::Index>(t)).segment(c * elements, elements);
   return frames;
 }
 
@@ -74,10 +84,14 @@ std::string in_words(const mesh::Mesh& surface, const std::vector<char>& left_ou
   for (const auto& patch : correlation::patches(surface, left_out)) {
     Eigen::RowVector2d middle = Eigen::RowVector2d::Zero();
     for (const int e : patch)
-      for (int i = 0; i < 4; ++i) middle += surface.nodes.row(surface.cells(e, i)).head<2>() / (4.0 * static_cast<double>(patch.size()));
+      for (int i = 0; i < 4; ++i)
+        middle += surface.nodes.row(surface.cells(e, i)).head<2>() / (4.0 * static_cast<double>(patch.size()));
     places.push_back(fmt::format("{} about ({:.3g}, {:.3g}) {}", patch.size(), middle[0], middle[1], length));
   }
-  return fmt::format("{} of {} elements of the surface, {}, show the reference's speckle no more in some frames (paint that came off, a reflection): they are left out of all", std::count(left_out.begin(), left_out.end(), 1), left_out.size(), fmt::join(places, ", "));
+  return fmt::format(
+      "{} of {} elements of the surface, {}, show the reference's speckle no more in some frames (paint that came off, "
+      "a reflection): they are left out of all",
+      std::count(left_out.begin(), left_out.end(), 1), left_out.size(), fmt::join(places, ", "));
 }
 
 /// The frames of all faces as one: unknowns and elements one after the other.
@@ -87,7 +101,8 @@ correlation::DicFrame joined(const std::vector<correlation::DicFrame>& faces) {
   double squares = 0.0, coefficient = 0.0;
   all.pixels = all.dropped = 0.0;
   Eigen::Index unknowns = 0, elements = 0, modes = 0;
-  for (const auto& face : faces) unknowns += face.displacement.size(), elements += face.element_rms.size(), modes += face.epipolar.size();
+  for (const auto& face : faces)
+    unknowns += face.displacement.size(), elements += face.element_rms.size(), modes += face.epipolar.size();
   all.displacement.resize(unknowns), all.element_rms.resize(elements), all.epipolar.resize(modes), all.cameras.clear();
   unknowns = elements = modes = all.hardly_seen = 0;
   for (const auto& face : faces) {
@@ -112,7 +127,9 @@ Observation observe(const io::Case& test, const identification::Specimen& specim
   const auto& reference = test.cameras.front().reference;
   for (const auto& camera : test.cameras)
     if (camera.reference != reference)
-      throw InputError("cameras." + camera.name + ".reference", io::to_text(camera.reference), io::to_text(reference) + " as for " + test.cameras.front().name + ": all cameras record at once");
+      throw InputError(
+          "cameras." + camera.name + ".reference", io::to_text(camera.reference),
+          io::to_text(reference) + " as for " + test.cameras.front().name + ": all cameras record at once");
   observation.references = static_cast<int>(reference.size());
   int last = -1;
   for (int number : reference) last = std::max(last, test.index_of(number));
@@ -129,7 +146,8 @@ Observation observe(const io::Case& test, const identification::Specimen& specim
     for (std::size_t c = 0; c < seen.rig->views.size(); ++c) {
       measure_noise(*seen.rig, c, seen.dic->correlation(static_cast<int>(c)).quadrature());
       doubt_saturation(test, *seen.rig, c, seen.dic->correlation(static_cast<int>(c)).quadrature());
-      doubt_bare_places(test, *seen.rig, c, seen.dic->correlation(static_cast<int>(c)).quadrature(), seen.dic->noise_response().level);
+      doubt_bare_places(test, *seen.rig, c, seen.dic->correlation(static_cast<int>(c)).quadrature(),
+                        seen.dic->noise_response().level);
       observation.camera_noise[static_cast<std::size_t>(seen.rig->cameras[c])] = seen.rig->views[c].noise;
       observation.noise_is_measured = observation.noise_is_measured && seen.rig->noise_is_measured[c];
     }
@@ -157,7 +175,8 @@ Observation on_mesh(const Observation& seen, const io::Case& test, const identif
     for (std::size_t t = 0; t < there.frames.size(); ++t) {
       std::vector<correlation::InImage> off;
       for (int c = 0; c < before.size(); ++c)
-        off.push_back(Eigen::VectorXd(onto * off_epipolar(seen, k, c, t).reshaped<Eigen::RowMajor>()).reshaped<Eigen::RowMajor>(after.nodes(), 2));
+        off.push_back(Eigen::VectorXd(onto * off_epipolar(seen, k, c, t).reshaped<Eigen::RowMajor>())
+                          .reshaped<Eigen::RowMajor>(after.nodes(), 2));
       const Eigen::VectorXd own = after.epipolar_of(off);
       auto& epipolar = there.frames[t].epipolar;
       epipolar.conservativeResize(epipolar.size() + own.size()), epipolar.tail(own.size()) = own;
@@ -166,16 +185,22 @@ Observation on_mesh(const Observation& seen, const io::Case& test, const identif
   return there;
 }
 
-/// What helps where elements have too few pixels for the speckle in them to tell how each of their nodes moves; else empty.
+/// What helps where elements have too few pixels for the speckle in them to tell how each of their nodes moves; else
+/// empty.
 std::string small_elements(double pixels) {
   constexpr double enough = 36.0;  // six on a side
   if (pixels >= enough) return {};
-  return fmt::format("an element of the surface has {:.0f} pixels in the mean, where {:g} and more are wanted: a coarser mesh, or dic.regularisation (waves shorter than some elements) helps", pixels, enough);
+  return fmt::format(
+      "an element of the surface has {:.0f} pixels in the mean, where {:g} and more are wanted: a coarser mesh, or "
+      "dic.regularisation (waves shorter than some elements) helps",
+      pixels, enough);
 }
 
 namespace {
 /// The residual that noise of one grey level makes in pure DIC.
-double residual_of_unit_noise(const Observation& seen, const ObservedFace& face) { return face.dic->noise_response().level * std::sqrt(1.0 + 1.0 / seen.references); }
+double residual_of_unit_noise(const Observation& seen, const ObservedFace& face) {
+  return face.dic->noise_response().level * std::sqrt(1.0 + 1.0 / seen.references);
+}
 
 /// No static frames: what the DIC leaves in a camera's best frame is noise of that frame and of the reference.
 void noise_of_best_frames(Observation& observation) {
@@ -185,7 +210,8 @@ void noise_of_best_frames(Observation& observation) {
       if (face.rig->noise_is_measured[c]) continue;
       double smallest = INFINITY;
       for (const auto& frame : observation.frames) smallest = std::min(smallest, frame.cameras[first + c].rms);
-      observation.camera_noise[static_cast<std::size_t>(face.rig->cameras[c])] = smallest / residual_of_unit_noise(observation, face);
+      observation.camera_noise[static_cast<std::size_t>(face.rig->cameras[c])] =
+          smallest / residual_of_unit_noise(observation, face);
     }
     first += face.rig->cameras.size();
   }
@@ -201,10 +227,13 @@ double ends_outside(const Observation& observation, const correlation::DicFrame&
     Eigen::VectorXd least = Eigen::VectorXd::Constant(static_cast<Eigen::Index>(face.ends.size()), INFINITY);
     for (int c = 0; c < cameras.size(); ++c) {
       const auto& image = face.rig->views[static_cast<std::size_t>(c)].reference;
-      const correlation::InImage at = cameras[c].positions() + cameras[c].pixel_displacement(frame.displacement.segment(first, cameras.unknowns()));
+      const correlation::InImage at =
+          cameras[c].positions() + cameras[c].pixel_displacement(frame.displacement.segment(first, cameras.unknowns()));
       for (Eigen::Index i = 0; i < least.size(); ++i) {
-        const double column = at(face.ends[static_cast<std::size_t>(i)], 0), row = at(face.ends[static_cast<std::size_t>(i)], 1);
-        least[i] = std::min(least[i], std::max({0.0, -column, column - (image.width - 1), -row, row - (image.height - 1)}));
+        const double column = at(face.ends[static_cast<std::size_t>(i)], 0),
+                     row = at(face.ends[static_cast<std::size_t>(i)], 1);
+        least[i] =
+            std::min(least[i], std::max({0.0, -column, column - (image.width - 1), -row, row - (image.height - 1)}));
       }
     }
     if (least.size() > 0) farthest = std::max(farthest, least.maxCoeff());
@@ -236,18 +265,30 @@ struct Unknown {
   void see(int number, const correlation::DicFrame& frame) {
     constexpr double many = 0.01;
     const double all = frame.pixels + frame.dropped;
-    pixels_of_element = std::min(pixels_of_element, all / static_cast<double>(std::max<Eigen::Index>(1, frame.element_rms.size())));
-    if (frame.dropped <= many * all || (frame.lost && frame.dropped <= 0.5 * all)) return;  // where a lost frame's mesh lies means nothing
+    pixels_of_element =
+        std::min(pixels_of_element, all / static_cast<double>(std::max<Eigen::Index>(1, frame.element_rms.size())));
+    if (frame.dropped <= many * all || (frame.lost && frame.dropped <= 0.5 * all))
+      return;  // where a lost frame's mesh lies means nothing
     leaving.push_back(number), left = std::max(left, frame.dropped / all);
   }
 
   [[nodiscard]] std::string said(std::size_t frames) const {
     std::vector<std::string> parts;
-    if (!lost.empty()) parts.push_back(fmt::format("{} of {} frames take no part, their correlation was lost or did not converge: {}", lost.size(), frames, io::to_text(lost)));
-    if (!outside.empty()) parts.push_back(fmt::format("{} of {} frames take no part, an end of the mesh, whose motion drives the simulation, lies up to {:.1f} px outside the image: {}", outside.size(), frames, farthest, io::to_text(outside)));
-    if (!leaving.empty()) parts.push_back(fmt::format("up to {:.0f} % of the mesh's pixels have left the image in the frames {}", 100.0 * left, io::to_text(leaving)));
-    if (!of_one_level.empty()) parts.push_back(fmt::format("of one grey level throughout: {}", fmt::join(of_one_level, ", ")));
-    if (const std::string small = small_elements(pixels_of_element); !lost.empty() && !small.empty()) parts.push_back(small);
+    if (!lost.empty())
+      parts.push_back(fmt::format("{} of {} frames take no part, their correlation was lost or did not converge: {}",
+                                  lost.size(), frames, io::to_text(lost)));
+    if (!outside.empty())
+      parts.push_back(
+          fmt::format("{} of {} frames take no part, an end of the mesh, whose motion drives the simulation, lies up "
+                      "to {:.1f} px outside the image: {}",
+                      outside.size(), frames, farthest, io::to_text(outside)));
+    if (!leaving.empty())
+      parts.push_back(fmt::format("up to {:.0f} % of the mesh's pixels have left the image in the frames {}",
+                                  100.0 * left, io::to_text(leaving)));
+    if (!of_one_level.empty())
+      parts.push_back(fmt::format("of one grey level throughout: {}", fmt::join(of_one_level, ", ")));
+    if (const std::string small = small_elements(pixels_of_element); !lost.empty() && !small.empty())
+      parts.push_back(small);
     return fmt::format("{}", fmt::join(parts, "; "));
   }
 };
@@ -271,7 +312,8 @@ double beyond_noise(const Observation& seen, const correlation::DicFrame& frame)
   double sum = 0.0;
   std::size_t first = 0;
   for (const auto& face : seen.faces) {
-    for (std::size_t c = 0; c < face.rig->cameras.size(); ++c) sum += std::pow(frame.cameras[first + c].rms / residual_of_noise(seen, face, c), 2);
+    for (std::size_t c = 0; c < face.rig->cameras.size(); ++c)
+      sum += std::pow(frame.cameras[first + c].rms / residual_of_noise(seen, face, c), 2);
     first += face.rig->cameras.size();
   }
   return std::sqrt(sum / static_cast<double>(first));
@@ -286,7 +328,8 @@ double beyond_noise(const Observation& seen) {
 
 Eigen::VectorXd frame_noise(const Observation& seen) {
   Eigen::VectorXd noise(seen.frames.size());
-  for (Eigen::Index t = 0; t < noise.size(); ++t) noise[t] = std::max(1.0, beyond_noise(seen, seen.frames[static_cast<std::size_t>(t)]));
+  for (Eigen::Index t = 0; t < noise.size(); ++t)
+    noise[t] = std::max(1.0, beyond_noise(seen, seen.frames[static_cast<std::size_t>(t)]));
   if (!noise.allFinite()) return Eigen::VectorXd::Ones(noise.size());
   return noise / beyond_noise(seen);
 }
@@ -302,27 +345,37 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
     std::vector<std::vector<std::filesystem::path>> files;
     for (const int c : face.rig->cameras) {
       files.emplace_back();
-      for (int place : observation.places) files.back().push_back(test.cameras[static_cast<std::size_t>(c)].images[static_cast<std::size_t>(place)]);
+      for (int place : observation.places)
+        files.back().push_back(test.cameras[static_cast<std::size_t>(c)].images[static_cast<std::size_t>(place)]);
     }
     correlation::DicSeries known = std::move(progress.known[k]);
-    // Found lost first where the correlation went astray, which takes what lies around it along; then where the motion without these does not carry the reference.
+    // Found lost first where the correlation went astray, which takes what lies around it along; then where the motion
+    // without these does not carry the reference.
     for (constexpr int rounds = 2;;) {
       const std::vector<char> without = known.left_out;
       const int round = known.round;
-      face.dic = without.empty() ? face.whole : make_dic(test, *face.rig, face.whole->cameras().dofs_per_node(), face.ends, without);
-      auto series = face.dic->run(world, files, [&](int t, const correlation::DicFrame& frame) {
-        if (done && observation.faces.size() == 1) done(observation.places[static_cast<std::size_t>(t)], frame);
-      }, std::move(known), [&](const correlation::DicSeries& reached) {
-        if (progress.reached) progress.reached(k, reached);
-      });
+      face.dic = without.empty() ? face.whole
+                                 : make_dic(test, *face.rig, face.whole->cameras().dofs_per_node(), face.ends, without);
+      auto series = face.dic->run(
+          world, files,
+          [&](int t, const correlation::DicFrame& frame) {
+            if (done && observation.faces.size() == 1) done(observation.places[static_cast<std::size_t>(t)], frame);
+          },
+          std::move(known),
+          [&](const correlation::DicSeries& reached) {
+            if (progress.reached) progress.reached(k, reached);
+          });
       std::vector<char> lost;
-      if (round < rounds) lost = correlation::lost_elements(face.whole->cameras(), round == 0 ? series : as_whole(face, series, files, world));
+      if (round < rounds)
+        lost = correlation::lost_elements(face.whole->cameras(),
+                                          round == 0 ? series : as_whole(face, series, files, world));
       if (lost.empty() || lost == without) {
         if (!without.empty()) left_out.push_back(in_words(face.rig->surface, without, test.units.length));
         of_face.push_back(std::move(series));
         break;
       }
-      spdlog::info("{} of {} elements could not be correlated: the frames are correlated again without them", std::count(lost.begin(), lost.end(), 1), lost.size());
+      spdlog::info("{} of {} elements could not be correlated: the frames are correlated again without them",
+                   std::count(lost.begin(), lost.end(), 1), lost.size());
       known = {};
       known.left_out = std::move(lost), known.round = round + 1;
     }
@@ -331,7 +384,10 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
   for (const int place : observation.places) numbers.push_back(test.frames[static_cast<std::size_t>(place)]);
   observation.doubts.clear();
   for (std::size_t k = 0; k < of_face.size(); ++k)
-    if (auto doubt = doubt_off_epipolar(test, *observation.faces[k].rig, observation.faces[k].dic->cameras(), numbers, of_face[k]); !doubt.empty()) observation.doubts.push_back(std::move(doubt));
+    if (auto doubt = doubt_off_epipolar(test, *observation.faces[k].rig, observation.faces[k].dic->cameras(), numbers,
+                                        of_face[k]);
+        !doubt.empty())
+      observation.doubts.push_back(std::move(doubt));
   for (const auto& doubt : observation.doubts) spdlog::warn("{}", doubt);
   observation.frames.clear();
   for (std::size_t t = 0; t < frames; ++t) {
@@ -377,7 +433,10 @@ std::vector<std::string> doubts_of(const io::Case& test, const Observation& seen
     constexpr double beyond_chance = 3.5;
     const double noise = force_noise(seen, test) / std::sqrt(static_cast<double>(force.size()));
     if (std::abs(force.mean()) > beyond_chance * noise) {
-      doubts.push_back(fmt::format("the load record reads {:.4g} +- {:.2g} {} while the reference was taken, where displacement and simulated force are zero: a zero of the load cell, or a load that the specimen bore already", force.mean(), noise, test.units.force));
+      doubts.push_back(
+          fmt::format("the load record reads {:.4g} +- {:.2g} {} while the reference was taken, where displacement and "
+                      "simulated force are zero: a zero of the load cell, or a load that the specimen bore already",
+                      force.mean(), noise, test.units.force));
       spdlog::warn("{}", doubts.back());
     }
   }

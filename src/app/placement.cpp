@@ -21,11 +21,20 @@ constexpr double least_extent = 30.0;  // of the mesh in the image, the longer s
 std::vector<std::string> doubts_of(const io::CameraCase& declared, const imaging::Placement& found) {
   std::vector<std::string> doubts;
   if (found.rms > unlikely_points)
-    doubts.push_back(fmt::format("cameras.{}.place.points: they lie {:.2f} px (rms) off the affine map that fits them best: one of them may be in a wrong place of the specimen or of the image", declared.name, found.rms));
+    doubts.push_back(
+        fmt::format("cameras.{}.place.points: they lie {:.2f} px (rms) off the affine map that fits them best: one of "
+                    "them may be in a wrong place of the specimen or of the image",
+                    declared.name, found.rms));
   if (found.eccentricity > unlikely_eccentricity)
-    doubts.push_back(fmt::format("cameras.{}.place.points make the image {:.0f} % larger in one direction than across it: one of them may be in a wrong place of the specimen or of the image", declared.name, 100.0 * found.eccentricity));
+    doubts.push_back(
+        fmt::format("cameras.{}.place.points make the image {:.0f} % larger in one direction than across it: one of "
+                    "them may be in a wrong place of the specimen or of the image",
+                    declared.name, 100.0 * found.eccentricity));
   if (declared.pixel_size > 0.0 && std::abs(declared.pixel_size / found.pixel_size - 1.0) > unlikely_pixel_size)
-    doubts.push_back(fmt::format("cameras.{}.pixel_size is {:.4g} where the points make it {:.4g}, which is what is used: are they and the mesh in the units of the case file?", declared.name, declared.pixel_size, found.pixel_size));
+    doubts.push_back(
+        fmt::format("cameras.{}.pixel_size is {:.4g} where the points make it {:.4g}, which is what is used: are they "
+                    "and the mesh in the units of the case file?",
+                    declared.name, declared.pixel_size, found.pixel_size));
   for (const auto& doubt : doubts) spdlog::warn("{}", doubt);
   return doubts;
 }
@@ -40,8 +49,10 @@ std::vector<std::vector<Eigen::Vector2d>> contours_of(const mesh::Mesh& surface)
 }
 
 /// A place that was declared, where the image shows the specimen's outline elsewhere.
-std::vector<std::string> doubts_of(const io::CameraCase& declared, const mesh::Mesh& surface, const imaging::Image& reference, const imaging::TelecentricCamera& camera) {
-  constexpr double farthest = 0.1, far = 0.01, px = 2.5;  // of the mesh's longer side: where the outline is looked for, what is doubted
+std::vector<std::string> doubts_of(const io::CameraCase& declared, const mesh::Mesh& surface,
+                                   const imaging::Image& reference, const imaging::TelecentricCamera& camera) {
+  // of the mesh's longer side: where the outline is looked for, what is doubted
+  constexpr double farthest = 0.1, far = 0.01, px = 2.5;
   const auto positions = [&](const imaging::TelecentricCamera& eye) {
     Eigen::MatrixX2d at(surface.nodes.rows(), 2);
     for (Eigen::Index i = 0; i < at.rows(); ++i) at.row(i) = eye.project(surface.nodes.row(i).transpose()).transpose();
@@ -54,8 +65,12 @@ std::vector<std::string> doubts_of(const io::CameraCase& declared, const mesh::M
   const double largest = (positions(found->camera) - here).rowwise().norm().maxCoeff();
   if (largest < std::max(px, far * longer)) return {};
   const Eigen::Vector2d origin = found->camera.project(Eigen::Vector3d::Zero());
-  std::vector<std::string> doubts = {fmt::format("cameras.{}.place: the outline in the reference lies up to {:.1f} px beside the mesh's. By it {:.5g} is the length of a pixel, the origin lies at ({:.1f}, {:.1f}), turned by {:.2f} degrees: place: {{auto: outline}} would take these ({} of {} edge points agree, rms {:.2f} px)",
-                                                 declared.name, largest, found->pixel_size, origin.x(), origin.y(), found->rotation, found->agreeing, found->visible, found->rms)};
+  std::vector<std::string> doubts = {
+      fmt::format("cameras.{}.place: the outline in the reference lies up to {:.1f} px beside the mesh's. By it {:.5g} "
+                  "is the length of a pixel, the origin lies at ({:.1f}, {:.1f}), turned by {:.2f} degrees: place: "
+                  "{{auto: outline}} would take these ({} of {} edge points agree, rms {:.2f} px)",
+                  declared.name, largest, found->pixel_size, origin.x(), origin.y(), found->rotation, found->agreeing,
+                  found->visible, found->rms)};
   spdlog::warn("{}", doubts.front());
   return doubts;
 }
@@ -73,13 +88,16 @@ PlacedCamera place_camera(const io::CameraCase& declared, const mesh::Mesh& surf
     options.rotation = place.rotation;
     options.flip = flip;
     const auto found = imaging::place_by_outline(reference, contours_of(surface), options);
-    spdlog::info("placed by the outline: {} of {} edge points agree, rms {:.2f} px; {:.6g} per pixel, turned by {:.3f} degrees",
-                 found.agreeing, found.visible, found.rms, found.pixel_size, found.rotation);
+    spdlog::info(
+        "placed by the outline: {} of {} edge points agree, rms {:.2f} px; {:.6g} per pixel, turned by {:.3f} degrees",
+        found.agreeing, found.visible, found.rms, found.pixel_size, found.rotation);
     camera = found.camera;
   } else if (!place.points.empty()) {
     const auto found = imaging::place_by_points(place.points, flip);
-    spdlog::info("placed by {} points, rms {:.2f} px; {:.6g} per pixel, {:.2g} % more in one direction than across it, turned by {:.3f} degrees", place.points.size(),
-                 found.rms, found.pixel_size, 100.0 * found.eccentricity, found.rotation);
+    spdlog::info(
+        "placed by {} points, rms {:.2f} px; {:.6g} per pixel, {:.2g} % more in one direction than across it, turned "
+        "by {:.3f} degrees",
+        place.points.size(), found.rms, found.pixel_size, 100.0 * found.eccentricity, found.rotation);
     doubts = doubts_of(declared, found);
     camera = found.camera;
   } else {
@@ -89,11 +107,16 @@ PlacedCamera place_camera(const io::CameraCase& declared, const mesh::Mesh& surf
   std::vector<Eigen::Vector3d> nodes;
   for (Eigen::Index i = 0; i < surface.nodes.rows(); ++i) nodes.push_back(surface.nodes.row(i).transpose());
   Eigen::MatrixX2d positions(surface.nodes.rows(), 2);
-  for (Eigen::Index i = 0; i < positions.rows(); ++i) positions.row(i) = camera.project(surface.nodes.row(i).transpose()).transpose();
+  for (Eigen::Index i = 0; i < positions.rows(); ++i)
+    positions.row(i) = camera.project(surface.nodes.row(i).transpose()).transpose();
   const Eigen::Vector2d extent = (positions.colwise().maxCoeff() - positions.colwise().minCoeff()).transpose();
   if (extent.maxCoeff() < least_extent)
-    throw InputError(fmt::format("cameras.{}.place", declared.name), fmt::format("a mesh that covers {:.2g} x {:.2g} px of an image of {} x {}", extent.x(), extent.y(), reference.width, reference.height),
-                     fmt::format("{:g} px and more on its longer side: are the mesh and pixel_size in the units of the case file?", least_extent));
+    throw InputError(
+        fmt::format("cameras.{}.place", declared.name),
+        fmt::format("a mesh that covers {:.2g} x {:.2g} px of an image of {} x {}", extent.x(), extent.y(),
+                    reference.width, reference.height),
+        fmt::format("{:g} px and more on its longer side: are the mesh and pixel_size in the units of the case file?",
+                    least_extent));
   if (auto mistakes = imaging::check_on_image(camera, nodes, reference.header(), "cameras.place"); !mistakes.empty())
     throw InputError(std::move(mistakes));
   if (place.automatic.empty())

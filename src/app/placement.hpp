@@ -10,8 +10,10 @@
 namespace imic3d::app {
 struct PlacedCamera {
   imaging::TelecentricCamera camera;
-  std::vector<std::string> doubts;  ///< of points that do not fit one another, or the declared size of a pixel; said in the log, too
+  /// of points that do not fit one another, or the declared size of a pixel; said in the log, too
+  std::vector<std::string> doubts;
 };
 /// The camera that `place` in the case file describes. Throws InputError.
-[[nodiscard]] PlacedCamera place_camera(const io::CameraCase& declared, const mesh::Mesh& surface, const imaging::Image& reference);
+[[nodiscard]] PlacedCamera place_camera(const io::CameraCase& declared, const mesh::Mesh& surface,
+                                        const imaging::Image& reference);
 }  // namespace imic3d::app

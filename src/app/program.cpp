@@ -65,7 +65,8 @@ constexpr const char* launchers[] = {"OMPI_COMM_WORLD_SIZE", "PMIX_RANK", "PMI_R
 
 /// Whether nobody launched this process as one of several.
 bool is_alone() {
-  return std::none_of(std::begin(launchers), std::end(launchers), [](const char* name) { return std::getenv(name) != nullptr; });
+  return std::none_of(std::begin(launchers), std::end(launchers),
+                      [](const char* name) { return std::getenv(name) != nullptr; });
 }
 
 int said(const Communicator& world, ExitStatus status, const std::string& text) {
@@ -78,7 +79,8 @@ int said(const Communicator& world, ExitStatus status, const std::string& text) 
 int printed(const Communicator& world, int status) {
   if (std::fflush(stdout) == 0) return status;
   const bool has_reader = errno != EPIPE;
-  if (status == 0 && has_reader) status = said(world, ExitStatus::bad_input, fmt::format("standard output: {}", std::strerror(errno)));
+  if (status == 0 && has_reader)
+    status = said(world, ExitStatus::bad_input, fmt::format("standard output: {}", std::strerror(errno)));
   [[maybe_unused]] const auto* nowhere = std::freopen("/dev/null", "w", stdout);  // PETSc writes there at its end
   return status;
 }
@@ -102,16 +104,23 @@ int run(int argc, char** argv) {
 
     CLI::App program("Identifies elasto-plastic parameters from the images and the load record of a mechanical test.",
                      "imic3d");
-    program.footer("PETSc options are written with a single dash: -mechanics_ksp_type cg -log_view\n"
-                   "Exit status: 0 done, 2 bad input, 3 did not converge, 4 stopped (SIGTERM, SIGUSR1, SIGINT, SIGHUP) and can be resumed: the same command with --resume.");
+    program.footer(
+        "PETSc options are written with a single dash: -mechanics_ksp_type cg -log_view\n"
+        "Exit status: 0 done, 2 bad input, 3 did not converge, 4 stopped (SIGTERM, SIGUSR1, SIGINT, SIGHUP) and can be "
+        "resumed: the same command with --resume.");
     CommandOptions options;
     std::function<void()> command;
     const auto add = [&](const std::string& name, const std::string& what, auto function, const std::string& file) {
       CLI::App* sub = program.add_subcommand(name, what);
-      sub->add_option(file == "any case" ? "case" : file, options.case_file, file.ends_with("case") ? "the case file (YAML)" : file == "calibration" ? "the calibration file (YAML)" : "a results file (HDF5), or its folder")
+      sub->add_option(file == "any case" ? "case" : file, options.case_file,
+                      file.ends_with("case")  ? "the case file (YAML)"
+                      : file == "calibration" ? "the calibration file (YAML)"
+                                              : "a results file (HDF5), or its folder")
           ->required(file != "any case");
       sub->add_option("--output", options.output, "folder of the results (default: as the case file says)");
-      sub->callback([&command, &world, &options, function] { command = [&world, &options, function] { function(world, options); }; });
+      sub->callback([&command, &world, &options, function] {
+        command = [&world, &options, function] { function(world, options); };
+      });
       return sub;
     };
     add("check", "reads everything, says everything that is wrong, prints what would be run", check, "case");
@@ -119,14 +128,26 @@ int run(int argc, char** argv) {
     add("virtual", "a virtual test: simulation, images, load record and the true parameters", virtual_test, "case");
     add("dic", "global finite-element digital image correlation", dic, "case");
     add("identify", "the parameters of the law and their covariance", identify, "case")
-        ->add_flag("--resume", options.resume, "goes on from the checkpoint in the folder of the results; from the beginning if there is none");
-    add("loop", "finds what the identified model leaves unexplained, names it, adds it, and reports the error before and after", loop, "case")
-        ->add_flag("--resume", options.resume, "goes on from the checkpoint in the folder of the results; from the beginning if there is none");
-    CLI::App* reverse = add("explain", "which effect of the test, if it was left out, carries one set of identified parameters into another", explain, "case");
+        ->add_flag("--resume", options.resume,
+                   "goes on from the checkpoint in the folder of the results; from the beginning if there is none");
+    add("loop",
+        "finds what the identified model leaves unexplained, names it, adds it, and reports the error before and after",
+        loop, "case")
+        ->add_flag("--resume", options.resume,
+                   "goes on from the checkpoint in the folder of the results; from the beginning if there is none");
+    CLI::App* reverse =
+        add("explain",
+            "which effect of the test, if it was left out, carries one set of identified parameters into another",
+            explain, "case");
     reverse->add_option("--from", options.from, "result.json of the parameters that are taken for true")->required();
-    reverse->add_option("--to", options.to, "result.json of the parameters identified in the test of the case file")->required();
-    reverse->add_option("--tolerance", options.tolerance, "relative standard deviation added to those of the sets (default 0.01)");
-    add("effects", "the effects that the loop knows, with their units (a case file's own, if given), null values and what they are confused with", effects, "any case");
+    reverse->add_option("--to", options.to, "result.json of the parameters identified in the test of the case file")
+        ->required();
+    reverse->add_option("--tolerance", options.tolerance,
+                        "relative standard deviation added to those of the sets (default 0.01)");
+    add("effects",
+        "the effects that the loop knows, with their units (a case file's own, if given), null values and what they "
+        "are confused with",
+        effects, "any case");
     add("calibrate", "the cameras of a rig from images of a target", calibrate, "calibration");
     add("report", "the self-contained HTML page again, from the results of a run", report, "results");
     program.require_subcommand(0, 1);
@@ -134,7 +155,9 @@ int run(int argc, char** argv) {
     program.add_flag("--version", show_version, "revision and versions of the libraries");
 
     try {
-      if (const auto option = with_one_dash(program, petsc_arguments); !option.empty()) throw CLI::ParseError(fmt::format("{}: with two dashes, {}", option.substr(1), option), CLI::ExitCodes::InvalidError);
+      if (const auto option = with_one_dash(program, petsc_arguments); !option.empty())
+        throw CLI::ParseError(fmt::format("{}: with two dashes, {}", option.substr(1), option),
+                              CLI::ExitCodes::InvalidError);
       program.parse(static_cast<int>(arguments.size()), arguments.data());
       if (show_version) {
         if (world.is_root()) fmt::print("{}", version_text());
@@ -146,7 +169,8 @@ int run(int argc, char** argv) {
       if (error.get_exit_code() == 0) {
         if (world.is_root()) program.exit(error);
       } else {
-        status = said(world, ExitStatus::bad_input, fmt::format("command line: {}\nimic3d --help lists the commands", error.what()));
+        status = said(world, ExitStatus::bad_input,
+                      fmt::format("command line: {}\nimic3d --help lists the commands", error.what()));
       }
       command = nullptr;
     }
@@ -158,7 +182,9 @@ int run(int argc, char** argv) {
       PetscPushErrorHandler(PetscReturnErrorHandler, nullptr);
       std::signal(SIGPIPE, SIG_IGN);
       start_log(world);
-      note_in_log_file(fmt::format("imic3d {} {}, revision {}, {} rank{}, {:%Y-%m-%d}", program.get_subcommands().front()->get_name(), options.case_file.string(), revision(), world.size(), world.size() == 1 ? "" : "s",
+      note_in_log_file(fmt::format("imic3d {} {}, revision {}, {} rank{}, {:%Y-%m-%d}",
+                                   program.get_subcommands().front()->get_name(), options.case_file.string(),
+                                   revision(), world.size(), world.size() == 1 ? "" : "s",
                                    fmt::localtime(std::time(nullptr))));
       try {
         collectively(world, command);
@@ -168,7 +194,8 @@ int run(int argc, char** argv) {
       } catch (const ConvergenceError& error) {
         status = said(world, ExitStatus::not_converged, fmt::format("did not converge: {}", error.what()));
       } catch (const Interrupted& error) {
-        status = said(world, ExitStatus::can_be_resumed, fmt::format("stopped by {}; the same command with --resume goes on from here", error.what()));
+        status = said(world, ExitStatus::can_be_resumed,
+                      fmt::format("stopped by {}; the same command with --resume goes on from here", error.what()));
       } catch (const std::exception& error) {
         status = said(world, ExitStatus::internal_error, fmt::format("internal error: {}", error.what()));
       }

@@ -1,10 +1,10 @@
-// What the identification is given of an observation: the record, the displacement of the driven ends and its noise, the images.
+// What the identification is given of an observation: the record, the displacement of the driven ends and its noise,
+// the images.
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
 #include <Eigen/Dense>
-
 #include <algorithm>
 #include <cmath>
 #include <map>
@@ -24,15 +24,18 @@ using identification::Face;
 
 namespace {
 
-correlation::Measure measure_of(const ObservedFace& face) { return correlation::measured_by(face.dic->cameras(), face.dic->held()); }
+correlation::Measure measure_of(const ObservedFace& face) {
+  return correlation::measured_by(face.dic->cameras(), face.dic->held());
+}
 
 /// White noise of camera `c` of a face that moves a displacement as much as its own [grey level].
 double motion_noise(const Observation& observation, const ObservedFace& face, std::size_t c) {
-  return observation.camera_noise[static_cast<std::size_t>(face.rig->cameras[c])] * face.dic->motion_noise(static_cast<int>(c));
+  return observation.camera_noise[static_cast<std::size_t>(face.rig->cameras[c])] *
+         face.dic->motion_noise(static_cast<int>(c));
 }
 
-/// The same of a face's cameras together: of the b that the correlation's weights make, sum of w_c^2 sigma_c^2 M_c over sum of w_c M_c.
-/// What the correlation leaves beyond noise counts like it.
+/// The same of a face's cameras together: of the b that the correlation's weights make, sum of w_c^2 sigma_c^2 M_c over
+/// sum of w_c M_c. What the correlation leaves beyond noise counts like it.
 double noise_of_face(const Observation& observation, const ObservedFace& face) {
   const auto& cameras = face.dic->cameras();
   double squares = 0.0, sum = 0.0;
@@ -45,20 +48,26 @@ double noise_of_face(const Observation& observation, const ObservedFace& face) {
 }
 
 /// The same of a frame of median noise and the reference together.
-double noise_of_pair(const Observation& observation, const ObservedFace& face) { return noise_of_face(observation, face) * std::sqrt(1.0 + 1.0 / observation.references); }
+double noise_of_pair(const Observation& observation, const ObservedFace& face) {
+  return noise_of_face(observation, face) * std::sqrt(1.0 + 1.0 / observation.references);
+}
 
 }  // namespace
 
 namespace {
-/// The displacement of another `imic3d dic` on the same mesh, face by face, at the frames of the record [as Record::surface_displacement].
-Eigen::MatrixXd displacement_of_file(const io::Case& test, const identification::Specimen& specimen, const std::vector<int>& places, const identification::Record& record) {
+/// The displacement of another `imic3d dic` on the same mesh, face by face, at the frames of the record [as
+/// Record::surface_displacement].
+Eigen::MatrixXd displacement_of_file(const io::Case& test, const identification::Specimen& specimen,
+                                     const std::vector<int>& places, const identification::Record& record) {
   const auto file = io::ResultsFile::open(test.identify.driving);
   const std::string name = "dic/displacement";
   Eigen::Index nodes = 0;
   for (const Face& face : specimen.faces) nodes += face.surface.mesh.nodes.rows();
   const auto shape = file.has(name) ? file.shape(name) : std::vector<std::size_t>{};
-  if (shape.size() != 3 || shape[0] < test.frames.size() || static_cast<Eigen::Index>(shape[1]) != nodes || shape[2] != 3)
-    throw InputError("identify.driving", fmt::format("{}: {} [{}]", test.identify.driving.string(), name, fmt::join(shape, ", ")),
+  if (shape.size() != 3 || shape[0] < test.frames.size() || static_cast<Eigen::Index>(shape[1]) != nodes ||
+      shape[2] != 3)
+    throw InputError("identify.driving",
+                     fmt::format("{}: {} [{}]", test.identify.driving.string(), name, fmt::join(shape, ", ")),
                      fmt::format("{} [{}, {}, 3], of the same mesh and frames", name, test.frames.size(), nodes));
   Eigen::MatrixXd displacement(record.surface_displacement.rows(), record.surface_displacement.cols());
   for (std::size_t t = 0; t < places.size(); ++t) {
@@ -66,29 +75,41 @@ Eigen::MatrixXd displacement_of_file(const io::Case& test, const identification:
     std::size_t node = 0;
     for (const Face& face : specimen.faces)
       for (Eigen::Index i = 0; i < face.surface.mesh.nodes.rows(); ++i, ++node)
-        for (int k = 0; k < face.components; ++k) displacement(face.first_unknown + face.components * i + k, static_cast<Eigen::Index>(t)) = u[3 * node + static_cast<std::size_t>(k)];
+        for (int k = 0; k < face.components; ++k)
+          displacement(face.first_unknown + face.components * i + k, static_cast<Eigen::Index>(t)) =
+              u[3 * node + static_cast<std::size_t>(k)];
     if (!displacement.col(static_cast<Eigen::Index>(t)).allFinite())
-      throw InputError("identify.driving", fmt::format("{}: no displacement at frame {}", test.identify.driving.string(), record.frames[t]), "every frame");
+      throw InputError("identify.driving",
+                       fmt::format("{}: no displacement at frame {}", test.identify.driving.string(), record.frames[t]),
+                       "every frame");
   }
   return displacement;
 }
 
-/// The force is that on the loaded end along +axis, so that both grow in one direction until it is largest. Throws InputError where they clearly do not.
-void require_one_direction(const Observation& observation, const io::Case& test, const identification::Specimen& specimen, const identification::Record& record) {
+/// The force is that on the loaded end along +axis, so that both grow in one direction until it is largest. Throws
+/// InputError where they clearly do not.
+void require_one_direction(const Observation& observation, const io::Case& test,
+                           const identification::Specimen& specimen, const identification::Record& record) {
   const auto& dofs = specimen.displacement_dofs;
   Eigen::MatrixXd loaded = Eigen::MatrixXd::Zero(2, static_cast<Eigen::Index>(dofs.size())), held = loaded;
   for (std::size_t i = 0; i < dofs.size(); ++i)
-    if (dofs[i] % 3 < 2) (std::binary_search(specimen.loaded.begin(), specimen.loaded.end(), dofs[i] / 3) ? loaded : held)(dofs[i] % 3, static_cast<Eigen::Index>(i)) = 1.0;
+    if (dofs[i] % 3 < 2)
+      (std::binary_search(specimen.loaded.begin(), specimen.loaded.end(), dofs[i] / 3) ? loaded : held)(
+          dofs[i] % 3, static_cast<Eigen::Index>(i)) = 1.0;
   for (auto* end : {&loaded, &held})
     for (auto row : end->rowwise()) row /= std::max(1.0, row.sum());
   const Eigen::MatrixXd apart = (loaded - held) * specimen.displacement_from_surface;
   const Eigen::RowVectorXd elongation = apart.row(specimen.axis);
   const auto& nodes = specimen.volume.nodes;
-  const Eigen::Vector2d between = (nodes(specimen.loaded, Eigen::all).colwise().mean() - nodes(specimen.held, Eigen::all).colwise().mean()).head<2>().transpose();
+  const Eigen::Vector2d between =
+      (nodes(specimen.loaded, Eigen::all).colwise().mean() - nodes(specimen.held, Eigen::all).colwise().mean())
+          .head<2>()
+          .transpose();
   const Eigen::MatrixXd moved_apart = apart * record.surface_displacement;
   Eigen::VectorXd length = moved_apart.row(specimen.axis).transpose();
   if (std::abs(between[specimen.axis]) > 0.7 * between.norm())  // along the axis that turns with the specimen
-    length = std::copysign(1.0, between[specimen.axis]) * ((moved_apart.colwise() + between).colwise().norm().array() - between.norm()).matrix().transpose();
+    length = std::copysign(1.0, between[specimen.axis]) *
+             ((moved_apart.colwise() + between).colwise().norm().array() - between.norm()).matrix().transpose();
   const auto& reference = test.cameras.front().reference;
   double before = 0.0;
   for (int number : reference) before += test.load(test.index_of(number)).force / static_cast<double>(reference.size());
@@ -102,17 +123,28 @@ void require_one_direction(const Observation& observation, const io::Case& test,
   const Eigen::VectorXd force = changes(record.force, before), moved = changes(length, 0.0);
   const double sum = force.dot(moved);
   if (sum > -0.25 * force.cwiseProduct(moved).cwiseAbs().sum()) return;
-  const double of_length = std::sqrt(2.0) * (elongation * driving_noise(observation)).norm() / 8.0, of_force = std::sqrt(2.0) * force_noise(observation, test);  // rms of 64 draws
-  if (sum > -4.0 * (of_length * force.norm() + of_force * moved.norm() + of_length * of_force * std::sqrt(static_cast<double>(peak + 1)))) return;
+  const double of_length = std::sqrt(2.0) * (elongation * driving_noise(observation)).norm() / 8.0,
+               of_force = std::sqrt(2.0) * force_noise(observation, test);  // rms of 64 draws
+  if (sum > -4.0 * (of_length * force.norm() + of_force * moved.norm() +
+                    of_length * of_force * std::sqrt(static_cast<double>(peak + 1))))
+    return;
   const char* axis = specimen.axis == 0 ? "x" : "y";
-  throw InputError("loads.force", fmt::format("a change of {:+.4g} {} by frame {}, while specimen.loaded moves against specimen.held by {:+.3g} {} along {}", record.force[peak] - before, test.units.force,
-                                              record.frames[static_cast<std::size_t>(peak)], length[peak], test.units.length, axis),
-                   fmt::format("the force on specimen.loaded, positive along +{}: a negative loads.force_scale turns its sign, specimen.held and specimen.loaded belong the other way round, or the images come in another order than the record's rows", axis));
+  throw InputError("loads.force",
+                   fmt::format("a change of {:+.4g} {} by frame {}, while specimen.loaded moves against specimen.held "
+                               "by {:+.3g} {} along {}",
+                               record.force[peak] - before, test.units.force,
+                               record.frames[static_cast<std::size_t>(peak)], length[peak], test.units.length, axis),
+                   fmt::format("the force on specimen.loaded, positive along +{}: a negative loads.force_scale turns "
+                               "its sign, specimen.held and specimen.loaded belong the other way round, or the images "
+                               "come in another order than the record's rows",
+                               axis));
 }
 
 }  // namespace
 
-double time_of(const io::Case& test, int place) { return test.loads.records.empty() ? test.frames[static_cast<std::size_t>(place)] : test.load(place).time; }
+double time_of(const io::Case& test, int place) {
+  return test.loads.records.empty() ? test.frames[static_cast<std::size_t>(place)] : test.load(place).time;
+}
 
 double reference_time(const io::Case& test) {
   const auto& frames = test.cameras.front().reference;
@@ -136,11 +168,13 @@ identification::Record make_record(Observation& observation, const io::Case& tes
     record.surface_displacement.col(t) = observation.frames[static_cast<std::size_t>(t)].displacement;
   }
   record.start_time = time_of(test, observation.places.front() - 1);
-  if (!test.loads.records.empty() && test.identify.functional != "equilibrium_gap") require_one_direction(observation, test, specimen, record);
+  if (!test.loads.records.empty() && test.identify.functional != "equilibrium_gap")
+    require_one_direction(observation, test, specimen, record);
 
   // Noise of single nodes on the ends would strain, and might yield, what lies between them.
   const double longest = test.identify.boundary_smoothing.value_or(longest_cut_off(specimen));
-  record.driving = test.identify.driving.empty() ? record.surface_displacement : displacement_of_file(test, specimen, observation.places, record);
+  record.driving = test.identify.driving.empty() ? record.surface_displacement
+                                                 : displacement_of_file(test, specimen, observation.places, record);
   if (longest > 0.0) {
     std::vector<double> cut_offs;
     const Eigen::VectorXd of_frames = (frame_noise(observation).array().square() + 1.0 / observation.references).sqrt();
@@ -148,13 +182,18 @@ identification::Record make_record(Observation& observation, const io::Case& tes
       const Face& face = specimen.faces[k];
       auto& seen = observation.faces[k];
       seen.driving_cut_off = correlation::undersmoothed(
-          correlation::cut_offs_of_least_error(measure_of(seen), record.driving.middleRows(face.first_unknown, face.unknowns()), seen.ends, noise_of_face(observation, seen) * of_frames, longest), longest);
+          correlation::cut_offs_of_least_error(measure_of(seen),
+                                               record.driving.middleRows(face.first_unknown, face.unknowns()),
+                                               seen.ends, noise_of_face(observation, seen) * of_frames, longest),
+          longest);
       cut_offs.insert(cut_offs.end(), seen.driving_cut_off.begin(), seen.driving_cut_off.end());
     }
     record.driving = driving_displacement(observation, record.driving);
     std::sort(cut_offs.begin(), cut_offs.end());
-    spdlog::info("the ends' displacement is smoothed over {:.3g} to {:.3g} {}, by sqrt(2) less than has the least error that noise and measured displacement let expect, but for the longest", cut_offs.front(),
-                 cut_offs.back(), test.units.length);
+    spdlog::info(
+        "the ends' displacement is smoothed over {:.3g} to {:.3g} {}, by sqrt(2) less than has the least error that "
+        "noise and measured displacement let expect, but for the longest",
+        cut_offs.front(), cut_offs.back(), test.units.length);
   }
   record.driving = identification::without_leaning(specimen, std::move(record.driving));
   return record;
@@ -169,7 +208,8 @@ Eigen::MatrixXd driving_displacement(const Observation& observation, Eigen::Matr
   Eigen::Index first = 0;
   for (const auto& face : observation.faces) {
     const Eigen::Index unknowns = face.dic->cameras().unknowns();
-    displacement.middleRows(first, unknowns) = correlation::smooth(measure_of(face), displacement.middleRows(first, unknowns), face.driving_cut_off);
+    displacement.middleRows(first, unknowns) =
+        correlation::smooth(measure_of(face), displacement.middleRows(first, unknowns), face.driving_cut_off);
     first += unknowns;
   }
   return displacement;
@@ -218,7 +258,9 @@ identification::ImageData make_image_data(const Observation& observation, const 
     const auto& cameras = face.dic->cameras();
     auto& own = weights->emplace_back();
     for (int c = 0; c < cameras.size(); ++c) {
-      own.push_back(sigma.size() == 1 ? 1.0 : std::pow(data.noise / motion_noise(observation, face, static_cast<std::size_t>(c)), 2));
+      own.push_back(sigma.size() == 1
+                        ? 1.0
+                        : std::pow(data.noise / motion_noise(observation, face, static_cast<std::size_t>(c)), 2));
       const Eigen::VectorXd diagonal = cameras[c].M().diagonal();
       double in_plane = 0.0;
       for (Eigen::Index i = 0; i < diagonal.size(); ++i)
@@ -239,10 +281,12 @@ identification::ImageData make_image_data(const Observation& observation, const 
   // The splines of the frames that this rank judges are kept while they take less than 2 GB.
   auto kept = std::make_shared<std::map<std::pair<int, int>, imaging::BSpline>>();  // of a frame and a camera
   auto size = std::make_shared<std::size_t>(0);
-  data.evaluate = [&observation, &test, kept, size, weights, unknowns](int t, const Eigen::VectorXd& displacement, const Communicator& group) {
+  data.evaluate = [&observation, &test, kept, size, weights, unknowns](int t, const Eigen::VectorXd& displacement,
+                                                                       const Communicator& group) {
     constexpr std::size_t budget = 2'000'000'000;
     const auto place = static_cast<std::size_t>(observation.places[static_cast<std::size_t>(t)]);
-    identification::ImageEvaluation all{.b = Eigen::VectorXd::Zero(unknowns), .squares = 0.0, .pixels = 0.0, .element_rms = {}};
+    identification::ImageEvaluation all{
+        .b = Eigen::VectorXd::Zero(unknowns), .squares = 0.0, .pixels = 0.0, .element_rms = {}};
     Eigen::Index first = 0;
     for (std::size_t k = 0; k < observation.faces.size(); ++k) {
       const auto& face = observation.faces[k];
@@ -262,7 +306,9 @@ identification::ImageData make_image_data(const Observation& observation, const 
           *size += 4UL * static_cast<std::size_t>(fresh.width()) * static_cast<std::size_t>(fresh.height());
           spline = *size < budget ? &kept->emplace(std::pair{t, camera}, std::move(fresh)).first->second : &fresh;
         });
-        const auto seen = cameras[c].evaluate(*spline, displacement.segment(first, cameras.unknowns()), group, correlation::Gradient::reference, correlation::Precision::full, off_epipolar(observation, k, c, static_cast<std::size_t>(t)));
+        const auto seen = cameras[c].evaluate(*spline, displacement.segment(first, cameras.unknowns()), group,
+                                              correlation::Gradient::reference, correlation::Precision::full,
+                                              off_epipolar(observation, k, c, static_cast<std::size_t>(t)));
         all.b.segment(first, cameras.unknowns()) += weight * seen.b;
         all.squares += weight * seen.squares, all.pixels += seen.pixels;
         squares += weight * seen.element_squares, pixels += seen.element_pixels;
@@ -281,7 +327,8 @@ Eigen::VectorXd force_at_rest(const io::Case& test) {
   constexpr std::size_t tell_their_noise = 10;
   if (test.loads.records.empty() || (!test.loads.noise && reference.size() < tell_their_noise)) return {};
   Eigen::VectorXd force(static_cast<Eigen::Index>(reference.size()));
-  std::transform(reference.begin(), reference.end(), force.begin(), [&](int number) { return test.load(test.index_of(number)).force; });
+  std::transform(reference.begin(), reference.end(), force.begin(),
+                 [&](int number) { return test.load(test.index_of(number)).force; });
   return force;
 }
 

@@ -27,11 +27,13 @@ void null_is_nan(nlohmann::json& json) {
 void report_loop(const std::filesystem::path& page, const std::filesystem::path& folder) {
   const auto file = folder / "result.json";
   auto summary = nlohmann::json::parse(std::ifstream(file), nullptr, false);
-  if (!summary.is_object() || !summary.contains("verdict")) throw InputError(file.string(), "cannot be read", "the result.json that imic3d loop left beside results.h5");
+  if (!summary.is_object() || !summary.contains("verdict"))
+    throw InputError(file.string(), "cannot be read", "the result.json that imic3d loop left beside results.h5");
   null_is_nan(summary);
   std::vector<io::ReportPicture> pictures;
   if (summary.contains("pictures"))
-    for (const auto& picture : summary["pictures"]) pictures.push_back({folder / picture["file"].get<std::string>(), picture["caption"].get<std::string>()});
+    for (const auto& picture : summary["pictures"])
+      pictures.push_back({folder / picture["file"].get<std::string>(), picture["caption"].get<std::string>()});
   io::write_loop_page(page, summary, pictures);
 }
 
@@ -48,7 +50,8 @@ void report_run(const std::filesystem::path& page, const io::ResultsFile& file) 
 void report(const Communicator& world, const CommandOptions& options) {
   collectively(world, [&] {
     if (!world.is_root()) return;
-    const auto results = std::filesystem::is_directory(options.case_file) ? options.case_file / "results.h5" : options.case_file;
+    const auto results =
+        std::filesystem::is_directory(options.case_file) ? options.case_file / "results.h5" : options.case_file;
     const auto file = io::ResultsFile::open(results);
     const auto beside = results.has_parent_path() ? results.parent_path() : ".";
     const auto page = (options.output.empty() ? beside : options.output) / "report.html";
@@ -58,7 +61,8 @@ void report(const Communicator& world, const CommandOptions& options) {
     else if (file.has("frames/number"))
       report_run(page, file);
     else
-      throw InputError(results.string(), "nothing that a page is made of", "results.h5 of imic3d identify on images, dic, simulate, virtual, explain or loop");
+      throw InputError(results.string(), "nothing that a page is made of",
+                       "results.h5 of imic3d identify on images, dic, simulate, virtual, explain or loop");
     fmt::print("{}\n", page.string());
   });
 }

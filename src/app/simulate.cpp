@@ -20,7 +20,8 @@ void simulate(const Communicator& world, const CommandOptions& options) {
   if (world.is_root()) fmt::print("{}\n  frame  {:>14}  {:>14}\n", test.title, test.simulate->control, "force");
   run_simulation(world, test, specimen, material, [&](int frame, const mechanics::FrameState& state, double force) {
     output.frame(frame, state, force);
-    if (world.is_root()) fmt::print("  {:5}  {:14.6g}  {:14.6g}\n", frame, test.simulate->value[static_cast<std::size_t>(frame)], force);
+    if (world.is_root())
+      fmt::print("  {:5}  {:14.6g}  {:14.6g}\n", frame, test.simulate->value[static_cast<std::size_t>(frame)], force);
   });
   output.finish();
 }

@@ -10,10 +10,10 @@ namespace imic3d::app {
 
 namespace {
 
-/// Area share of each node of the loaded end [length^2] (in plane stress of its line, [length]): the integral of its shape
-/// function over the faces whose corners are all on it. A quarter of a hex8's face each; of a hex20's (flat, its middles in
-/// the middle) a third for the middles and -1/12 for the corners. Half a quad4's edge each; of a quad8's two thirds for the
-/// middle and a sixth for the corners.
+/// Area share of each node of the loaded end [length^2] (in plane stress of its line, [length]): the integral of its
+/// shape function over the faces whose corners are all on it. A quarter of a hex8's face each; of a hex20's (flat, its
+/// middles in the middle) a third for the middles and -1/12 for the corners. Half a quad4's edge each; of a quad8's two
+/// thirds for the middle and a sixth for the corners.
 Eigen::VectorXd end_areas(const identification::Specimen& specimen) {
   const auto& mesh = specimen.volume;
   Eigen::VectorXd share = Eigen::VectorXd::Zero(mesh.nodes.rows());
@@ -45,7 +45,8 @@ void run_simulation(const Communicator& world, const io::Case& test, const ident
                     const std::function<double(int, double)>& beyond) {
   const io::SimulateCase& declared = *test.simulate;
   const bool force_control = declared.control == "force";
-  const std::set<int> held(specimen.held.begin(), specimen.held.end()), loaded(specimen.loaded.begin(), specimen.loaded.end());
+  const std::set<int> held(specimen.held.begin(), specimen.held.end()),
+      loaded(specimen.loaded.begin(), specimen.loaded.end());
   const auto along = [&](int dof) { return dof % 3 == specimen.axis; };
 
   // Both ends along the axis; across it too if clamped, else just what keeps the specimen from turning away.
@@ -60,7 +61,8 @@ void run_simulation(const Communicator& world, const io::Case& test, const ident
   if (!declared.clamped) {  // the node of the held end nearest the axis cannot move across
     int middle = specimen.held.front();
     for (int node : specimen.held)
-      if (std::abs(specimen.volume.nodes(node, 1 - specimen.axis)) < std::abs(specimen.volume.nodes(middle, 1 - specimen.axis)) - 1e-9)
+      if (std::abs(specimen.volume.nodes(node, 1 - specimen.axis)) <
+          std::abs(specimen.volume.nodes(middle, 1 - specimen.axis)) - 1e-9)
         middle = node;
     dofs.insert(3 * middle + 1 - specimen.axis);
   }
@@ -72,7 +74,9 @@ void run_simulation(const Communicator& world, const io::Case& test, const ident
   double start = declared.time.empty() ? 0.0 : declared.time.front();
   const bool at_rest_first = specimen.volume.initial_strain.size() > 0;
   if (at_rest_first) {
-    steps.push_back({.time = start, .prescribed = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(constrained.size())), .force = {}});
+    steps.push_back({.time = start,
+                     .prescribed = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(constrained.size())),
+                     .force = {}});
     if (force_control) steps.back().force.setZero(3 * specimen.volume.nodes.rows());
     start -= 1e-9 * (1.0 + std::abs(start));
   }
@@ -88,21 +92,25 @@ void run_simulation(const Communicator& world, const io::Case& test, const ident
     } else {
       for (std::size_t i = 0; i < constrained.size(); ++i) {
         if (!along(constrained[i])) continue;
-        const double part = loaded.contains(constrained[i] / 3) ? (declared.centred ? 0.5 : 1.0) : (declared.centred ? -0.5 : 0.0);
+        const double part =
+            loaded.contains(constrained[i] / 3) ? (declared.centred ? 0.5 : 1.0) : (declared.centred ? -0.5 : 0.0);
         step.prescribed[static_cast<Eigen::Index>(i)] = part * value;
         if (beyond && loaded.contains(constrained[i] / 3))
-          step.prescribed[static_cast<Eigen::Index>(i)] += beyond(static_cast<int>(frame), specimen.volume.nodes(constrained[i] / 3, 2) - front);
+          step.prescribed[static_cast<Eigen::Index>(i)] +=
+              beyond(static_cast<int>(frame), specimen.volume.nodes(constrained[i] / 3, 2) - front);
       }
     }
     steps.push_back(std::move(step));
   }
   const mesh::Partition partition = mesh::partition(specimen.volume, world, "mechanics_");
-  mechanics::Equilibrium equilibrium(partition, specimen.volume, material.law, constrained, {.increments = declared.steps_per_frame, .once = true});
+  mechanics::Equilibrium equilibrium(partition, specimen.volume, material.law, constrained,
+                                     {.increments = declared.steps_per_frame, .once = true});
   Progress progress(world, "simulation", static_cast<int>(steps.size()));
   const auto status = equilibrium.run(steps, material.values, start,
                                       [&](int t, const mechanics::FrameState& state) {
                                         double force = 0.0;
-                                        for (int node : specimen.loaded) force += state.internal[3 * node + specimen.axis];
+                                        for (int node : specimen.loaded)
+                                          force += state.internal[3 * node + specimen.axis];
                                         done(at_rest_first ? t : t + 1, state, specimen.section_factor * force);
                                         progress.update(t + 1);
                                       },

@@ -19,10 +19,10 @@ std::string version_text() {
   MPI_Get_library_version(mpi, &length);
   std::string library(mpi, static_cast<std::size_t>(length));
   library = library.substr(0, library.find(','));
-  return fmt::format(
-      "imic3d {} (revision {})\nPETSc {}.{}.{}\nMPI {}\nHDF5 {}.{}.{}\nOpenCV {}\nEigen {}.{}.{}\n", IMIC3D_VERSION,
-      IMIC3D_REVISION, PETSC_VERSION_MAJOR, PETSC_VERSION_MINOR, PETSC_VERSION_SUBMINOR, library, H5_VERS_MAJOR,
-      H5_VERS_MINOR, H5_VERS_RELEASE, CV_VERSION, EIGEN_WORLD_VERSION, EIGEN_MAJOR_VERSION, EIGEN_MINOR_VERSION);
+  return fmt::format("imic3d {} (revision {})\nPETSc {}.{}.{}\nMPI {}\nHDF5 {}.{}.{}\nOpenCV {}\nEigen {}.{}.{}\n",
+                     IMIC3D_VERSION, IMIC3D_REVISION, PETSC_VERSION_MAJOR, PETSC_VERSION_MINOR, PETSC_VERSION_SUBMINOR,
+                     library, H5_VERS_MAJOR, H5_VERS_MINOR, H5_VERS_RELEASE, CV_VERSION, EIGEN_WORLD_VERSION,
+                     EIGEN_MAJOR_VERSION, EIGEN_MINOR_VERSION);
 }
 
 }  // namespace imic3d::app

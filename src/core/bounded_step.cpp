@@ -8,7 +8,8 @@
 
 namespace imic3d {
 
-Eigen::VectorXd bounded_step(const Eigen::MatrixXd& H, const Eigen::VectorXd& g, const Eigen::VectorXd& low, const Eigen::VectorXd& high, double damping) {
+Eigen::VectorXd bounded_step(const Eigen::MatrixXd& H, const Eigen::VectorXd& g, const Eigen::VectorXd& low,
+                             const Eigen::VectorXd& high, double damping) {
   Eigen::VectorXd step = Eigen::VectorXd::Zero(g.size());
   std::vector<Eigen::Index> open;
   for (Eigen::Index j = 0; j < g.size(); ++j)
@@ -23,7 +24,8 @@ Eigen::VectorXd bounded_step(const Eigen::MatrixXd& H, const Eigen::VectorXd& g,
     double excess = 1.0;
     for (std::size_t i = 0; i < open.size(); ++i) {
       const double value = wanted[static_cast<Eigen::Index>(i)];
-      const double ratio = value > 0.0 ? value / std::max(high[open[i]], 1e-300) : value / std::min(low[open[i]], -1e-300);
+      const double ratio =
+          value > 0.0 ? value / std::max(high[open[i]], 1e-300) : value / std::min(low[open[i]], -1e-300);
       if (ratio > excess) excess = ratio, worst = static_cast<std::ptrdiff_t>(i);
     }
     if (worst < 0) {

@@ -30,12 +30,15 @@ GroupPlan plan_of(int ranks, int groups, const GroupCosts& costs) {
 
 std::string groups_of(const std::vector<int>& ranks) {
   const bool one = ranks == std::vector<int>{1};
-  return fmt::format("{} group{} of {} rank{}", ranks.size(), ranks.size() == 1 ? "" : "s", fmt::join(ranks, ", "), one ? "" : "s");
+  return fmt::format("{} group{} of {} rank{}", ranks.size(), ranks.size() == 1 ? "" : "s", fmt::join(ranks, ", "),
+                     one ? "" : "s");
 }
 
 }  // namespace
 
-int group_of_rank(int rank, int ranks, int groups) { return static_cast<int>(static_cast<long>(rank) * groups / ranks); }
+int group_of_rank(int rank, int ranks, int groups) {
+  return static_cast<int>(static_cast<long>(rank) * groups / ranks);
+}
 
 GroupPlan plan_groups(int ranks, const GroupCosts& costs, int groups) {
   if (groups > 0) return plan_of(ranks, std::min(groups, ranks), costs);
@@ -64,10 +67,12 @@ void GroupClock::side_by_side(const std::function<void()>& work) {
 std::vector<GroupTime> GroupClock::times() const {
   const auto groups = static_cast<std::size_t>(layout_.groups()), mine = static_cast<std::size_t>(layout_.index());
   std::vector<double> all(3 * groups, 0.0);
-  if (layout_.group().is_root()) all[3 * mine] = layout_.group().size(), all[3 * mine + 1] = busy_, all[3 * mine + 2] = idle_;
+  if (layout_.group().is_root())
+    all[3 * mine] = layout_.group().size(), all[3 * mine + 1] = busy_, all[3 * mine + 2] = idle_;
   layout_.world().sum(all);
   std::vector<GroupTime> times;
-  for (std::size_t k = 0; k < groups; ++k) times.push_back({static_cast<int>(std::lround(all[3 * k])), all[3 * k + 1], all[3 * k + 2]});
+  for (std::size_t k = 0; k < groups; ++k)
+    times.push_back({static_cast<int>(std::lround(all[3 * k])), all[3 * k + 1], all[3 * k + 2]});
   return times;
 }
 

@@ -35,7 +35,8 @@ SignalWatch::~SignalWatch() {
 
 void stop_if_asked(const Communicator& communicator) {
   const auto signal = static_cast<int>(std::lround(communicator.max(noted)));
-  if (signal != 0) throw Interrupted(names[std::find(std::begin(watched), std::end(watched), signal) - std::begin(watched)]);
+  if (signal != 0)
+    throw Interrupted(names[std::find(std::begin(watched), std::end(watched), signal) - std::begin(watched)]);
 }
 
 }  // namespace imic3d

@@ -20,7 +20,8 @@ double available_of_machine(const fs::path& root) {
   return INFINITY;
 }
 
-/// The least limit of the control group of this process ("0::/path", version 2) and of those that it is in; a group without one says "max".
+/// The least limit of the control group of this process ("0::/path", version 2) and of those that it is in; a group
+/// without one says "max".
 double limit_of_groups(const fs::path& root) {
   double least = INFINITY;
   std::ifstream file(root / "proc/self/cgroup");

@@ -1,8 +1,7 @@
-#include "imic3d/core/groups.hpp"
-
 #include <algorithm>
 
 #include "imic3d/core/error.hpp"
+#include "imic3d/core/groups.hpp"
 #include "imic3d/core/interrupt.hpp"
 
 namespace imic3d {
@@ -25,8 +24,8 @@ void Communicator::sum(std::span<double> values) const {
   // MPI counts are 32-bit: long vectors go in pieces.
   constexpr std::size_t piece = 1U << 28U;
   for (std::size_t begin = 0; begin < values.size(); begin += piece)
-    MPI_Allreduce(MPI_IN_PLACE, values.data() + begin, static_cast<int>(std::min(piece, values.size() - begin)), MPI_DOUBLE,
-                  MPI_SUM, handle);
+    MPI_Allreduce(MPI_IN_PLACE, values.data() + begin, static_cast<int>(std::min(piece, values.size() - begin)),
+                  MPI_DOUBLE, MPI_SUM, handle);
 }
 
 double Communicator::sum(double value) const {
@@ -48,7 +47,8 @@ bool Communicator::all(bool value) const {
 void Communicator::broadcast(std::span<double> values, int root) const {
   constexpr std::size_t piece = 1U << 28U;
   for (std::size_t begin = 0; begin < values.size(); begin += piece)
-    MPI_Bcast(values.data() + begin, static_cast<int>(std::min(piece, values.size() - begin)), MPI_DOUBLE, root, handle);
+    MPI_Bcast(values.data() + begin, static_cast<int>(std::min(piece, values.size() - begin)), MPI_DOUBLE, root,
+              handle);
 }
 
 void Communicator::broadcast(std::string& text, int root) const {

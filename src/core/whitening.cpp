@@ -20,12 +20,18 @@ std::vector<Index> all_but(Index count, const std::vector<Index>& last) {
 }
 
 /// S L with L L^T the covariance that is left of the shared errors: V diag(1/g^2) V^T.
-MatrixXd left_of(const MatrixXd& shared, const MatrixXd& V, const Eigen::ArrayXd& g) { return shared * V * g.inverse().matrix().asDiagonal(); }
+MatrixXd left_of(const MatrixXd& shared, const MatrixXd& V, const Eigen::ArrayXd& g) {
+  return shared * V * g.inverse().matrix().asDiagonal();
+}
 
 }  // namespace
 
 Whitening::Part::Part(std::vector<Index> own, const Eigen::VectorXd& deviation, const MatrixXd& shared)
-    : rows(std::move(own)), weight(deviation(rows).cwiseInverse()), A(weight.asDiagonal() * shared), V(A.cols(), A.cols()), g(A.cols()) {
+    : rows(std::move(own)),
+      weight(deviation(rows).cwiseInverse()),
+      A(weight.asDiagonal() * shared),
+      V(A.cols(), A.cols()),
+      g(A.cols()) {
   if (A.cols() == 0) return;
   auto eigen = symmetric_eigen(A.transpose() * A);
   V = std::move(eigen.vectors), g = (1.0 + eigen.values.array().max(0.0)).sqrt();
@@ -33,7 +39,8 @@ Whitening::Part::Part(std::vector<Index> own, const Eigen::VectorXd& deviation, 
 
 MatrixXd Whitening::Part::whitened(const MatrixXd& values) const {
   MatrixXd result = weight.asDiagonal() * values;
-  if (A.cols() > 0) result -= A * (V * ((g * (g + 1.0)).inverse().matrix().asDiagonal() * (V.transpose() * (A.transpose() * result))));
+  if (A.cols() > 0)
+    result -= A * (V * ((g * (g + 1.0)).inverse().matrix().asDiagonal() * (V.transpose() * (A.transpose() * result))));
   return result;
 }
 
@@ -47,7 +54,9 @@ MatrixXd Whitening::operator()(const MatrixXd& values) const {
   MatrixXd result(values.rows(), values.cols());
   const MatrixXd of_first = values(first_.rows, Eigen::all);
   result(first_.rows, Eigen::all) = first_.whitened(of_first);
-  if (!last_.rows.empty()) result(last_.rows, Eigen::all) = last_.whitened(values(last_.rows, Eigen::all) - shared_by_last_ * (told_ * (first_.weight.asDiagonal() * of_first)));
+  if (!last_.rows.empty())
+    result(last_.rows, Eigen::all) = last_.whitened(
+        values(last_.rows, Eigen::all) - shared_by_last_ * (told_ * (first_.weight.asDiagonal() * of_first)));
   return result;
 }
 

@@ -22,8 +22,9 @@ inline Corners central_slopes() {
   return slopes;
 }
 
-/// What a smooth map of an element has beyond its bilinear part: the biquadratic through the middles of the edges and the
-/// centre. A perspective camera makes such maps of a bilinear surface; the rest is of third order in the element's size.
+/// What a smooth map of an element has beyond its bilinear part: the biquadratic through the middles of the edges and
+/// the centre. A perspective camera makes such maps of a bilinear surface; the rest is of third order in the element's
+/// size.
 struct Bulge {
   /// Where it is evaluated: middles of the edges 01, 12, 23, 30, then the centre.
   static constexpr double xi[5] = {0.0, 1.0, 0.0, -1.0, 0.0}, eta[5] = {-1.0, 0.0, 1.0, 0.0, 0.0};

@@ -42,9 +42,11 @@ void Cameras::find_epipolar_modes(const std::function<Eigen::MatrixXd(const Eige
   };
   const Eigen::RowVector3d middle = 0.5 * (surface().nodes.colwise().minCoeff() + surface().nodes.colwise().maxCoeff());
   const Eigen::RowVector3d half = 0.5 * (surface().nodes.colwise().maxCoeff() - surface().nodes.colwise().minCoeff());
-  // What no motion of the surface makes, in the middle; elsewhere what is left of that, in the images that see the place: smooth, whatever the basis.
+  // What no motion of the surface makes, in the middle; elsewhere what is left of that, in the images that see the
+  // place: smooth, whatever the basis.
   const Eigen::MatrixXd J = jacobian(middle.transpose());
-  const Eigen::MatrixXd off = symmetric_eigen(Eigen::MatrixXd::Identity(rows, rows) - J * pseudo_inverse(J)).vectors.rightCols(across);
+  const Eigen::MatrixXd off =
+      symmetric_eigen(Eigen::MatrixXd::Identity(rows, rows) - J * pseudo_inverse(J)).vectors.rightCols(across);
   constexpr Eigen::Index degree = 6;  // 1 x y x^2 xy y^2
   modes_.assign(static_cast<std::size_t>(size()), Eigen::MatrixXd::Zero(2 * nodes(), degree * across));
   for (int node = 0; node < nodes(); ++node) {
@@ -53,12 +55,16 @@ void Cameras::find_epipolar_modes(const std::function<Eigen::MatrixXd(const Eige
     polynomial << 1.0, at[0], at[1], at[0] * at[0], at[0] * at[1], at[1] * at[1];
     Eigen::MatrixXd here = jacobian(surface().nodes.row(node).transpose()), seen = off;
     for (int c = 0; c < size(); ++c)
-      if (sees_[static_cast<std::size_t>(c)][static_cast<std::size_t>(node)] == 0) here.middleRows<2>(2 * c).setZero(), seen.middleRows<2>(2 * c).setZero();
+      if (sees_[static_cast<std::size_t>(c)][static_cast<std::size_t>(node)] == 0)
+        here.middleRows<2>(2 * c).setZero(), seen.middleRows<2>(2 * c).setZero();
     const Eigen::MatrixXd still_off = seen - here * (pseudo_inverse(here) * seen);
     for (int c = 0; c < size(); ++c)
-      for (Eigen::Index k = 0; k < across; ++k) modes_[static_cast<std::size_t>(c)].block<2, degree>(2 * node, degree * k) = still_off.block<2, 1>(2 * c, k) * polynomial / root[2 * c];
+      for (Eigen::Index k = 0; k < across; ++k)
+        modes_[static_cast<std::size_t>(c)].block<2, degree>(2 * node, degree * k) =
+            still_off.block<2, 1>(2 * c, k) * polynomial / root[2 * c];
   }
-  Eigen::MatrixXd square = Eigen::MatrixXd::Zero(degree * across, degree * across), force = Eigen::MatrixXd::Zero(unknowns(), degree * across);
+  Eigen::MatrixXd square = Eigen::MatrixXd::Zero(degree * across, degree * across),
+                  force = Eigen::MatrixXd::Zero(unknowns(), degree * across);
   for (std::size_t c = 0; c < modes_.size(); ++c) {
     const Eigen::MatrixXd in_image = weights_[c] * cameras_[c]->M_in_image(modes_[c]);
     square += modes_[c].transpose() * in_image, force += cameras_[c]->projected(in_image);
@@ -67,7 +73,8 @@ void Cameras::find_epipolar_modes(const std::function<Eigen::MatrixXd(const Eige
   constexpr double nothing = 1e-9, much = 0.5;
   const auto rank = static_cast<Eigen::Index>((own.values.array() > nothing * own.values.maxCoeff()).count());
   if (rank == 0) return modes_.clear();
-  Eigen::MatrixXd orthogonal = own.vectors.rightCols(rank) * own.values.tail(rank).cwiseSqrt().cwiseInverse().asDiagonal();
+  Eigen::MatrixXd orthogonal =
+      own.vectors.rightCols(rank) * own.values.tail(rank).cwiseSqrt().cwiseInverse().asDiagonal();
   const Eigen::MatrixXd as_motion = force * orthogonal;
   const SymmetricEigen made_up = symmetric_eigen(as_motion.transpose() * solve(as_motion));
   const auto kept = static_cast<Eigen::Index>((made_up.values.array() < much).count());
@@ -95,7 +102,9 @@ std::vector<double> Cameras::rms_off_epipolar(const Eigen::VectorXd& epipolar) c
 Eigen::VectorXd Cameras::epipolar_of(const std::vector<InImage>& off) const {
   Eigen::MatrixXd squares = Eigen::MatrixXd::Zero(epipolar_modes(), epipolar_modes());
   Eigen::VectorXd products = Eigen::VectorXd::Zero(epipolar_modes());
-  for (std::size_t c = 0; c < modes_.size(); ++c) squares += modes_[c].transpose() * modes_[c], products += modes_[c].transpose() * off[c].reshaped<Eigen::RowMajor>();
+  for (std::size_t c = 0; c < modes_.size(); ++c)
+    squares += modes_[c].transpose() * modes_[c],
+        products += modes_[c].transpose() * off[c].reshaped<Eigen::RowMajor>();
   return solve_symmetric(squares, products);
 }
 
@@ -125,16 +134,18 @@ Eigen::SparseMatrix<double> Cameras::sum_of_gradient_noise(std::span<const doubl
   return sum;
 }
 
-JointEvaluation Cameras::evaluate(std::span<const imaging::BSpline> g, const Eigen::VectorXd& U, const Communicator& group,
-                                  Gradient gradient, const std::vector<InImage>& off) const {
+JointEvaluation Cameras::evaluate(std::span<const imaging::BSpline> g, const Eigen::VectorXd& U,
+                                  const Communicator& group, Gradient gradient, const std::vector<InImage>& off) const {
   JointEvaluation all;
   all.b = Eigen::VectorXd::Zero(unknowns()), all.b_epipolar = Eigen::VectorXd::Zero(epipolar_modes());
   Eigen::VectorXd squares = Eigen::VectorXd::Zero(elements()), pixels = squares;
   all.least = 1.0;
   for (std::size_t c = 0; c < cameras_.size(); ++c) {
-    Evaluation seen = cameras_[c]->evaluate(g[c], U, group, gradient, Precision::single, off.empty() ? InImage{} : off[c]);
+    Evaluation seen =
+        cameras_[c]->evaluate(g[c], U, group, gradient, Precision::single, off.empty() ? InImage{} : off[c]);
     all.b += weights_[c] * seen.b;
-    if (!modes_.empty()) all.b_epipolar += weights_[c] * modes_[c].transpose() * seen.in_image.reshaped<Eigen::RowMajor>();
+    if (!modes_.empty())
+      all.b_epipolar += weights_[c] * modes_[c].transpose() * seen.in_image.reshaped<Eigen::RowMajor>();
     all.pixels += seen.pixels, all.dropped += seen.dropped;
     all.coefficient += seen.pixels * seen.coefficient;
     if (seen.pixels + seen.dropped > 0.0) all.least = std::min(all.least, seen.coefficient);
@@ -153,7 +164,7 @@ std::vector<Eigen::Matrix2d> Cameras::deformation_gradient(const Eigen::VectorXd
     const auto F = camera->deformation_gradient(U);
     for (int e = 0; e < elements(); ++e)
       all.push_back(cameras_.size() == 1 || camera->quadrature().pixels_of(e) > 0 ? F[static_cast<std::size_t>(e)]
-                                                                                   : Eigen::Matrix2d::Identity());
+                                                                                  : Eigen::Matrix2d::Identity());
   }
   return all;
 }
@@ -171,7 +182,8 @@ Eigen::VectorXd Cameras::steps(const Eigen::VectorXd& U, const Eigen::VectorXd& 
   return longest;
 }
 
-Eigen::VectorXd Cameras::displacement(const std::vector<std::optional<InImage>>& moved, const Eigen::VectorXd& U) const {
+Eigen::VectorXd Cameras::displacement(const std::vector<std::optional<InImage>>& moved,
+                                      const Eigen::VectorXd& U) const {
   const int dofs = dofs_per_node();
   Eigen::VectorXd result = U;
   const auto cameras = static_cast<Eigen::Index>(cameras_.size());
@@ -204,8 +216,9 @@ double Cameras::smoothing_weight(double cut_off) const {
   double pixels = 0.0, weight = 0.0;
   for (const auto& camera : cameras_) pixels = std::max(pixels, static_cast<double>(camera->quadrature().pixels()));
   for (std::size_t c = 0; c < cameras_.size(); ++c)  // by the part of the mesh that the camera sees
-    weight += weights_[c] * correlation::smoothing_weight(*cameras_[c], cut_off) *
-              (cameras_.size() == 1 ? 1.0 : static_cast<double>(cameras_[c]->quadrature().pixels()) / std::max(1.0, pixels));
+    weight +=
+        weights_[c] * correlation::smoothing_weight(*cameras_[c], cut_off) *
+        (cameras_.size() == 1 ? 1.0 : static_cast<double>(cameras_[c]->quadrature().pixels()) / std::max(1.0, pixels));
   return weight;
 }
 

@@ -61,7 +61,8 @@ double Correlation::mean_square_gradient() const {
   double sum = 0.0;
   for (const Gram& gram : gram_)
     for (std::size_t pair = 0; pair < 10; ++pair) {
-      const bool diagonal = pair == 0 || pair == 4 || pair == 7 || pair == 9;  // sum of N_i N_j over i, j is one
+      // sum of N_i N_j over i, j is one
+      const bool diagonal = pair == 0 || pair == 4 || pair == 7 || pair == 9;
       sum += (diagonal ? 0.5 : 1.0) * (gram[pair][0] + gram[pair][2]);
     }
   return sum / std::max(1.0, static_cast<double>(quadrature_.pixels()));
@@ -76,8 +77,12 @@ Eigen::Matrix<double, 4, 2> Correlation::of_element(const InImage& values, int e
 ElementPixels Correlation::pixels_of(int element) const {
   const PixelQuadrature& q = quadrature_;
   const std::size_t at = q.first[static_cast<std::size_t>(element)];
-  return {.count = static_cast<int>(q.pixels_of(element)), .xi = q.xi.data() + at, .eta = q.eta.data() + at,
-          .f = q.f.data() + at, .gx = q.fx.data() + at, .gy = q.fy.data() + at};
+  return {.count = static_cast<int>(q.pixels_of(element)),
+          .xi = q.xi.data() + at,
+          .eta = q.eta.data() + at,
+          .f = q.f.data() + at,
+          .gx = q.fx.data() + at,
+          .gy = q.fy.data() + at};
 }
 
 // Contiguous blocks of elements with about equal numbers of pixels.
@@ -95,11 +100,13 @@ Eigen::Matrix<double, 5, 2> Correlation::inner_points(int element, const Eigen::
   Eigen::Matrix<double, 4, 3> corners;
   for (int i = 0; i < 4; ++i) {
     const int node = surface_.cells(element, i);
-    corners.row(i) = U != nullptr ? Eigen::RowVector3d(displaced(node, *U).transpose()) : Eigen::RowVector3d(surface_.nodes.row(node));
+    corners.row(i) = U != nullptr ? Eigen::RowVector3d(displaced(node, *U).transpose())
+                                  : Eigen::RowVector3d(surface_.nodes.row(node));
   }
   Eigen::Matrix<double, 5, 2> points;
   for (int k = 0; k < 5; ++k) {
-    const Eigen::Vector4d N = 0.25 * (1.0 + corner_xi.array() * Bulge::xi[k]) * (1.0 + corner_eta.array() * Bulge::eta[k]);
+    const Eigen::Vector4d N =
+        0.25 * (1.0 + corner_xi.array() * Bulge::xi[k]) * (1.0 + corner_eta.array() * Bulge::eta[k]);
     points.row(k) = camera_->project(corners.transpose() * N).transpose();
   }
   return points;
@@ -115,8 +122,8 @@ Eigen::Matrix<double, 5, 2> bilinear_inside(const Corners& nodal) {
 }
 }  // namespace
 
-// The quadrature inverts the bilinear map of the projected nodes; two steps of fixed point lead to the local coordinates
-// on the specimen, since the bulge is a small part of the element.
+// The quadrature inverts the bilinear map of the projected nodes; two steps of fixed point lead to the local
+// coordinates on the specimen, since the bulge is a small part of the element.
 void Correlation::correct_local_coordinates() {
   inner_.resize(static_cast<std::size_t>(elements()));
   PixelQuadrature& q = quadrature_;
@@ -221,8 +228,10 @@ Eigen::MatrixXd Correlation::M_in_image(const Eigen::MatrixXd& motions) const {
 Eigen::MatrixXd Correlation::projected(const Eigen::MatrixXd& in_image, const Eigen::VectorXd* U) const {
   Eigen::MatrixXd forces(unknowns(), in_image.cols());
   for (int node = 0; node < nodes(); ++node) {
-    const Eigen::Vector3d point = U != nullptr ? displaced(node, *U) : Eigen::Vector3d(surface_.nodes.row(node).transpose());
-    forces.middleRows(node * dofs_, dofs_) = camera_->jacobian(point).leftCols(dofs_).transpose() * in_image.middleRows<2>(2 * node);
+    const Eigen::Vector3d point =
+        U != nullptr ? displaced(node, *U) : Eigen::Vector3d(surface_.nodes.row(node).transpose());
+    forces.middleRows(node * dofs_, dofs_) =
+        camera_->jacobian(point).leftCols(dofs_).transpose() * in_image.middleRows<2>(2 * node);
   }
   return forces;
 }
@@ -292,22 +301,27 @@ std::vector<Eigen::Matrix2d> Correlation::smoothed_over(const std::vector<Eigen:
   std::vector<Eigen::Matrix2d> of_node(static_cast<std::size_t>(nodes()), Eigen::Matrix2d::Zero()), mean(F.size());
   Eigen::VectorXd count = Eigen::VectorXd::Zero(nodes());
   for (int e = 0; e < elements(); ++e)
-    for (int i = 0; i < 4; ++i) of_node[static_cast<std::size_t>(surface_.cells(e, i))] += F[static_cast<std::size_t>(e)], count[surface_.cells(e, i)] += 1.0;
+    for (int i = 0; i < 4; ++i)
+      of_node[static_cast<std::size_t>(surface_.cells(e, i))] += F[static_cast<std::size_t>(e)],
+          count[surface_.cells(e, i)] += 1.0;
   for (int e = 0; e < elements(); ++e) {
     Eigen::Matrix2d sum = Eigen::Matrix2d::Zero();
-    for (int i = 0; i < 4; ++i) sum += of_node[static_cast<std::size_t>(surface_.cells(e, i))] / count[surface_.cells(e, i)];
+    for (int i = 0; i < 4; ++i)
+      sum += of_node[static_cast<std::size_t>(surface_.cells(e, i))] / count[surface_.cells(e, i)];
     mean[static_cast<std::size_t>(e)] = 0.25 * sum;
   }
   return mean;
 }
 
-const float* Correlation::smoothed_alike(int element, const std::vector<Eigen::Matrix2d>& F, std::vector<float>& levels) const {
+const float* Correlation::smoothed_alike(int element, const std::vector<Eigen::Matrix2d>& F,
+                                         std::vector<float>& levels) const {
   const ElementPixels pixels = pixels_of(element);
   if (F.empty()) return pixels.f;
   const Eigen::Matrix2d& own = F[static_cast<std::size_t>(element)];
   if (!(own.determinant() > 0.05)) return pixels.f;
   const Eigen::Matrix2d inverse = own.inverse();
-  const Eigen::Matrix2f wider = (0.5 * low_pass_ * low_pass_ * (inverse * inverse.transpose() - Eigen::Matrix2d::Identity())).cast<float>();
+  const Eigen::Matrix2f wider =
+      (0.5 * low_pass_ * low_pass_ * (inverse * inverse.transpose() - Eigen::Matrix2d::Identity())).cast<float>();
   levels.resize(static_cast<std::size_t>(pixels.count + lanes - 1));
   float* at = levels.data();
   for (const PixelRow& run : quadrature_.rows_of(element)) {
@@ -320,8 +334,8 @@ const float* Correlation::smoothed_alike(int element, const std::vector<Eigen::M
 }
 
 template <class Real>
-void Correlation::interpolate(const imaging::BSpline& g, int element, const InImage& shift, const Eigen::VectorXd& U, const InImage& own, bool slopes,
-                              Seen<Real>& seen) const {
+void Correlation::interpolate(const imaging::BSpline& g, int element, const InImage& shift, const Eigen::VectorXd& U,
+                              const InImage& own, bool slopes, Seen<Real>& seen) const {
   const ElementPixels pixels = pixels_of(element);
   Corners u = of_element(shift, element);
   const bool curved = !inner_.empty() && pixels.count > 0;
@@ -330,7 +344,8 @@ void Correlation::interpolate(const imaging::BSpline& g, int element, const InIm
   if (own.size() > 0) u += of_element(own, element);
   const Corners deformed = u + of_element(positions_, element);
   // The whole pixels of the displacement are taken out, so that single precision is enough for the rest.
-  const int whole_x = static_cast<int>(std::floor(u.col(0).mean())), whole_y = static_cast<int>(std::floor(u.col(1).mean()));
+  const int whole_x = static_cast<int>(std::floor(u.col(0).mean())),
+            whole_y = static_cast<int>(std::floor(u.col(1).mean()));
   const auto padded = static_cast<std::size_t>(pixels.count + lanes - 1);
   seen.dx.resize(padded), seen.dy.resize(padded), seen.value.resize(padded);
   const auto map = [&](int component, int whole, std::vector<Real>& values) {
@@ -354,7 +369,8 @@ void Correlation::interpolate(const imaging::BSpline& g, int element, const InIm
   if (slopes) seen.slope_x.resize(padded), seen.slope_y.resize(padded);
   for (const PixelRow& run : quadrature_.rows_of(element))
     for (int i = 0; i < run.count; ++i, ++p) {
-      const double x = run.column + i + whole_x + static_cast<double>(seen.dx[p]), y = run.row + whole_y + static_cast<double>(seen.dy[p]);
+      const double x = run.column + i + whole_x + static_cast<double>(seen.dx[p]),
+                   y = run.row + whole_y + static_cast<double>(seen.dy[p]);
       seen.value[p] = g.contains(x, y) ? g.value<Real>(x, y) : Real(NAN);
       if (!slopes) continue;
       const Eigen::Vector2f slope = g.gradient(x, y);
@@ -363,7 +379,8 @@ void Correlation::interpolate(const imaging::BSpline& g, int element, const InIm
 }
 
 template <class Real>
-std::vector<ElementSums> Correlation::sums_of(int begin, int end, const imaging::BSpline& g, const InImage& shift, const Eigen::VectorXd& U, const InImage& own,
+std::vector<ElementSums> Correlation::sums_of(int begin, int end, const imaging::BSpline& g, const InImage& shift,
+                                              const Eigen::VectorXd& U, const InImage& own,
                                               const std::vector<Eigen::Matrix2d>& F, Gradient gradient) const {
   const bool own_slopes = gradient == Gradient::deformed;
   std::vector<ElementSums> sums(static_cast<std::size_t>(end - begin));
@@ -393,7 +410,8 @@ Evaluation Correlation::evaluate(const imaging::BSpline& g, const Eigen::VectorX
   if (low_pass_ > 0.0 || gradient == Gradient::transported) F = deformation_gradient(U);
   const std::vector<Eigen::Matrix2d> lengths = smoothed_over(F);
   // Element sums. Grey levels are counted from the reference's mean, so that the moments keep their digits.
-  const auto sums = precision == Precision::single ? sums_of<float>(begin, end, g, shift, U, own, lengths, gradient) : sums_of<double>(begin, end, g, shift, U, own, lengths, gradient);
+  const auto sums = precision == Precision::single ? sums_of<float>(begin, end, g, shift, U, own, lengths, gradient)
+                                                   : sums_of<double>(begin, end, g, shift, U, own, lengths, gradient);
   const float grey0 = mean_grey_;
 
   // Light and correlation coefficient from the moments of all pixels.
@@ -452,8 +470,9 @@ Evaluation Correlation::evaluate(const imaging::BSpline& g, const Eigen::VectorX
       if (!transport.empty()) part = (transport[static_cast<std::size_t>(e)] * part).eval();
       for (int a = 0; a < 2; ++a) message[static_cast<std::size_t>(2 * surface_.cells(e, i) + a)] += part[a];
     }
-    const double squares = sum.squares + d * d * sum.gg + light.offset * light.offset * sum.seen + 2.0 * d * (sum.fg - sum.gg) -
-                           2.0 * light.offset * (sum.f - sum.g) - 2.0 * d * light.offset * sum.g;
+    const double squares = sum.squares + d * d * sum.gg + light.offset * light.offset * sum.seen +
+                           2.0 * d * (sum.fg - sum.gg) - 2.0 * light.offset * (sum.f - sum.g) -
+                           2.0 * d * light.offset * sum.g;
     message[static_cast<std::size_t>(in_image + e)] = std::max(0.0, squares);
     message[static_cast<std::size_t>(in_image + elements() + e)] = sum.seen;
     message[static_cast<std::size_t>(in_image + 2 * elements() + e)] = light.gain;
@@ -474,11 +493,13 @@ Evaluation Correlation::evaluate(const imaging::BSpline& g, const Eigen::VectorX
   return result;
 }
 
-std::vector<float> Correlation::residual(const imaging::BSpline& g, const Eigen::VectorXd& U, const InImage& own) const {
+std::vector<float> Correlation::residual(const imaging::BSpline& g, const Eigen::VectorXd& U,
+                                         const InImage& own) const {
   Evaluation seen;
   if (brightness_) seen = evaluate(g, U, Communicator{MPI_COMM_SELF}, Gradient::reference, Precision::single, own);
   const InImage shift = pixel_displacement(U);
-  const std::vector<Eigen::Matrix2d> lengths = low_pass_ > 0.0 ? smoothed_over(deformation_gradient(U)) : std::vector<Eigen::Matrix2d>{};
+  const std::vector<Eigen::Matrix2d> lengths =
+      low_pass_ > 0.0 ? smoothed_over(deformation_gradient(U)) : std::vector<Eigen::Matrix2d>{};
   std::vector<float> residual(quadrature_.pixels());
 #pragma omp parallel
   {

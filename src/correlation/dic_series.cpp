@@ -77,9 +77,9 @@ DicFrame GlobalDic::follow(const std::vector<imaging::Image>& coarse, const std:
   DicFrame frame;
   frame.displacement = start;
   solve_level(top, splined.back(), alone, frame);
-  // Not a clear match: look for patches everywhere in each camera's image, first those deformed like the last frame; the
-  // motions of the images together make a displacement. So too if single elements match badly: a corner of the mesh may
-  // have run astray.
+  // Not a clear match: look for patches everywhere in each camera's image, first those deformed like the last frame;
+  // the motions of the images together make a displacement. So too if single elements match badly: a corner of the mesh
+  // may have run astray.
   constexpr double clear = 0.8;
   std::vector<double> rms(frame.element_rms.begin(), frame.element_rms.end());
   std::sort(rms.begin(), rms.end());
@@ -96,7 +96,8 @@ DicFrame GlobalDic::follow(const std::vector<imaging::Image>& coarse, const std:
       DicFrame other;
       other.displacement = coarsest.cameras->displacement(moved, from);
       solve_level(top, splined.back(), alone, other);
-      if (other.coefficient > frame.coefficient + std::min(0.02, 0.5 * (1.0 - frame.coefficient))) frame = std::move(other);
+      if (other.coefficient > frame.coefficient + std::min(0.02, 0.5 * (1.0 - frame.coefficient)))
+        frame = std::move(other);
       if (frame.coefficient > clear) break;
     }
   }
@@ -106,7 +107,8 @@ DicFrame GlobalDic::follow(const std::vector<imaging::Image>& coarse, const std:
 }
 
 namespace {
-constexpr Eigen::Index of_frame = 10, of_camera = 6;  // numbers beside displacement and residuals of the elements
+// numbers beside displacement and residuals of the elements
+constexpr Eigen::Index of_frame = 10, of_camera = 6;
 }  // namespace
 
 Eigen::VectorXd numbers_of(const DicFrame& frame) {
@@ -115,8 +117,8 @@ Eigen::VectorXd numbers_of(const DicFrame& frame) {
   Eigen::VectorXd all(unknowns + elements + of_frame + count * (elements + of_camera) + frame.epipolar.size());
   all.head(unknowns) = frame.displacement;
   all.segment(unknowns, elements) = frame.element_rms;
-  all.segment<of_frame>(unknowns + elements) << frame.converged, frame.lost, frame.iterations, frame.rms, frame.coefficient,
-      frame.pixels, frame.dropped, frame.gain, frame.offset, frame.hardly_seen;
+  all.segment<of_frame>(unknowns + elements) << frame.converged, frame.lost, frame.iterations, frame.rms,
+      frame.coefficient, frame.pixels, frame.dropped, frame.gain, frame.offset, frame.hardly_seen;
   for (Eigen::Index c = 0; c < count; ++c) {
     const CameraFrame& own = frame.cameras[static_cast<std::size_t>(c)];
     auto part = all.segment(unknowns + elements + of_frame + c * (elements + of_camera), elements + of_camera);
@@ -139,9 +141,16 @@ DicFrame frame_of(const Eigen::VectorXd& numbers, Eigen::Index unknowns, Eigen::
   frame.gain = values[7], frame.offset = values[8];
   frame.hardly_seen = static_cast<int>(values[9]);
   for (Eigen::Index c = 0; c < cameras; ++c) {
-    const auto part = numbers.segment(unknowns + elements + of_frame + c * (elements + of_camera), elements + of_camera);
+    const auto part =
+        numbers.segment(unknowns + elements + of_frame + c * (elements + of_camera), elements + of_camera);
     const auto own = part.tail<of_camera>();
-    frame.cameras.push_back({.rms = own[0], .coefficient = own[1], .pixels = own[2], .dropped = own[3], .gain = own[4], .offset = own[5], .element_rms = part.head(elements)});
+    frame.cameras.push_back({.rms = own[0],
+                             .coefficient = own[1],
+                             .pixels = own[2],
+                             .dropped = own[3],
+                             .gain = own[4],
+                             .offset = own[5],
+                             .element_rms = part.head(elements)});
   }
   frame.epipolar = numbers.tail(numbers.size() - (unknowns + elements + of_frame + cameras * (elements + of_camera)));
   return frame;
@@ -191,14 +200,16 @@ std::vector<DicFrame> GlobalDic::run(const Communicator& world, int frames, cons
   for (std::size_t t = 0; t < known.starts.size(); ++t)
     if (known.lost[t] == 0) trusted.push_back(known.starts[t]);
   std::vector<imaging::Image> empty;
-  for (const imaging::ImageHeader& size : levels_[static_cast<std::size_t>(split)].sizes) empty.emplace_back(size.width, size.height);
+  for (const imaging::ImageHeader& size : levels_[static_cast<std::size_t>(split)].sizes)
+    empty.emplace_back(size.width, size.height);
   const auto images_of = [&](int frame, int times) {
     std::vector<imaging::Image> images;
     for (int c = 0; c < count; ++c) images.push_back(reduced(read(frame, c), times));
     return images;
   };
   const auto begun = static_cast<int>(known.starts.size());
-  ReadAhead coarse_images([&](int frame) { return images_of(frame, split); }, begun + world.rank(), world.size(), frames);
+  ReadAhead coarse_images([&](int frame) { return images_of(frame, split); }, begun + world.rank(), world.size(),
+                          frames);
   for (int first = begun; first < frames; first += world.size()) {
     std::vector<imaging::Image> mine = empty;
     collectively(world, [&] {
@@ -226,12 +237,14 @@ std::vector<DicFrame> GlobalDic::run(const Communicator& world, int frames, cons
     image_pixels += static_cast<double>(size.width) * size.height;
     mesh_pixels += static_cast<double>(correlation(c).quadrature().pixels());
   }
-  const GroupLayout layout(world, frames, plan_frames(world.size(), frames, image_pixels, mesh_pixels, options_.groups).groups());
+  const GroupLayout layout(world, frames,
+                           plan_frames(world.size(), frames, image_pixels, mesh_pixels, options_.groups).groups());
   const int groups = layout.groups();
   GroupClock clock(layout);
   constexpr double period = 10.0;  // [s]
   int in_turn = 1;                 // frames of a group until then
-  ReadAhead fine_images([&](int frame) { return images_of(frame, 0); }, static_cast<int>(known.frames.size()) + layout.index(), groups, frames);
+  ReadAhead fine_images([&](int frame) { return images_of(frame, 0); },
+                        static_cast<int>(known.frames.size()) + layout.index(), groups, frames);
   while (static_cast<int>(known.frames.size()) < frames) {
     const auto first = static_cast<int>(known.frames.size());
     const int last = first + std::min(frames - first, in_turn * groups);
@@ -242,21 +255,25 @@ std::vector<DicFrame> GlobalDic::run(const Communicator& world, int frames, cons
         std::vector<imaging::Image> images;
         collectively(layout.group(), [&] { images = fine_images.take(frame); });
         DicFrame& result = mine[static_cast<std::size_t>(frame - first)];
-        result = correlate(std::move(images), known.starts[static_cast<std::size_t>(frame)], std::max(0, split - 1), 0, layout.group());
+        result = correlate(std::move(images), known.starts[static_cast<std::size_t>(frame)], std::max(0, split - 1), 0,
+                           layout.group());
         progress.update(frames + frame + 1,
                         fmt::format("frame {} of {}, residual {:.2f} grey levels", frame + 1, frames, result.rms));
       }
     });
     const Eigen::Index unknowns = cameras().unknowns(), elements = cameras().elements();
     for (int frame = first; frame < last; ++frame) {
-      Eigen::VectorXd numbers = Eigen::VectorXd::Zero(unknowns + elements + of_frame + count * (elements + of_camera) + cameras().epipolar_modes());
-      if ((frame - first) % groups == layout.index() && layout.group().is_root()) numbers = numbers_of(mine[static_cast<std::size_t>(frame - first)]);
+      Eigen::VectorXd numbers = Eigen::VectorXd::Zero(unknowns + elements + of_frame + count * (elements + of_camera) +
+                                                      cameras().epipolar_modes());
+      if ((frame - first) % groups == layout.index() && layout.group().is_root())
+        numbers = numbers_of(mine[static_cast<std::size_t>(frame - first)]);
       world.sum(std::span(numbers.data(), static_cast<std::size_t>(numbers.size())));
       known.frames.push_back(frame_of(numbers, unknowns, elements, count));
       if (done) done(frame, known.frames.back());
     }
     const double seconds = world.max(std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count());
-    in_turn = static_cast<int>(std::clamp(period * in_turn / std::max(seconds, 1e-9), 1.0, static_cast<double>(frames)));
+    in_turn =
+        static_cast<int>(std::clamp(period * in_turn / std::max(seconds, 1e-9), 1.0, static_cast<double>(frames)));
     known.group_times = clock.times();
     if (reached) reached(known);
   }

@@ -49,7 +49,8 @@ double largest_change(const std::vector<Eigen::Matrix2d>& a, const std::vector<E
   return largest;
 }
 
-/// Nodes that white noise moves by more than ten times what it moves the median node. `variance`: of the unknowns [nodes * dofs].
+/// Nodes that white noise moves by more than ten times what it moves the median node. `variance`: of the unknowns
+/// [nodes * dofs].
 std::vector<int> noisy_nodes(const Eigen::VectorXd& variance, int dofs) {
   constexpr double much = 10.0;
   const Eigen::VectorXd of_node = variance.reshaped(dofs, variance.size() / dofs).colwise().sum();
@@ -84,7 +85,8 @@ GlobalDic::GlobalDic(const mesh::Mesh& surface, std::shared_ptr<const imaging::C
 GlobalDic::GlobalDic(const mesh::Mesh& surface, std::vector<View> views, int dofs_per_node, DicOptions options)
     : options_(std::move(options)), noise_(imaging::noise_response(options_.low_pass)) {
   if (views.empty()) throw InputError("cameras", "none", "at least one");
-  if (options_.mask != nullptr && views.size() > 1) throw InputError("mask", "a mask with several cameras", "one camera");
+  if (options_.mask != nullptr && views.size() > 1)
+    throw InputError("mask", "a mask with several cameras", "one camera");
   if (views.size() == 1 && dofs_per_node == 3)
     throw InputError("cameras", "one camera for three components of the displacement",
                      "two cameras at least: one does not see motion along its line of sight");
@@ -120,13 +122,15 @@ void GlobalDic::build(const mesh::Mesh& surface, std::vector<View> views, int do
                                    .quadrature = {.left_out = options_.left_out, .place = views[c].place}};
       if (level == 0) operators.slope_noise = noise_.slope, operators.low_pass = options_.low_pass;
       if (masked) operators.quadrature.mask = &mask;
-      if (level == 0) operators.quadrature.border = options_.border, operators.quadrature.cut_nodes = options_.cut_nodes;
+      if (level == 0)
+        operators.quadrature.border = options_.border, operators.quadrature.cut_nodes = options_.cut_nodes;
       operators.quadrature.clip = several || level > 0;  // half a pixel of a coarse image may stick out
-      auto correlation = std::make_shared<Correlation>(surface, std::make_shared<ReducedCamera>(views[c].camera, factor),
-                                                       next.references.back(), operators);
+      auto correlation = std::make_shared<Correlation>(
+          surface, std::make_shared<ReducedCamera>(views[c].camera, factor), next.references.back(), operators);
       const InImage& positions = correlation->positions();
       const Eigen::Vector2d extent = (positions.colwise().maxCoeff() - positions.colwise().minCoeff()).transpose();
-      shortest = std::min({shortest, extent.minCoeff(), several ? static_cast<double>(std::min(size.width, size.height)) : INFINITY});
+      shortest = std::min(
+          {shortest, extent.minCoeff(), several ? static_cast<double>(std::min(size.width, size.height)) : INFINITY});
       correlations.push_back(std::move(correlation));
     }
     next.cameras = std::make_shared<Cameras>(std::move(correlations), noise);
@@ -144,14 +148,18 @@ void GlobalDic::build(const mesh::Mesh& surface, std::vector<View> views, int do
       continued_ = !unseen.empty();
       if (continued_) {
         next.smoothing += continuation(cameras, unseen);
-        spdlog::warn("{} of {} nodes are not, or hardly, seen by two cameras: what cannot be seen of their motion continues that of their neighbours",
-                     unseen.size(), cameras.nodes());
+        spdlog::warn(
+            "{} of {} nodes are not, or hardly, seen by two cameras: what cannot be seen of their motion continues "
+            "that of their neighbours",
+            unseen.size(), cameras.nodes());
       }
     }
     if (level == 0) calm(next, M, energy);
     next.factor = std::make_shared<Factor>(M + next.smoothing);
     require_speckle(next, views.front().place);
-    if (level == 0) next.cameras->find_epipolar_modes([&](const Eigen::MatrixXd& forces) { return Eigen::MatrixXd(next.factor->solve(forces)); });
+    if (level == 0)
+      next.cameras->find_epipolar_modes(
+          [&](const Eigen::MatrixXd& forces) { return Eigen::MatrixXd(next.factor->solve(forces)); });
     if (level > 0) levels_.back().references.clear();
     levels_.push_back(std::move(next));
     if (level == 0) find_motion_noise(views);
@@ -169,7 +177,8 @@ void GlobalDic::find_motion_noise(const std::vector<View>& views) {
       for (const PixelRow& row : pixels.rows)
         for (int i = 0; i < row.count; ++i) slope(row.column + i, row.row) = (*slopes)[p++];
       for (const float value : slope.grey) once += static_cast<double>(value) * value;
-      for (const float value : imaging::low_pass(slope, options_.low_pass).grey) twice += static_cast<double>(value) * value;
+      for (const float value : imaging::low_pass(slope, options_.low_pass).grey)
+        twice += static_cast<double>(value) * value;
     }
     motion_noise_[c] = std::sqrt(twice / once);
   }
@@ -181,7 +190,8 @@ Eigen::SparseMatrix<double> GlobalDic::held() const {
 }
 
 imaging::BSpline GlobalDic::spline(const imaging::Image& image) const {
-  return options_.low_pass > 0.0 ? imaging::BSpline(imaging::low_pass(image, options_.low_pass)) : imaging::BSpline(image);
+  return options_.low_pass > 0.0 ? imaging::BSpline(imaging::low_pass(image, options_.low_pass))
+                                 : imaging::BSpline(image);
 }
 
 std::vector<imaging::BSpline> GlobalDic::splines(const std::vector<imaging::Image>& images, int level) const {
@@ -193,42 +203,51 @@ std::vector<imaging::BSpline> GlobalDic::splines(const std::vector<imaging::Imag
 void GlobalDic::require_sight(const Level& level, const std::vector<View>& views) const {
   int unseen = 0, first = -1;
   for (int e = 0; e < level.cameras->elements(); ++e)
-    if (level.cameras->pixels_of(e) == 0 && (options_.left_out.empty() || options_.left_out[static_cast<std::size_t>(e)] == 0)) ++unseen, first = first < 0 ? e : first;
+    if (level.cameras->pixels_of(e) == 0 &&
+        (options_.left_out.empty() || options_.left_out[static_cast<std::size_t>(e)] == 0))
+      ++unseen, first = first < 0 ? e : first;
   if (unseen > 0) {
     Eigen::RowVector3d centre = Eigen::RowVector3d::Zero();
-    for (int i = 0; i < 4; ++i) centre += 0.25 * level.cameras->surface().nodes.row(level.cameras->surface().cells(first, i));
-    throw InputError("cameras",
-                     fmt::format("{} of {} elements are seen by no camera, the first is number {} about ({:.4g}, {:.4g}, {:.4g})",
-                                 unseen, level.cameras->elements(), first, centre[0], centre[1], centre[2]),
-                     "a mesh of which each element lies in the field of view of a camera");
+    for (int i = 0; i < 4; ++i)
+      centre += 0.25 * level.cameras->surface().nodes.row(level.cameras->surface().cells(first, i));
+    throw InputError(
+        "cameras",
+        fmt::format("{} of {} elements are seen by no camera, the first is number {} about ({:.4g}, {:.4g}, {:.4g})",
+                    unseen, level.cameras->elements(), first, centre[0], centre[1], centre[2]),
+        "a mesh of which each element lies in the field of view of a camera");
   }
   for (std::size_t c = 0; c < views.size(); ++c)
     if ((*level.cameras)[static_cast<int>(c)].quadrature().pixels() == 0)
       throw InputError(views[c].place, "no part of the mesh lies in this camera's image", "cameras that see the mesh");
 }
 
-// Where the border leaves nodes of a contour hardly a pixel of their own, a single one may rattle by pixels and the frame never converges.
-// A thousandth of the smoothing lets nodes without any pixel be told like the others.
+// Where the border leaves nodes of a contour hardly a pixel of their own, a single one may rattle by pixels and the
+// frame never converges. A thousandth of the smoothing lets nodes without any pixel be told like the others.
 void GlobalDic::calm(Level& level, const Eigen::SparseMatrix<double>& M, const Eigen::SparseMatrix<double>& energy) {
   const Cameras& cameras = *level.cameras;
-  // Without the regularisation that was asked for: the ends are smoothed, and their noise is drawn, by what the pixels alone say.
-  const Factor judged(M + Eigen::SparseMatrix<double>(level.smoothing - level.chosen) + 1e-3 * cameras.smoothing_weight(2.0 * mean_edge(cameras.surface())) * energy);
+  // Without the regularisation that was asked for: the ends are smoothed, and their noise is drawn, by what the pixels
+  // alone say.
+  const Factor judged(M + Eigen::SparseMatrix<double>(level.smoothing - level.chosen) +
+                      1e-3 * cameras.smoothing_weight(2.0 * mean_edge(cameras.surface())) * energy);
   if (judged.info() != Eigen::Success) return;
   const std::vector<int> nodes = noisy_nodes(diagonal_of_inverse(judged), cameras.dofs_per_node());
-  if (nodes.empty() || 4 * static_cast<int>(nodes.size()) > cameras.nodes()) return;  // more than a contour: no continuation makes up for speckle
+  if (nodes.empty() || 4 * static_cast<int>(nodes.size()) > cameras.nodes())
+    return;  // more than a contour: no continuation makes up for speckle
   level.of_noisy = continuation(cameras, nodes);
   level.smoothing += level.of_noisy;
   continued_ = true;
-  spdlog::info("{} of {} nodes have hardly a pixel of their own: their motion continues that of their neighbours", nodes.size(), cameras.nodes());
+  spdlog::info("{} of {} nodes have hardly a pixel of their own: their motion continues that of their neighbours",
+               nodes.size(), cameras.nodes());
 }
 
-// Nodes that one camera does not see have no depth of their own: there, and only there, waves shorter than two elements are
-// smoothed, which continues what the neighbours do.
+// Nodes that one camera does not see have no depth of their own: there, and only there, waves shorter than two elements
+// are smoothed, which continues what the neighbours do.
 Eigen::SparseMatrix<double> GlobalDic::continuation(const Cameras& cameras, const std::vector<int>& nodes) {
   std::vector<char> elements(static_cast<std::size_t>(cameras.elements()), 0);
   for (int e = 0; e < cameras.elements(); ++e)
     for (int i = 0; i < 4; ++i)
-      if (std::binary_search(nodes.begin(), nodes.end(), cameras.surface().cells(e, i))) elements[static_cast<std::size_t>(e)] = 1;
+      if (std::binary_search(nodes.begin(), nodes.end(), cameras.surface().cells(e, i)))
+        elements[static_cast<std::size_t>(e)] = 1;
   return 0.1 * cameras.smoothing_weight(2.0 * mean_edge(cameras.surface())) *
          curvature_energy(cameras.surface(), cameras.dofs_per_node(), elements);
 }
@@ -257,16 +276,19 @@ void GlobalDic::solve_level(int level, std::span<const imaging::BSpline> g, cons
   constexpr double longest_step = 2.0;  // [px]; beyond the reach of the linearisation
   // Coarse levels smooth the change from the start; the finest one the displacement itself, if the user asks.
   const Eigen::VectorXd start = finest ? Eigen::VectorXd::Zero(cameras.unknowns()) : frame.displacement;
-  std::vector<Eigen::Matrix2d> F_of_M(static_cast<std::size_t>(cameras.size() * cameras.elements()), Eigen::Matrix2d::Identity());
+  std::vector<Eigen::Matrix2d> F_of_M(static_cast<std::size_t>(cameras.size() * cameras.elements()),
+                                      Eigen::Matrix2d::Identity());
   std::shared_ptr<Factor> factor = at.factor;
   Eigen::SparseMatrix<double> smoothing = at.smoothing;
-  std::vector<Eigen::VectorXd> shares(static_cast<std::size_t>(cameras.size()), Eigen::VectorXd::Ones(cameras.elements()));
+  std::vector<Eigen::VectorXd> shares(static_cast<std::size_t>(cameras.size()),
+                                      Eigen::VectorXd::Ones(cameras.elements()));
   double previous = INFINITY, least = 0.0;
   frame.converged = false;
   frame.iterations = 0;
   frame.epipolar = Eigen::VectorXd::Zero(cameras.epipolar_modes());
   while (true) {
-    const JointEvaluation seen = cameras.evaluate(g, frame.displacement, group, Gradient::transported, cameras.off_epipolar(frame.epipolar));
+    const JointEvaluation seen =
+        cameras.evaluate(g, frame.displacement, group, Gradient::transported, cameras.off_epipolar(frame.epipolar));
     least = seen.least;
     frame.rms = seen.rms, frame.coefficient = seen.coefficient;
     frame.pixels = seen.pixels, frame.dropped = seen.dropped;
@@ -274,20 +296,27 @@ void GlobalDic::solve_level(int level, std::span<const imaging::BSpline> g, cons
     frame.element_rms = seen.element_rms;
     frame.cameras.clear();
     for (const Evaluation& own : seen.cameras)
-      frame.cameras.push_back({.rms = own.rms(), .coefficient = own.coefficient, .pixels = own.pixels, .dropped = own.dropped,
-                               .gain = own.gain, .offset = own.offset, .element_rms = own.element_rms});
+      frame.cameras.push_back({.rms = own.rms(),
+                               .coefficient = own.coefficient,
+                               .pixels = own.pixels,
+                               .dropped = own.dropped,
+                               .gain = own.gain,
+                               .offset = own.offset,
+                               .element_rms = own.element_rms});
     if (frame.converged || frame.iterations == iterations || seen.pixels == 0.0) break;
     auto F = cameras.deformation_gradient(frame.displacement);
     // Pixels that have left one of several images tell nothing any more.
     double left = 0.0;
     for (std::size_t c = 0; cameras.size() > 1 && c < shares.size(); ++c)
       for (int e = 0; e < cameras.elements(); ++e)
-        if (const auto pixels = static_cast<double>(cameras[static_cast<int>(c)].quadrature().pixels_of(e)); pixels > 0.0)
+        if (const auto pixels = static_cast<double>(cameras[static_cast<int>(c)].quadrature().pixels_of(e));
+            pixels > 0.0)
           left = std::max(left, std::abs(seen.cameras[c].element_pixels[e] / pixels - shares[c][e]));
     if (largest_change(F, F_of_M) > options_.strain_change || left > 0.1) {
       for (std::size_t c = 0; left > 0.1 && c < shares.size(); ++c)
         for (int e = 0; e < cameras.elements(); ++e)
-          shares[c][e] = seen.cameras[c].element_pixels[e] / std::max(1.0, static_cast<double>(cameras[static_cast<int>(c)].quadrature().pixels_of(e)));
+          shares[c][e] = seen.cameras[c].element_pixels[e] /
+                         std::max(1.0, static_cast<double>(cameras[static_cast<int>(c)].quadrature().pixels_of(e)));
       const Eigen::SparseMatrix<double> M = cameras.M(frame.displacement, shares);
       if (finest && left > 0.1) {
         smoothing = at.chosen;
@@ -330,8 +359,8 @@ DicFrame GlobalDic::correlate(const imaging::Image& image, const Eigen::VectorXd
   return correlate(std::vector<imaging::Image>{image}, start, coarsest, finest, group);
 }
 
-DicFrame GlobalDic::correlate(std::vector<imaging::Image> images, const Eigen::VectorXd& start, int coarsest, int finest,
-                              const Communicator& group) const {
+DicFrame GlobalDic::correlate(std::vector<imaging::Image> images, const Eigen::VectorXd& start, int coarsest,
+                              int finest, const Communicator& group) const {
   DicFrame frame;
   frame.displacement = start;
   std::vector<std::vector<imaging::Image>> pyramid;

@@ -11,11 +11,14 @@ namespace {
 /// Elements that share a node with each.
 std::vector<std::vector<int>> neighbours(const mesh::Mesh& surface) {
   const auto& cells = surface.cells;
-  std::vector<std::vector<int>> at_node(static_cast<std::size_t>(surface.nodes.rows())), beside(static_cast<std::size_t>(cells.rows()));
+  std::vector<std::vector<int>> at_node(static_cast<std::size_t>(surface.nodes.rows())),
+      beside(static_cast<std::size_t>(cells.rows()));
   for (int e = 0; e < cells.rows(); ++e)
     for (int i = 0; i < 4; ++i) at_node[static_cast<std::size_t>(cells(e, i))].push_back(e);
   for (const auto& elements : at_node)
-    for (const int e : elements) beside[static_cast<std::size_t>(e)].insert(beside[static_cast<std::size_t>(e)].end(), elements.begin(), elements.end());
+    for (const int e : elements)
+      beside[static_cast<std::size_t>(e)].insert(beside[static_cast<std::size_t>(e)].end(), elements.begin(),
+                                                 elements.end());
   return beside;
 }
 
@@ -33,11 +36,13 @@ std::vector<std::vector<int>> patches(const std::vector<std::vector<int>>& besid
 
 }  // namespace
 
-std::vector<std::vector<int>> patches(const mesh::Mesh& surface, const std::vector<char>& marked) { return patches(neighbours(surface), marked); }
+std::vector<std::vector<int>> patches(const mesh::Mesh& surface, const std::vector<char>& marked) {
+  return patches(neighbours(surface), marked);
+}
 
 std::vector<char> lost_elements(const Cameras& cameras, const std::vector<DicFrame>& frames) {
   constexpr double beyond = 3.0, doubtful = 1.5;  // of the median
-  constexpr std::size_t enough = 16;               // pixels that tell of an element
+  constexpr std::size_t enough = 16;              // pixels that tell of an element
   const auto elements = static_cast<std::size_t>(cameras.elements());
   const auto beside = neighbours(cameras.surface());
   std::vector<Eigen::VectorXd> variance;
@@ -55,9 +60,14 @@ std::vector<char> lost_elements(const Cameras& cameras, const std::vector<DicFra
       if (seen.empty()) continue;
       const double usual = median(std::move(seen));
       std::vector<char> bad(elements, 0);
-      for (std::size_t e = 0; e < elements; ++e) bad[e] = cameras[c].quadrature().pixels_of(static_cast<int>(e)) >= enough && rms[static_cast<Eigen::Index>(e)] > beyond * usual ? 1 : 0;
+      for (std::size_t e = 0; e < elements; ++e)
+        bad[e] = cameras[c].quadrature().pixels_of(static_cast<int>(e)) >= enough &&
+                         rms[static_cast<Eigen::Index>(e)] > beyond * usual
+                     ? 1
+                     : 0;
       for (const auto& patch : patches(beside, bad))
-        if (std::any_of(patch.begin(), patch.end(), [&](int e) { return rms[e] * rms[e] > variance[static_cast<std::size_t>(c)][e]; }))
+        if (std::any_of(patch.begin(), patch.end(),
+                        [&](int e) { return rms[e] * rms[e] > variance[static_cast<std::size_t>(c)][e]; }))
           for (const int e : patch)
             for (const int other : beside[static_cast<std::size_t>(e)])
               if (rms[other] > doubtful * usual) here[static_cast<std::size_t>(other)] = 1;
@@ -67,7 +77,9 @@ std::vector<char> lost_elements(const Cameras& cameras, const std::vector<DicFra
   }
   std::vector<char> left_out(elements, 0);
   for (const auto& patch : patches(beside, ever)) {
-    const auto in = std::count_if(lost.begin(), lost.end(), [&](const auto& here) { return std::any_of(patch.begin(), patch.end(), [&](int e) { return here[static_cast<std::size_t>(e)] != 0; }); });
+    const auto in = std::count_if(lost.begin(), lost.end(), [&](const auto& here) {
+      return std::any_of(patch.begin(), patch.end(), [&](int e) { return here[static_cast<std::size_t>(e)] != 0; });
+    });
     if (in > 1 && 5 * static_cast<std::size_t>(in) > frames.size())
       for (const int e : patch) left_out[static_cast<std::size_t>(e)] = 1;
   }

@@ -39,7 +39,9 @@ Eigen::Matrix<double, 1, 6> squares(const Eigen::Vector2d& place) {
   const double x = place.x() / 100.0, y = place.y() / 100.0;
   return Eigen::Matrix<double, 1, 6>(1.0, x, y, x * x, x * y, y * y);
 }
-Eigen::Vector2d at(const Quadratic& field, const Eigen::Vector2d& place) { return (squares(place) * field).transpose(); }
+Eigen::Vector2d at(const Quadratic& field, const Eigen::Vector2d& place) {
+  return (squares(place) * field).transpose();
+}
 
 Quadratic fit_squares(const std::vector<Found>& found, const std::vector<std::size_t>& chosen) {
   Eigen::MatrixXd places(chosen.size(), 6), misses(chosen.size(), 2);
@@ -125,7 +127,9 @@ std::optional<InImage> search_patches(const Correlation& correlation, const imag
 
   InImage moved = shift;
   for (int node = 0; node < correlation.nodes(); ++node)
-    moved.row(node) += (bends ? at(field, positions.row(node).transpose() - middle) : at(affine, positions.row(node).transpose() - middle)).transpose();
+    moved.row(node) += (bends ? at(field, positions.row(node).transpose() - middle)
+                              : at(affine, positions.row(node).transpose() - middle))
+                           .transpose();
   return moved;
 }
 

@@ -137,8 +137,10 @@ imaging::Image without_border(const mesh::Cells& cells, const InImage& positions
     for (int i = 0; i < 4; ++i) ++times[edge(e, i)];
   for (const auto& [nodes, count] : times) {
     if (count != 1 || (is_cut(nodes.first) && is_cut(nodes.second))) continue;
-    const Eigen::Vector2d a = positions.row(nodes.first).transpose(), along = positions.row(nodes.second).transpose() - a;
-    const Eigen::Vector2d low = a.cwiseMin(a + along).array() - options.border, high = a.cwiseMax(a + along).array() + options.border;
+    const Eigen::Vector2d a = positions.row(nodes.first).transpose(),
+                          along = positions.row(nodes.second).transpose() - a;
+    const Eigen::Vector2d low = a.cwiseMin(a + along).array() - options.border,
+                          high = a.cwiseMax(a + along).array() + options.border;
     const int last_row = std::min(mask.height - 1, static_cast<int>(std::floor(high.y())));
     const int last_column = std::min(mask.width - 1, static_cast<int>(std::floor(high.x())));
     for (int row = std::max(0, static_cast<int>(std::ceil(low.y()))); row <= last_row; ++row)
@@ -221,7 +223,8 @@ Eigen::VectorXd variance_of_elements(const PixelQuadrature& q) {
   for (int e = 0; e < q.elements(); ++e) {
     const auto count = static_cast<Eigen::Index>(q.pixels_of(e));
     if (count == 0) continue;
-    const Eigen::ArrayXd f = Eigen::Map<const Eigen::ArrayXf>(q.f.data() + q.first[static_cast<std::size_t>(e)], count).cast<double>();
+    const Eigen::ArrayXd f =
+        Eigen::Map<const Eigen::ArrayXf>(q.f.data() + q.first[static_cast<std::size_t>(e)], count).cast<double>();
     variance[e] = (f - f.mean()).square().mean();
   }
   return variance;

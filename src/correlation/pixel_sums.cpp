@@ -23,8 +23,8 @@ Corners nodal(const double (&monomials)[4][2]) {
   return result;
 }
 
-/// Calls `add(xi, eta, f, gx, gy, g)` with pointers to `lanes` pixels at a time; what is beyond the last pixel is NaN in g and
-/// zero otherwise. `after` comes after every `block` pixels.
+/// Calls `add(xi, eta, f, gx, gy, g)` with pointers to `lanes` pixels at a time; what is beyond the last pixel is NaN
+/// in g and zero otherwise. `after` comes after every `block` pixels.
 template <class Real, class Add, class After>
 IMIC3D_INLINE void by_lanes(const ElementPixels& p, const Real* g, const Add& add, const After& after) {
   int i = 0;
@@ -68,7 +68,8 @@ IMIC3D_INLINE void sum_residual(const ElementPixels& p, const Real* image, float
   const Values zero{}, ones = zero + Real(1);
   by_lanes(
       p, image,
-      [&](const float* xi_at, const float* eta_at, const float* grey, const float* gx, const float* gy, const Real* here) {
+      [&](const float* xi_at, const float* eta_at, const float* grey, const float* gx, const float* gy,
+          const Real* here) {
         const Values value = load<Real>(here), xi = load<Real>(xi_at), eta = load<Real>(eta_at);
         const auto is_seen = value == value;  // not NaN
         const Values a = is_seen ? load<Real>(grey) - level : zero, b = is_seen ? value - level : zero, r = a - b;
@@ -93,7 +94,8 @@ IMIC3D_INLINE void sum_light(const ElementPixels& p, const Real* image, float le
       [&](const float* xi_at, const float* eta_at, const float*, const float* gx, const float* gy, const Real* here) {
         const Values value = load<Real>(here), xi = load<Real>(xi_at), eta = load<Real>(eta_at);
         const auto is_seen = value == value;
-        const Values b = is_seen ? value - level : zero, dx = is_seen ? load<Real>(gx) : zero, dy = is_seen ? load<Real>(gy) : zero;
+        const Values b = is_seen ? value - level : zero, dx = is_seen ? load<Real>(gx) : zero,
+                     dy = is_seen ? load<Real>(gy) : zero;
         of_b.add(b * dx, b * dy, xi, eta, xi * eta);
         of_one.add(dx, dy, xi, eta, xi * eta);
       },
@@ -101,10 +103,18 @@ IMIC3D_INLINE void sum_light(const ElementPixels& p, const Real* image, float le
   result.b = nodal(of_b.sums), result.one = nodal(of_one.sums);
 }
 
-IMIC3D_CLONES void residual_of(const ElementPixels& p, const float* image, float level, ElementSums& result) { sum_residual(p, image, level, result); }
-IMIC3D_CLONES void residual_of(const ElementPixels& p, const double* image, float level, ElementSums& result) { sum_residual(p, image, level, result); }
-IMIC3D_CLONES void light_of(const ElementPixels& p, const float* image, float level, ElementSums& result) { sum_light(p, image, level, result); }
-IMIC3D_CLONES void light_of(const ElementPixels& p, const double* image, float level, ElementSums& result) { sum_light(p, image, level, result); }
+IMIC3D_CLONES void residual_of(const ElementPixels& p, const float* image, float level, ElementSums& result) {
+  sum_residual(p, image, level, result);
+}
+IMIC3D_CLONES void residual_of(const ElementPixels& p, const double* image, float level, ElementSums& result) {
+  sum_residual(p, image, level, result);
+}
+IMIC3D_CLONES void light_of(const ElementPixels& p, const float* image, float level, ElementSums& result) {
+  sum_light(p, image, level, result);
+}
+IMIC3D_CLONES void light_of(const ElementPixels& p, const double* image, float level, ElementSums& result) {
+  sum_light(p, image, level, result);
+}
 
 /// Sums of xi^m eta^n (gx gx, gx gy, gy gy, 1) for m, n = 0, 1, 2.
 IMIC3D_CLONES void sum_powers(const ElementPixels& p, double (&sums)[9][4]) {
@@ -127,7 +137,7 @@ IMIC3D_CLONES void sum_powers(const ElementPixels& p, double (&sums)[9][4]) {
 
 template <class Real>
 IMIC3D_INLINE void map_values(const ElementPixels& p, const Real* c, const Real* beyond, Real* __restrict values) {
-  const float *const __restrict xi = p.xi, *const __restrict eta = p.eta;
+  const float* const __restrict xi = p.xi, * const __restrict eta = p.eta;
 #pragma omp simd
   for (int i = 0; i < p.count; ++i) {
     const Real x = xi[i], y = eta[i];
@@ -141,8 +151,12 @@ IMIC3D_INLINE void map_values(const ElementPixels& p, const Real* c, const Real*
   }
 }
 
-IMIC3D_CLONES void values_of(const ElementPixels& p, const float* c, const float* beyond, float* values) { map_values(p, c, beyond, values); }
-IMIC3D_CLONES void values_of(const ElementPixels& p, const double* c, const double* beyond, double* values) { map_values(p, c, beyond, values); }
+IMIC3D_CLONES void values_of(const ElementPixels& p, const float* c, const float* beyond, float* values) {
+  map_values(p, c, beyond, values);
+}
+IMIC3D_CLONES void values_of(const ElementPixels& p, const double* c, const double* beyond, double* values) {
+  map_values(p, c, beyond, values);
+}
 
 template <class Real>
 ElementSums sums_of(const ElementPixels& pixels, const Real* g, float level, bool light) {
@@ -154,8 +168,12 @@ ElementSums sums_of(const ElementPixels& pixels, const Real* g, float level, boo
 
 }  // namespace
 
-ElementSums sum_pixels(const ElementPixels& pixels, const float* g, float level, bool light) { return sums_of(pixels, g, level, light); }
-ElementSums sum_pixels(const ElementPixels& pixels, const double* g, float level, bool light) { return sums_of(pixels, g, level, light); }
+ElementSums sum_pixels(const ElementPixels& pixels, const float* g, float level, bool light) {
+  return sums_of(pixels, g, level, light);
+}
+ElementSums sum_pixels(const ElementPixels& pixels, const double* g, float level, bool light) {
+  return sums_of(pixels, g, level, light);
+}
 
 Gram sum_gram(const ElementPixels& pixels) {
   double sums[9][4] = {};
@@ -174,7 +192,11 @@ Gram sum_gram(const ElementPixels& pixels) {
   return gram;
 }
 
-void map_at(const ElementPixels& pixels, const float* bilinear, const float* beyond, float* values) { values_of(pixels, bilinear, beyond, values); }
-void map_at(const ElementPixels& pixels, const double* bilinear, const double* beyond, double* values) { values_of(pixels, bilinear, beyond, values); }
+void map_at(const ElementPixels& pixels, const float* bilinear, const float* beyond, float* values) {
+  values_of(pixels, bilinear, beyond, values);
+}
+void map_at(const ElementPixels& pixels, const double* bilinear, const double* beyond, double* values) {
+  values_of(pixels, bilinear, beyond, values);
+}
 
 }  // namespace imic3d::correlation

@@ -31,7 +31,8 @@ constexpr Eigen::Index beside = 2;
 
 }  // namespace
 
-Eigen::SparseMatrix<double> curvature_energy(const mesh::Mesh& surface, int dofs_per_node, const std::vector<char>& only) {
+Eigen::SparseMatrix<double> curvature_energy(const mesh::Mesh& surface, int dofs_per_node,
+                                             const std::vector<char>& only) {
   const auto takes_part = [&only](int e) { return only.empty() || only[static_cast<std::size_t>(e)] != 0; };
   struct Element {
     Corners corners, slopes;  // dN/d(x, y) at the centre
@@ -79,7 +80,9 @@ double smoothing_weight(const Correlation& correlation, double cut_off) {
 }
 
 Measure measured_by(const Cameras& cameras, const Eigen::SparseMatrix<double>& held) {
-  Measure measure{.surface = cameras.surface(), .dofs_per_node = cameras.dofs_per_node(), .M = cameras.M(),
+  Measure measure{.surface = cameras.surface(),
+                  .dofs_per_node = cameras.dofs_per_node(),
+                  .M = cameras.M(),
                   .smoothing_weight = [&cameras](double cut_off) { return cameras.smoothing_weight(cut_off); }};
   if (held.size() > 0) measure.M += held;
   return measure;
@@ -116,20 +119,26 @@ Eigen::MatrixXd noise_draws(const Measure& measure, double sigma, int draws) {
   return factor.permutationPinv() * Eigen::MatrixXd(factor.matrixU().solve(noise));
 }
 
-std::vector<double> cut_offs_of_least_error(const Measure& measure, const Eigen::MatrixXd& U, const std::vector<int>& nodes, const Eigen::VectorXd& sigma, double longest) {
+std::vector<double> cut_offs_of_least_error(const Measure& measure, const Eigen::MatrixXd& U,
+                                            const std::vector<int>& nodes, const Eigen::VectorXd& sigma,
+                                            double longest) {
   std::vector<int> unknowns;
   for (int node : nodes)
-    for (int component = 0; component < measure.dofs_per_node; ++component) unknowns.push_back(measure.dofs_per_node * node + component);
+    for (int component = 0; component < measure.dofs_per_node; ++component)
+      unknowns.push_back(measure.dofs_per_node * node + component);
   const auto count = static_cast<Eigen::Index>(unknowns.size()), frames = U.cols();
   const Columns measured = U;
   Columns at = Columns::Zero(U.rows(), count);
   for (Eigen::Index i = 0; i < count; ++i) at(unknowns[static_cast<std::size_t>(i)], i) = 1.0;
-  const auto diagonal = [&](const Columns& columns) { return Eigen::ArrayXd(columns(unknowns, Eigen::all).diagonal().array()); };
+  const auto diagonal = [&](const Columns& columns) {
+    return Eigen::ArrayXd(columns(unknowns, Eigen::all).diagonal().array());
+  };
   const Eigen::SparseMatrix<double> energy = curvature_energy(measure.surface, measure.dofs_per_node);
   // Each unknown in units of its own noise: a node that is hardly seen would outweigh all others.
   const Eigen::ArrayXd variance = diagonal(inverse_times(Factor(measure.M), at)).cwiseMax(1e-300);
   std::vector<double> cut_offs{0.0};
-  for (double cut_off = longest; cut_off > 0.99 * longest / 128.0; cut_off /= std::sqrt(2.0)) cut_offs.push_back(cut_off);
+  for (double cut_off = longest; cut_off > 0.99 * longest / 128.0; cut_off /= std::sqrt(2.0))
+    cut_offs.push_back(cut_off);
   Eigen::MatrixXd error(static_cast<Eigen::Index>(cut_offs.size()), frames);
   error.row(0).setConstant(2.0 * static_cast<double>(count));
   Factor factor;
@@ -137,9 +146,15 @@ std::vector<double> cut_offs_of_least_error(const Measure& measure, const Eigen:
   for (std::size_t k = 1; k < cut_offs.size(); ++k) {
     const Eigen::SparseMatrix<double> bent = measure.smoothing_weight(cut_offs[k]) * energy;
     factor.factorize(measure.M + bent);
-    const Columns lost = inverse_times(factor, bent * inverse_times(factor, bent * measured)), once = inverse_times(factor, at);
-    const Eigen::ArrayXd kept = 2.0 * diagonal(once) - once.cwiseProduct(Columns(measure.M * once)).colwise().sum().transpose().array();  // of the noise: its covariance with what smoothing leaves of it, over sigma^2
-    error.row(static_cast<Eigen::Index>(k)) = (lost(unknowns, Eigen::all).array().square().colwise() / variance).colwise().sum() / sigma.transpose().array().square() + 2.0 * (kept / variance).sum();
+    const Columns lost = inverse_times(factor, bent * inverse_times(factor, bent * measured)),
+                  once = inverse_times(factor, at);
+    // of the noise: its covariance with what smoothing leaves of it, over sigma^2
+    const Eigen::ArrayXd kept =
+        2.0 * diagonal(once) - once.cwiseProduct(Columns(measure.M * once)).colwise().sum().transpose().array();
+    error.row(static_cast<Eigen::Index>(k)) =
+        (lost(unknowns, Eigen::all).array().square().colwise() / variance).colwise().sum() /
+            sigma.transpose().array().square() +
+        2.0 * (kept / variance).sum();
   }
   std::vector<double> chosen(static_cast<std::size_t>(frames));
   for (Eigen::Index t = 0; t < frames; ++t) {

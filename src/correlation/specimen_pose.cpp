@@ -29,14 +29,17 @@ using Six = Eigen::Matrix<double, 6, 1>;
 const char* const place = "specimen.place";
 
 Eigen::Matrix3d turn(const Eigen::Vector3d& r) {
-  return r.norm() > 0.0 ? Eigen::AngleAxisd(r.norm(), r.normalized()).toRotationMatrix() : Eigen::Matrix3d(Eigen::Matrix3d::Identity());
+  return r.norm() > 0.0 ? Eigen::AngleAxisd(r.norm(), r.normalized()).toRotationMatrix()
+                        : Eigen::Matrix3d(Eigen::Matrix3d::Identity());
 }
 
 Eigen::Matrix3d cross(const Eigen::Vector3d& v) {
   return Eigen::Matrix3d{{0.0, -v[2], v[1]}, {v[2], 0.0, -v[0]}, {-v[1], v[0], 0.0}};
 }
 
-PinholeCamera seen_from(const PinholeCamera& camera, const Pose& pose) { return {camera.intrinsics(), camera.pose() * pose}; }
+PinholeCamera seen_from(const PinholeCamera& camera, const Pose& pose) {
+  return {camera.intrinsics(), camera.pose() * pose};
+}
 
 /// The specimen moved by (rotation vector, translation) in its own frame.
 Pose moved(const Pose& pose, const Six& d) { return pose * Pose{turn(d.head<3>()), d.tail<3>()}; }
@@ -51,12 +54,14 @@ Eigen::Matrix<double, 2, 6> of_movement(const Eigen::Matrix<double, 2, 3>& J, co
 double points_rms(const PinholeCamera& camera, const Pose& pose, std::span<const PlacedPoint> points) {
   double squares = 0.0;
   const PinholeCamera eye = seen_from(camera, pose);
-  for (const PlacedPoint& p : points) squares += (eye.project({p.x, p.y, 0.0}) - Eigen::Vector2d(p.column, p.row)).squaredNorm();
+  for (const PlacedPoint& p : points)
+    squares += (eye.project({p.x, p.y, 0.0}) - Eigen::Vector2d(p.column, p.row)).squaredNorm();
   return std::sqrt(squares / static_cast<double>(points.size()));
 }
 
 /// Gauss-Newton on the points along the `free` movements [6 x k].
-Pose fit_points(const PinholeCamera& camera, Pose pose, std::span<const PlacedPoint> points, const Eigen::MatrixXd& free) {
+Pose fit_points(const PinholeCamera& camera, Pose pose, std::span<const PlacedPoint> points,
+                const Eigen::MatrixXd& free) {
   for (int iteration = 0; iteration < 30; ++iteration) {
     Eigen::Matrix<double, 6, 6> H = Eigen::Matrix<double, 6, 6>::Zero();
     Six b = Six::Zero();
@@ -86,8 +91,10 @@ Eigen::MatrixXd in_plane_movements(bool depth) {
 
 /// Parallel to the mean of the sensors, as large as the points say.
 Pose pose_from_points(std::span<const RigView> views, std::span<const PlacedPoint> points, int camera) {
-  const std::string wanted = "at least 3 points of the mesh that are not on a line, with the pixels where the camera sees them";
-  if (points.size() < 3) throw InputError(std::string(place) + ".points", fmt::format("{} points", points.size()), wanted);
+  const std::string wanted =
+      "at least 3 points of the mesh that are not on a line, with the pixels where the camera sees them";
+  if (points.size() < 3)
+    throw InputError(std::string(place) + ".points", fmt::format("{} points", points.size()), wanted);
   Eigen::MatrixXd mesh_side(points.size(), 3), image_side(points.size(), 2);
   for (std::size_t k = 0; k < points.size(); ++k) {
     mesh_side.row(static_cast<Eigen::Index>(k)) << points[k].x, points[k].y, 1.0;
@@ -96,12 +103,14 @@ Pose pose_from_points(std::span<const RigView> views, std::span<const PlacedPoin
   const Eigen::MatrixXd affine = least_squares(mesh_side, image_side);  // [3 x 2]
   const Eigen::Matrix2d A = affine.topRows<2>().transpose();
   const double area = A.determinant();
-  const double size = (mesh_side.leftCols<2>().colwise().maxCoeff() - mesh_side.leftCols<2>().colwise().minCoeff()).norm();
+  const double size =
+      (mesh_side.leftCols<2>().colwise().maxCoeff() - mesh_side.leftCols<2>().colwise().minCoeff()).norm();
   const Eigen::MatrixXd centred = mesh_side.leftCols<2>().rowwise() - mesh_side.leftCols<2>().colwise().mean();
   if (singular_values(centred)[1] < 1e-3 * size)
     throw InputError(std::string(place) + ".points", "points on a line", wanted);
   if (area > 0.0)
-    throw InputError(std::string(place) + ".points", "a mirrored mesh: its z axis, x cross y, points away from the cameras",
+    throw InputError(std::string(place) + ".points",
+                     "a mirrored mesh: its z axis, x cross y, points away from the cameras",
                      "a mesh seen from its front (rows of the image go downwards)");
   const PinholeCamera& eye = views[static_cast<std::size_t>(camera)].camera;
   Eigen::Vector3d sight = Eigen::Vector3d::Zero();
@@ -132,7 +141,8 @@ struct Sample {
 
 class Scene {
  public:
-  Scene(const mesh::Mesh& surface, std::span<const RigView> views, std::span<const PlacedPoint> points, const PoseOptions& options)
+  Scene(const mesh::Mesh& surface, std::span<const RigView> views, std::span<const PlacedPoint> points,
+        const PoseOptions& options)
       : surface_(surface), views_(views), points_(points), options_(options) {
     for (const RigView& view : views) rig.push_back(view.camera);
     for (int k = 0; k < 4; ++k) {
@@ -157,7 +167,8 @@ class Scene {
     return all;
   }
 
-  /// Residual over the mesh; `visit(element, sample, a, b, r, slope_a, slope_b)` gets the gradients [1/px] of the two terms.
+  /// Residual over the mesh; `visit(element, sample, a, b, r, slope_a, slope_b)` gets the gradients [1/px] of the two
+  /// terms.
   template <class Visit>
   double residuals(int level, const Visit& visit) const {
     const std::vector<PinholeCamera> cameras = eyes();
@@ -174,8 +185,9 @@ class Scene {
         X.row(i) = surface_.nodes.row(surface_.cells(e, i));
         X(i, 2) += shape[surface_.cells(e, i)];
       }
-      const double pixels = std::max((cameras[0].project(X.row(0).transpose()) - cameras[0].project(X.row(2).transpose())).norm(),
-                                     (cameras[0].project(X.row(1).transpose()) - cameras[0].project(X.row(3).transpose())).norm());
+      const double pixels =
+          std::max((cameras[0].project(X.row(0).transpose()) - cameras[0].project(X.row(2).transpose())).norm(),
+                   (cameras[0].project(X.row(1).transpose()) - cameras[0].project(X.row(3).transpose())).norm());
       const int n = std::clamp(static_cast<int>(0.7 * pixels / (at.factor * (level == 0 ? 1.5 : 1.0))), 4, 100);
       for (std::size_t a = 0; a < cameras.size(); ++a)
         for (std::size_t b = a + 1; b < cameras.size(); ++b) {
@@ -187,7 +199,8 @@ class Scene {
               Seen one;
               one.sample.N = 0.25 * (1.0 + corner_xi.array() * xi) * (1.0 + corner_eta.array() * eta);
               one.sample.X = X.transpose() * one.sample.N;
-              const Eigen::Vector2d pa = cameras[a].project(one.sample.X) / at.factor, pb = cameras[b].project(one.sample.X) / at.factor;
+              const Eigen::Vector2d pa = cameras[a].project(one.sample.X) / at.factor,
+                                    pb = cameras[b].project(one.sample.X) / at.factor;
               if (!at.splines[a].contains(pa[0], pa[1]) || !at.splines[b].contains(pb[0], pb[1])) continue;
               one.grey[0] = at.splines[a].sample(pa[0], pa[1]), one.grey[1] = at.splines[b].sample(pb[0], pb[1]);
               const double u = one.grey[0].value, v = one.grey[1].value;
@@ -202,11 +215,13 @@ class Scene {
           for (const Seen& one : seen) {
             const double r = (one.grey[0].value - f) / sf - (one.grey[1].value - g) / sg;
             squares += r * r, count += 1.0;
-            visit(e, one.sample, a, b, r, one.grey[0].slope.template cast<double>() / (sf * at.factor), one.grey[1].slope.template cast<double>() / (sg * at.factor));
+            visit(e, one.sample, a, b, r, one.grey[0].slope.template cast<double>() / (sf * at.factor),
+                  one.grey[1].slope.template cast<double>() / (sg * at.factor));
           }
         }
     }
-    if (count == 0.0) throw InputError(place, "no part of the mesh is seen by two cameras", "a mesh that lies in both images");
+    if (count == 0.0)
+      throw InputError(place, "no part of the mesh is seen by two cameras", "a mesh that lies in both images");
     return std::sqrt(squares / count);
   }
   /// The coarsest level worth while: elements of at least 8 pixels.
@@ -214,7 +229,9 @@ class Scene {
     const PinholeCamera eye = eyes().front();
     double pixels = 0.0;
     for (Eigen::Index e = 0; e < surface_.cells.rows(); ++e)
-      pixels += (eye.project(surface_.nodes.row(surface_.cells(e, 0)).transpose()) - eye.project(surface_.nodes.row(surface_.cells(e, 1)).transpose())).norm() /
+      pixels += (eye.project(surface_.nodes.row(surface_.cells(e, 0)).transpose()) -
+                 eye.project(surface_.nodes.row(surface_.cells(e, 1)).transpose()))
+                    .norm() /
                 static_cast<double>(surface_.cells.rows());
     return std::clamp(static_cast<int>(std::log2(pixels / 8.0)), 0, 3);
   }
@@ -238,10 +255,13 @@ class Scene {
       Eigen::VectorXd b = Eigen::VectorXd::Zero(unknowns);
       const std::vector<PinholeCamera> eyes = this->eyes();
       Eigen::VectorXd slope(unknowns);
-      const double rms = residuals(level, [&](int, const Sample& s, std::size_t ca, std::size_t cb, double r, const Eigen::Vector2d& ga, const Eigen::Vector2d& gb) {
-        const Eigen::RowVector3d ja = ga.transpose() * eyes[ca].jacobian(s.X), jb = gb.transpose() * eyes[cb].jacobian(s.X);
+      const double rms = residuals(level, [&](int, const Sample& s, std::size_t ca, std::size_t cb, double r,
+                                              const Eigen::Vector2d& ga, const Eigen::Vector2d& gb) {
+        const Eigen::RowVector3d ja = ga.transpose() * eyes[ca].jacobian(s.X),
+                                 jb = gb.transpose() * eyes[cb].jacobian(s.X);
         slope.setZero();  // of r
-        // Gliding in the plane changes nothing but by what interpolation and light leave in the residual: the points hold it.
+        // Gliding in the plane changes nothing but by what interpolation and light leave in the residual: the points
+        // hold it.
         const Eigen::RowVector3d turning = -(ja - jb) * cross(s.X);
         slope[0] = turning[0], slope[1] = turning[1], slope[5] = ja[2] - jb[2];
         for (const auto& [c, j, sign] : {std::tuple{ca, ja, 1.0}, std::tuple{cb, jb, -1.0}}) {
@@ -273,19 +293,23 @@ class Scene {
         }
       }
       const Eigen::VectorXd step = solve_symmetric(H, b);
-      if (!step.allFinite()) throw InputError(place, "the images do not hold the specimen's pose", "speckle that the cameras share");
+      if (!step.allFinite())
+        throw InputError(place, "the images do not hold the specimen's pose", "speckle that the cameras share");
       pose = moved(pose, step.head<6>());
       for (std::size_t c = 1; cameras && c < rig.size(); ++c) {
         const Six d = step.segment<6>(6 * static_cast<Eigen::Index>(c));
         const Pose& at = rig[c].pose();
-        rig[c] = PinholeCamera(rig[c].intrinsics(), Pose{turn(d.head<3>()) * at.rotation, at.translation + d.tail<3>()});
+        rig[c] =
+            PinholeCamera(rig[c].intrinsics(), Pose{turn(d.head<3>()) * at.rotation, at.translation + d.tail<3>()});
       }
       const std::vector<PinholeCamera> after = this->eyes();
       double largest = 0.0;
-      for (Eigen::Index node = 0; node < surface_.nodes.rows(); node += std::max<Eigen::Index>(1, surface_.nodes.rows() / 50))
+      for (Eigen::Index node = 0; node < surface_.nodes.rows();
+           node += std::max<Eigen::Index>(1, surface_.nodes.rows() / 50))
         for (std::size_t c = 0; c < eyes.size(); ++c) {
           const Eigen::Vector3d X = surface_.nodes.row(node).transpose();
-          largest = std::max(largest, (after[c].project(X) - eyes[c].project(X)).norm() / levels_[static_cast<std::size_t>(level)].factor);
+          largest = std::max(largest, (after[c].project(X) - eyes[c].project(X)).norm() /
+                                          levels_[static_cast<std::size_t>(level)].factor);
         }
       if (largest < 2e-3) break;
     }
@@ -313,7 +337,8 @@ class Scene {
       std::vector<Eigen::Matrix4d> H(static_cast<std::size_t>(surface_.cells.rows()), Eigen::Matrix4d::Zero());
       Eigen::VectorXd b = Eigen::VectorXd::Zero(shape.size());
       double stiffness = 0.0;
-      residuals(level, [&](int e, const Sample& s, std::size_t ca, std::size_t cb, double r, const Eigen::Vector2d& ga, const Eigen::Vector2d& gb) {
+      residuals(level, [&](int e, const Sample& s, std::size_t ca, std::size_t cb, double r, const Eigen::Vector2d& ga,
+                           const Eigen::Vector2d& gb) {
         const double slope = ga.dot(eyes[ca].jacobian(s.X).col(2)) - gb.dot(eyes[cb].jacobian(s.X).col(2));
         H[static_cast<std::size_t>(e)] += slope * slope * s.N * s.N.transpose();
         for (int i = 0; i < 4; ++i) b[surface_.cells(e, i)] -= slope * r * s.N[i];
@@ -323,13 +348,15 @@ class Scene {
       std::vector<Eigen::Triplet<double>> entries;
       for (Eigen::Index e = 0; e < surface_.cells.rows(); ++e)
         for (int i = 0; i < 4; ++i)
-          for (int j = 0; j < 4; ++j) entries.emplace_back(surface_.cells(e, i), surface_.cells(e, j), H[static_cast<std::size_t>(e)](i, j));
+          for (int j = 0; j < 4; ++j)
+            entries.emplace_back(surface_.cells(e, i), surface_.cells(e, j), H[static_cast<std::size_t>(e)](i, j));
       Eigen::SparseMatrix<double> A(shape.size(), shape.size());
       A.setFromTriplets(entries.begin(), entries.end());
       A += weight * energy;
       const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(A);
       const Eigen::VectorXd step = factor.solve(b - weight * (energy * shape));
-      if (factor.info() != Eigen::Success || !step.allFinite()) throw InputError(std::string(place) + ".shape", "the images do not hold the shape", "longer waves");
+      if (factor.info() != Eigen::Success || !step.allFinite())
+        throw InputError(std::string(place) + ".shape", "the images do not hold the shape", "longer waves");
       shape += step;
       const double pixels = eyes[0].jacobian(Eigen::Vector3d::Zero()).topLeftCorner<2, 2>().norm();
       if (step.cwiseAbs().maxCoeff() * pixels < 0.02 * levels_[static_cast<std::size_t>(level)].factor) break;
@@ -376,7 +403,8 @@ class Scene {
         if (point.gap * views_[c].camera.intrinsics().fx / from.norm() < 3.0) found.push_back(point.point);
       }
     }
-    const Eigen::Vector2d extent = (surface_.nodes.colwise().maxCoeff() - surface_.nodes.colwise().minCoeff()).head<2>().transpose();
+    const Eigen::Vector2d extent =
+        (surface_.nodes.colwise().maxCoeff() - surface_.nodes.colwise().minCoeff()).head<2>().transpose();
     const double near = 0.02 * extent.norm();
     std::mt19937 generator(1);
     std::vector<Eigen::Vector3d> best;
@@ -391,8 +419,11 @@ class Scene {
       if (agree.size() > best.size()) best = std::move(agree);
     }
     if (best.size() < 6 || 3 * best.size() < static_cast<std::size_t>(result.patches))
-      throw InputError(place, fmt::format("only {} of {} patches of one camera's image were found in another's on one plane", best.size(), result.patches),
-                       "points that place the mesh within 15 % of its distance, and a calibration that belongs to the images");
+      throw InputError(
+          place,
+          fmt::format("only {} of {} patches of one camera's image were found in another's on one plane", best.size(),
+                      result.patches),
+          "points that place the mesh within 15 % of its distance, and a calibration that belongs to the images");
     Eigen::Vector3d mean = Eigen::Vector3d::Zero();
     for (const Eigen::Vector3d& one : best) mean += one / static_cast<double>(best.size());
     Eigen::Matrix3d scatter = Eigen::Matrix3d::Zero();
@@ -404,7 +435,9 @@ class Scene {
     result.plane_rms = std::sqrt(axes.values[0] / static_cast<double>(best.size()));
     // Turn z = e_z to the normal and lift the plane; then glide in it to the points.
     Pose change;
-    change.rotation = Eigen::AngleAxisd(std::atan2(z.head<2>().norm(), z[2]), Eigen::Vector3d::UnitZ().cross(z).stableNormalized()).toRotationMatrix();
+    change.rotation =
+        Eigen::AngleAxisd(std::atan2(z.head<2>().norm(), z[2]), Eigen::Vector3d::UnitZ().cross(z).stableNormalized())
+            .toRotationMatrix();
     change.translation = z * z.dot(mean);
     pose = fit_points(rig[first], pose * change, points_, in_plane_movements(false));
   }
@@ -430,7 +463,8 @@ Triangulated triangulate(std::span<const PinholeCamera> cameras, std::span<const
     H += across.back(), b += across.back() * cameras[c].centre();
   }
   Triangulated result{H.ldlt().solve(b), 0.0};
-  for (std::size_t c = 0; c < cameras.size(); ++c) result.gap = std::max(result.gap, (across[c] * (result.point - cameras[c].centre())).norm());
+  for (std::size_t c = 0; c < cameras.size(); ++c)
+    result.gap = std::max(result.gap, (across[c] * (result.point - cameras[c].centre())).norm());
   return result;
 }
 
@@ -441,7 +475,9 @@ SpecimenPose find_pose(const mesh::Mesh& surface, std::span<const RigView> views
   const PinholeCamera& given = views[static_cast<std::size_t>(options.camera)].camera;
   scene.pose = pose_from_points(views, points, options.camera);
   if (views.size() == 1) {
-    if (points.size() < 4) throw InputError(std::string(place) + ".points", fmt::format("{} points", points.size()), "at least 4 points for one camera");
+    if (points.size() < 4)
+      throw InputError(std::string(place) + ".points", fmt::format("{} points", points.size()),
+                       "at least 4 points for one camera");
     scene.pose = fit_points(given, scene.pose, points, Eigen::MatrixXd::Identity(6, 6));
   } else {
     scene.find_plane(result);

@@ -43,13 +43,16 @@ CurveSet::CurveSet(std::shared_ptr<const material::FiniteStrainLaw> law, std::ve
     std::vector<Eigen::Index> fitted;
     for (Eigen::Index row = 0; row < rows; ++row) {
       if (curve.use[static_cast<std::size_t>(row)] == Curve::not_judged) continue;
-      if (curve.use[static_cast<std::size_t>(row)] == Curve::fitted) fitted.push_back(static_cast<Eigen::Index>(places_.size()) - first);
+      if (curve.use[static_cast<std::size_t>(row)] == Curve::fitted)
+        fitted.push_back(static_cast<Eigen::Index>(places_.size()) - first);
       places_.push_back({static_cast<int>(k), row});
       measured.push_back(curve.stress[row]);
       deviation.push_back(curve.deviation);
     }
-    Whitening independent(Eigen::VectorXd::Constant(static_cast<Eigen::Index>(fitted.size()), curve.deviation), Eigen::MatrixXd(static_cast<Eigen::Index>(fitted.size()), 0));
-    spans_.push_back({first, static_cast<Eigen::Index>(places_.size()) - first, std::move(fitted), std::move(independent)});
+    Whitening independent(Eigen::VectorXd::Constant(static_cast<Eigen::Index>(fitted.size()), curve.deviation),
+                          Eigen::MatrixXd(static_cast<Eigen::Index>(fitted.size()), 0));
+    spans_.push_back(
+        {first, static_cast<Eigen::Index>(places_.size()) - first, std::move(fitted), std::move(independent)});
   }
   measured_ = Eigen::Map<const Eigen::VectorXd>(measured.data(), static_cast<Eigen::Index>(measured.size()));
   deviation_ = Eigen::Map<const Eigen::VectorXd>(deviation.data(), static_cast<Eigen::Index>(deviation.size()));
@@ -78,25 +81,34 @@ std::vector<double> CurveSet::weigh(const std::vector<double>& parameters) {
   for (std::size_t k = 0; k < curves_.size(); ++k) {
     const Curve& curve = curves_[k];
     Span& span = spans_[k];
-    const auto repeated = std::count_if(curves_.begin(), curves_.end(), [&](const Curve& other) { return other.group == curve.group; }) > 1;
+    const auto repeated = std::count_if(curves_.begin(), curves_.end(),
+                                        [&](const Curve& other) { return other.group == curve.group; }) > 1;
     if (repeated || span.size < 3) continue;
     std::vector<Eigen::Index> rows;
-    for (Eigen::Index i = span.first; i < span.first + span.size; ++i) rows.push_back(places_[static_cast<std::size_t>(i)].row);
+    for (Eigen::Index i = span.first; i < span.first + span.size; ++i)
+      rows.push_back(places_[static_cast<std::size_t>(i)].row);
     const auto stress_of = [&](const material::BarHistory& history) -> Eigen::VectorXd {
       const auto response = material::pull_bar(*law_, parameters, history, {}, options_);
-      return response.rows < curve.stress.size() ? Eigen::VectorXd() : curve.engineering ? response.engineering : response.kirchhoff;
+      return response.rows < curve.stress.size() ? Eigen::VectorXd()
+             : curve.engineering                 ? response.engineering
+                                                 : response.kirchhoff;
     };
     const Eigen::VectorXd nominal = stress_of(curve.history);
     if (nominal.size() == 0) continue;
-    const Eigen::VectorXd slope = slopes(curve.history, nominal, parameters.front())(rows), residual = (curve.stress - nominal)(rows);
-    const PointNoise noise = point_noise(curve.history.strain(rows), residual, slope, curve.estimated ? 0.0 : curve.deviation, curve.strain_noise);
+    const Eigen::VectorXd slope = slopes(curve.history, nominal, parameters.front())(rows),
+                          residual = (curve.stress - nominal)(rows);
+    const PointNoise noise = point_noise(curve.history.strain(rows), residual, slope,
+                                         curve.estimated ? 0.0 : curve.deviation, curve.strain_noise);
     of_strain[k] = noise.strain;
     const double stress = noise.strain > 0.0 ? noise.stress : curve.deviation;
-    const double freedom = std::max(3.0, noise.steep_freedom), in_strain = std::sqrt(freedom / (freedom - 2.0)) * noise.strain;  // few rows tell of it, as Student says
+    const double freedom = std::max(3.0, noise.steep_freedom),
+                 in_strain =
+                     std::sqrt(freedom / (freedom - 2.0)) * noise.strain;  // few rows tell of it, as Student says
     const auto memory = memory_of_turns(curve.history, noise.strain, nominal, stress_of);
     const Eigen::MatrixXd remembered = memory.errors(in_strain)(rows, Eigen::all);
     const Eigen::VectorXd own = (stress * stress + (in_strain * slope).array().square()).sqrt();
-    deviation_.segment(span.first, span.size) = (own.array().square() + remembered.rowwise().squaredNorm().array()).sqrt();
+    deviation_.segment(span.first, span.size) =
+        (own.array().square() + remembered.rowwise().squaredNorm().array()).sqrt();
     span.whitening = Whitening(own(span.fitted), remembered(span.fitted, Eigen::all));
   }
   return of_strain;
@@ -147,7 +159,8 @@ double robust_deviation(std::vector<double>& sizes) {
 
 double point_noise(const Curve& curve) { return noise_of_course(curve.history.strain, curve.stress); }
 
-std::vector<double> distances(const Eigen::VectorXd& x, const Eigen::VectorXd& y, const std::function<bool(Eigen::Index)>& counts) {
+std::vector<double> distances(const Eigen::VectorXd& x, const Eigen::VectorXd& y,
+                              const std::function<bool(Eigen::Index)>& counts) {
   std::vector<double> distance;
   for (Eigen::Index i = 1; i + 1 < x.size(); ++i) {
     const double before = x[i] - x[i - 1], after = x[i + 1] - x[i];
@@ -173,9 +186,7 @@ double clipped_deviation(std::vector<double> distance) {
 }
 }  // namespace
 
-double point_noise(const Eigen::VectorXd& x, const Eigen::VectorXd& y) {
-  return clipped_deviation(distances(x, y));
-}
+double point_noise(const Eigen::VectorXd& x, const Eigen::VectorXd& y) { return clipped_deviation(distances(x, y)); }
 
 double noise_of_course(const Eigen::VectorXd& x, const Eigen::VectorXd& y) {
   const double of_line = point_noise(x, y);
@@ -183,16 +194,22 @@ double noise_of_course(const Eigen::VectorXd& x, const Eigen::VectorXd& y) {
   std::vector<double> distance;
   for (Eigen::Index i = 2; i + 2 < x.size(); ++i) {
     const Eigen::Vector4d at(x[i - 2], x[i - 1], x[i + 1], x[i + 2]);
-    if (!((at.array() < x[i]) == Eigen::Array<bool, 4, 1>(true, true, false, false)).all() && !((at.array() > x[i]) == Eigen::Array<bool, 4, 1>(true, true, false, false)).all()) continue;
+    if (!((at.array() < x[i]) == Eigen::Array<bool, 4, 1>(true, true, false, false)).all() &&
+        !((at.array() > x[i]) == Eigen::Array<bool, 4, 1>(true, true, false, false)).all())
+      continue;
     Eigen::Vector4d share = Eigen::Vector4d::Ones();  // Lagrange's
     for (int k = 0; k < 4; ++k)
       for (int m = 0; m < 4; ++m)
         if (m != k) share[k] *= (x[i] - at[m]) / (at[k] - at[m]);
-    if (share.allFinite()) distance.push_back(std::abs(y[i] - share.dot(Eigen::Vector4d(y[i - 2], y[i - 1], y[i + 1], y[i + 2]))) / std::sqrt(1.0 + share.squaredNorm()));
+    if (share.allFinite())
+      distance.push_back(std::abs(y[i] - share.dot(Eigen::Vector4d(y[i - 2], y[i - 1], y[i + 1], y[i + 2]))) /
+                         std::sqrt(1.0 + share.squaredNorm()));
   }
   const double of_cubic = robust_deviation(distance);
-  constexpr double bent = 0.75, interpolated = 1e-3;  // most rows of a record that was thinned out and filled again, or of coarse digits, lie on one line
-  return distance.size() >= enough && of_cubic < bent * of_line && of_cubic > interpolated * of_line ? of_cubic : of_line;
+  // most rows of a record that was thinned out and filled again, or of coarse digits, lie on one line
+  constexpr double bent = 0.75, interpolated = 1e-3;
+  return distance.size() >= enough && of_cubic < bent * of_line && of_cubic > interpolated * of_line ? of_cubic
+                                                                                                     : of_line;
 }
 
 Eigen::VectorXd slopes(const material::BarHistory& history, const Eigen::VectorXd& stress, double steepest) {
@@ -204,7 +221,8 @@ Eigen::VectorXd slopes(const material::BarHistory& history, const Eigen::VectorX
   const double least = 0.1 * median(steps);
   for (Eigen::Index i = 1; i < strain.size(); ++i) {
     const double step = strain[i] - strain[i - 1];
-    slope[i] = std::abs(step) > least ? std::clamp((stress[i] - stress[i - 1]) / step, -steepest, steepest) : slope[i - 1];
+    slope[i] =
+        std::abs(step) > least ? std::clamp((stress[i] - stress[i - 1]) / step, -steepest, steepest) : slope[i - 1];
   }
   slope[0] = slope[1];
   for (const auto& turn : history.turns)
@@ -215,34 +233,44 @@ Eigen::VectorXd slopes(const material::BarHistory& history, const Eigen::VectorX
 namespace {
 
 /// And the noise of the stress where the curve is flat.
-std::pair<PointNoise, double> noise_in(const Eigen::VectorXd& strain, const Eigen::VectorXd& residual, const Eigen::VectorXd& slope, double stress) {
+std::pair<PointNoise, double> noise_in(const Eigen::VectorXd& strain, const Eigen::VectorXd& residual,
+                                       const Eigen::VectorXd& slope, double stress) {
   const double half = 0.5 * slope.cwiseAbs().maxCoeff();
   // A steep course of less rows is hardly resolved: what the law errs by at its ends would be taken for noise.
   constexpr Eigen::Index resolved = 5;
-  std::vector<Eigen::Index> course(static_cast<std::size_t>(slope.size()), 0);  // length of the steep course that a row belongs to; 0: none
+  // length of the steep course that a row belongs to; 0: none
+  std::vector<Eigen::Index> course(static_cast<std::size_t>(slope.size()), 0);
   for (Eigen::Index i = 0, from = 0; i <= slope.size(); ++i) {
     if (i < slope.size() && std::abs(slope[i]) > half) continue;
     std::fill(course.begin() + from, course.begin() + i, i - from);
     from = i + 1;
   }
   const auto of = [&](const auto& counts) {
-    return distances(strain, residual, [&](Eigen::Index i) { return std::all_of(course.begin() + i - 1, course.begin() + i + 2, counts); });
+    return distances(strain, residual, [&](Eigen::Index i) {
+      return std::all_of(course.begin() + i - 1, course.begin() + i + 2, counts);
+    });
   };
-  const auto steep = of([](Eigen::Index length) { return length >= resolved; }), flat = of([](Eigen::Index length) { return length == 0; });
+  const auto steep = of([](Eigen::Index length) { return length >= resolved; }),
+             flat = of([](Eigen::Index length) { return length == 0; });
   constexpr std::size_t enough = 3, known = 10;
-  const auto freedom = [](const std::vector<double>& distance) { return freedom_of_point_noise(static_cast<Eigen::Index>(distance.size())); };
+  const auto freedom = [](const std::vector<double>& distance) {
+    return freedom_of_point_noise(static_cast<Eigen::Index>(distance.size()));
+  };
   const bool given = stress > 0.0;
-  PointNoise noise{.stress = given ? stress : point_noise(strain, residual), .strain = 0.0, .steep_freedom = freedom(steep)};
+  PointNoise noise{
+      .stress = given ? stress : point_noise(strain, residual), .strain = 0.0, .steep_freedom = freedom(steep)};
   const double of_flat = given ? stress : flat.size() < known ? noise.stress : clipped_deviation(flat);
   if (steep.size() < enough || (flat.size() < known && !given)) return {noise, of_flat};
   const double more = std::pow(clipped_deviation(steep), 2) - of_flat * of_flat;
   const double by_chance = of_flat * of_flat * std::sqrt(2.0 / freedom(steep) + (given ? 0.0 : 2.0 / freedom(flat)));
   if (more < 1.5 * by_chance) return {noise, of_flat};
-  // What the law errs by goes on from row to row, noise does not: von Neumann's ratio is 2 for noise, in one of a hundred tests 2.33 of its standard deviations less.
+  // What the law errs by goes on from row to row, noise does not: von Neumann's ratio is 2 for noise, in one of a
+  // hundred tests 2.33 of its standard deviations less.
   double change = 0.0, size = 0.0, pairs = 0.0;
   for (Eigen::Index i = 1; i < residual.size(); ++i) {
     if (course[static_cast<std::size_t>(i)] < resolved || course[static_cast<std::size_t>(i) - 1] < resolved) continue;
-    change += std::pow(residual[i] - residual[i - 1], 2), size += 0.5 * (residual[i] * residual[i] + residual[i - 1] * residual[i - 1]), pairs += 1.0;
+    change += std::pow(residual[i] - residual[i - 1], 2),
+        size += 0.5 * (residual[i] * residual[i] + residual[i - 1] * residual[i - 1]), pairs += 1.0;
   }
   if (change < (2.0 - 2.33 * 2.0 * std::sqrt((pairs - 1.0) / (pairs * (pairs + 2.0)))) * size) return {noise, of_flat};
   noise.stress = of_flat;
@@ -255,11 +283,14 @@ std::pair<PointNoise, double> noise_in(const Eigen::VectorXd& strain, const Eige
 
 }  // namespace
 
-PointNoise point_noise(const Eigen::VectorXd& strain, const Eigen::VectorXd& residual, const Eigen::VectorXd& slope, double stress, double of_strain) {
+PointNoise point_noise(const Eigen::VectorXd& strain, const Eigen::VectorXd& residual, const Eigen::VectorXd& slope,
+                       double stress, double of_strain) {
   auto [noise, of_flat] = noise_in(strain, residual, slope, stress);
-  // The course through many rows hardly scatters from one to the next; what it is off by goes together in all rows of a line, as much as noise does in independent ones.
+  // The course through many rows hardly scatters from one to the next; what it is off by goes together in all rows of a
+  // line, as much as noise does in independent ones.
   const bool matters = of_strain * slope.cwiseAbs().maxCoeff() > 0.1 * of_flat;
-  if (matters && of_strain > noise.strain) noise = {.stress = of_flat, .strain = of_strain, .steep_freedom = freedom_of_point_noise(strain.size())};
+  if (matters && of_strain > noise.strain)
+    noise = {.stress = of_flat, .strain = of_strain, .steep_freedom = freedom_of_point_noise(strain.size())};
   return noise;
 }
 
@@ -408,9 +439,7 @@ CurveFit fit(const CurveSet& set, const std::vector<ParameterInfo>& information,
   const Eigen::MatrixXd J = now.derivatives(Eigen::all, open);
   const Eigen::VectorXd scale = J.colwise().norm().cwiseInverse();
   const Eigen::MatrixXd scaled = J * scale.asDiagonal();
-  const Eigen::MatrixXd inverse = scale.asDiagonal() *
-                                  pseudo_inverse(scaled.transpose() * scaled) *
-                                  scale.asDiagonal();
+  const Eigen::MatrixXd inverse = scale.asDiagonal() * pseudo_inverse(scaled.transpose() * scaled) * scale.asDiagonal();
   result.noise_covariance(open, open) = inverse;
   // Rows of one bar err together: each bar of a group is off by the group's scatter, the same all along.
   Eigen::MatrixXd meat = Eigen::MatrixXd::Zero(J.cols(), J.cols());

@@ -25,7 +25,8 @@ Eigen::VectorXd predicted(const Solution& solution, std::size_t t, const std::ve
 }  // namespace
 
 GroupPlan plan_simulations(int ranks, Eigen::Index unknowns, int tasks, int before, int groups) {
-  // Small systems are factorised by one rank after another; the messages of assembly and solution weigh less the larger the system is.
+  // Small systems are factorised by one rank after another; the messages of assembly and solution weigh less the larger
+  // the system is.
   const double serial = 0.1 + 0.6 / (1.0 + static_cast<double>(unknowns) / 2e4);
   return plan_groups(ranks, {.tasks = tasks, .serial = serial, .before = before}, groups);
 }
@@ -38,12 +39,15 @@ struct ForwardModel::Implementation {
   mechanics::EquilibriumOptions options;
   std::array<std::unique_ptr<mechanics::Equilibrium>, 3> solver;  // by Control
   mechanics::OpticalTerm optical;
-  Solutions last;  // by Control
+  Solutions last;        // by Control
   mechanics::Work work;  // of this group
 
   Implementation(Communicator world, const Specimen& specimen, std::shared_ptr<const material::FiniteStrainLaw> law_,
                  mechanics::EquilibriumOptions options_, int tasks, int groups, int before)
-      : layout(world, tasks, plan_simulations(world.size(), mesh::dimension(specimen.volume.type) * specimen.volume.nodes.rows(), tasks, before, groups).groups()),
+      : layout(world, tasks,
+               plan_simulations(world.size(), mesh::dimension(specimen.volume.type) * specimen.volume.nodes.rows(),
+                                tasks, before, groups)
+                   .groups()),
         partition(mesh::partition(specimen.volume, layout.group(), "mechanics_")),
         law(std::move(law_)),
         options(std::move(options_)) {
@@ -64,7 +68,8 @@ ForwardModel::ForwardModel(Communicator world, const Specimen& specimen,
                            mechanics::EquilibriumOptions options, int tasks, int groups, int before)
     : specimen_(specimen),
       record_(std::move(record)),
-      impl_(std::make_unique<Implementation>(world, specimen, std::move(law), std::move(options), tasks, groups, before)) {}
+      impl_(std::make_unique<Implementation>(world, specimen, std::move(law), std::move(options), tasks, groups,
+                                             before)) {}
 
 ForwardModel::~ForwardModel() = default;
 
@@ -75,9 +80,8 @@ void ForwardModel::follow_images(const ImageData& images, double alpha, const st
   const Eigen::SparseMatrix<double> M = specimen_.projection.transpose() * images.M * specimen_.projection;
   constexpr double strain = 1e-6;  // elastic
   double work = 0.0;
-  collectively(impl_->layout.world(), [&] {
-    work = impl_->equilibrium(specimen_, Control::images).internal_work(strain * v, parameters);
-  });
+  collectively(impl_->layout.world(),
+               [&] { work = impl_->equilibrium(specimen_, Control::images).internal_work(strain * v, parameters); });
   const double m0 = v.dot(M * v), k0 = work / (strain * strain);
   const double c = k0 / m0 * alpha / (1.0 - alpha);
   impl_->optical.stiffness = c * M;
@@ -85,14 +89,16 @@ void ForwardModel::follow_images(const ImageData& images, double alpha, const st
     const Eigen::VectorXd seen = specimen_.project(U);
     Eigen::VectorXd dic = record_.surface_displacement.col(t);
     if (fraction < 1.0)  // no image between two frames: the way from one DIC displacement to the next
-      dic = fraction * dic + (1.0 - fraction) * (t > 0 ? Eigen::VectorXd(record_.surface_displacement.col(t - 1)) : Eigen::VectorXd::Zero(dic.size()));
+      dic = fraction * dic + (1.0 - fraction) * (t > 0 ? Eigen::VectorXd(record_.surface_displacement.col(t - 1))
+                                                       : Eigen::VectorXd::Zero(dic.size()));
     const Eigen::VectorXd gap = dic - seen, Mgap = images.M * gap;
     const bool far = std::sqrt(images.distance(gap, Mgap)) > images.reach;
     const Eigen::VectorXd b = far || fraction < 1.0 ? Mgap : images.evaluate(t, seen, impl_->layout.group()).b;
     return c * (specimen_.projection.transpose() * b);
   };
   // Grey levels are differentiated by central differences over a twentieth of a pixel to either side.
-  impl_->optical.d_force = [this, &images, c](int t, double fraction, const Eigen::VectorXd& U, const Eigen::VectorXd& dU) -> Eigen::VectorXd {
+  impl_->optical.d_force = [this, &images, c](int t, double fraction, const Eigen::VectorXd& U,
+                                              const Eigen::VectorXd& dU) -> Eigen::VectorXd {
     const Eigen::VectorXd seen = specimen_.project(U), moves = specimen_.projection * dU, Mmoves = images.M * moves;
     const Eigen::VectorXd gap = record_.surface_displacement.col(t) - seen;
     const double largest = moves.lpNorm<Eigen::Infinity>();
@@ -110,14 +116,16 @@ std::vector<GroupTime> ForwardModel::group_times() const { return impl_->clock.t
 mechanics::Work ForwardModel::work() const {
   mechanics::Work work = impl_->work;
   const bool counts = impl_->layout.group().is_root();
-  for (int* number : {&work.frames, &work.passes, &work.tangents, &work.factorisations, &work.solutions, &work.derivative_passes, &work.derivative_solutions})
+  for (int* number : {&work.frames, &work.passes, &work.tangents, &work.factorisations, &work.solutions,
+                      &work.derivative_passes, &work.derivative_solutions})
     *number = static_cast<int>(impl_->layout.world().sum(counts ? *number : 0.0));
   return work;
 }
 const Solutions& ForwardModel::solutions() const { return impl_->last; }
 void ForwardModel::start_from(Solutions solutions) { impl_->last = std::move(solutions); }
 
-std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>& runs, int frames, const FrameSink& sink, bool fields) {
+std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>& runs, int frames,
+                                         const FrameSink& sink, bool fields) {
   const Eigen::Index unknowns = record_.surface_displacement.rows();
   const auto steps_of = [&](const Run& run) {
     const Eigen::MatrixXd& driving = run.driving != nullptr ? *run.driving : record_.driving;
@@ -125,12 +133,15 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
     std::vector<mechanics::LoadStep> steps(static_cast<std::size_t>(frames));
     Eigen::MatrixXd prescribed = specimen_.from_surface(control) * driving.leftCols(frames);
     if (run.beyond != nullptr) prescribed += run.beyond->leftCols(frames);
-    const auto bends_of = [&](const Eigen::MatrixXd& displacement) { return bends(displacement, specimen_.dofs(control), specimen_.volume.nodes, run.straight); };
+    const auto bends_of = [&](const Eigen::MatrixXd& displacement) {
+      return bends(displacement, specimen_.dofs(control), specimen_.volume.nodes, run.straight);
+    };
     const auto bend = bends_of(prescribed);
     std::vector<std::array<Eigen::MatrixXd, 2>> d_bend;
     for (const auto& direction : run.directions) {
       const double h = std::max(1e-300, 1e-6 * prescribed.norm() / std::max(1e-300, direction.prescribed.norm()));
-      const auto more = bends_of(prescribed + h * direction.prescribed.leftCols(frames)), less = bends_of(prescribed - h * direction.prescribed.leftCols(frames));
+      const auto more = bends_of(prescribed + h * direction.prescribed.leftCols(frames)),
+                 less = bends_of(prescribed - h * direction.prescribed.leftCols(frames));
       d_bend.push_back({(more[0] - less[0]) / (2.0 * h), (more[1] - less[1]) / (2.0 * h)});
     }
     for (int t = 0; t < frames; ++t) {
@@ -140,7 +151,8 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
       for (std::size_t side = 0; side < 2; ++side) {
         step.bend[side] = bend[side].col(t);
         step.d_bend[side].resize(step.prescribed.size(), static_cast<Eigen::Index>(run.directions.size()));
-        for (std::size_t k = 0; k < run.directions.size(); ++k) step.d_bend[side].col(static_cast<Eigen::Index>(k)) = d_bend[k][side].col(t);
+        for (std::size_t k = 0; k < run.directions.size(); ++k)
+          step.d_bend[side].col(static_cast<Eigen::Index>(k)) = d_bend[k][side].col(t);
       }
       step.d_prescribed.resize(step.prescribed.size(), static_cast<Eigen::Index>(run.directions.size()));
       step.d_force.resize(3 * specimen_.volume.nodes.rows(), step.d_prescribed.cols());
@@ -149,10 +161,12 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
         step.d_prescribed.col(static_cast<Eigen::Index>(k)) = direction.prescribed.col(t);
         if (direction.force.size() > 0) step.d_force.col(static_cast<Eigen::Index>(k)) = direction.force.col(t);
       }
-      if (t == 0 && std::any_of(run.directions.begin(), run.directions.end(), [](const auto& direction) { return direction.section.size() > 0; })) {
+      if (t == 0 && std::any_of(run.directions.begin(), run.directions.end(),
+                                [](const auto& direction) { return direction.section.size() > 0; })) {
         step.d_section.setZero(specimen_.volume.cells.rows(), step.d_prescribed.cols());
         for (std::size_t k = 0; k < run.directions.size(); ++k)
-          if (run.directions[k].section.size() > 0) step.d_section.col(static_cast<Eigen::Index>(k)) = run.directions[k].section;
+          if (run.directions[k].section.size() > 0)
+            step.d_section.col(static_cast<Eigen::Index>(k)) = run.directions[k].section;
       }
       if (control == Control::displacement) continue;
       step.force.setZero(3 * specimen_.volume.nodes.rows());
@@ -167,7 +181,8 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
   for (std::size_t task = 0; task < runs.size(); ++task) {
     paths[task].surface.setZero(unknowns, frames);
     paths[task].reaction.setZero(frames);
-    paths[task].d_surface.assign(runs[task].free.size() + runs[task].directions.size(), Eigen::MatrixXd::Zero(unknowns, frames));
+    paths[task].d_surface.assign(runs[task].free.size() + runs[task].directions.size(),
+                                 Eigen::MatrixXd::Zero(unknowns, frames));
     paths[task].d_reaction.assign(runs[task].free.size() + runs[task].directions.size(), Eigen::VectorXd::Zero(frames));
   }
   const auto resultant_of = [&](const Eigen::VectorXd& internal) {
@@ -177,10 +192,12 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
   };
   const Communicator world = impl_->layout.world();
   const auto runs_here = [&](int task) { return task % impl_->layout.groups() == impl_->layout.index(); };
-  Solution solution{runs.front().parameters, runs.front().free, std::vector<Eigen::VectorXd>(static_cast<std::size_t>(frames)), {}};
+  Solution solution{
+      runs.front().parameters, runs.front().free, std::vector<Eigen::VectorXd>(static_cast<std::size_t>(frames)), {}};
   solution.d_displacement.resize(static_cast<std::size_t>(frames));
   int first_increments = 0;
-  for (const Run& run : runs) first_increments = std::max(first_increments, run.increments > 0 ? run.increments : impl_->options.increments);
+  for (const Run& run : runs)
+    first_increments = std::max(first_increments, run.increments > 0 ? run.increments : impl_->options.increments);
   std::vector<int> increments(static_cast<std::size_t>(frames), first_increments);
   std::vector<char> current(runs.size(), 0);  // simulated with these increments
   for (int round = 0; round < 8 && std::count(current.begin(), current.end(), 0) > 0; ++round) {
@@ -199,7 +216,8 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
               if (task == 0) {
                 solution.displacement[static_cast<std::size_t>(t)] = state.displacement;
                 const auto& derivatives = state.d_displacement;
-                solution.d_displacement[static_cast<std::size_t>(t)].assign(derivatives.begin(), derivatives.begin() + static_cast<std::ptrdiff_t>(run.free.size()));
+                solution.d_displacement[static_cast<std::size_t>(t)].assign(
+                    derivatives.begin(), derivatives.begin() + static_cast<std::ptrdiff_t>(run.free.size()));
               }
               path.surface.col(t) = specimen_.project(state.displacement);
               path.reaction[t] = resultant_of(state.internal);
@@ -211,8 +229,10 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
               stop_if_asked(impl_->layout.group());
             },
             [&](int t) -> const Eigen::VectorXd* {
-              // Not from its own where images pull weakly: what hardly costs anything, such as hourglass modes, would wander.
-              for (const Control of : {control == Control::images ? Control::displacement : control, Control::displacement}) {
+              // Not from its own where images pull weakly: what hardly costs anything, such as hourglass modes, would
+              // wander.
+              for (const Control of :
+                   {control == Control::images ? Control::displacement : control, Control::displacement}) {
                 const Solution& last = impl_->last[static_cast<std::size_t>(of)];
                 if (static_cast<std::size_t>(t) >= last.displacement.size()) continue;
                 start = predicted(last, static_cast<std::size_t>(t), run.parameters);
@@ -236,7 +256,8 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
       if (!impl_->layout.group().is_root() || !runs_here(task)) continue;
       reached[static_cast<std::size_t>(task)] = paths[static_cast<std::size_t>(task)].frames;
       for (int t = 0; t < frames; ++t)
-        taken[static_cast<std::size_t>(task * frames + t)] = paths[static_cast<std::size_t>(task)].increments[static_cast<std::size_t>(t)];
+        taken[static_cast<std::size_t>(task * frames + t)] =
+            paths[static_cast<std::size_t>(task)].increments[static_cast<std::size_t>(t)];
     }
     world.sum(taken);
     world.sum(reached);
@@ -285,7 +306,8 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
     for (auto& values : solution.d_displacement[t]) from_group(values);
   }
   Solution& last = impl_->last[static_cast<std::size_t>(control)];
-  if (solution.free.empty() && last.displacement.size() >= reached) {  // the derivatives of the series before serve the next one's start, too
+  if (solution.free.empty() &&
+      last.displacement.size() >= reached) {  // the derivatives of the series before serve the next one's start, too
     solution.free = last.free, solution.d_displacement = std::move(last.d_displacement);
     solution.d_displacement.resize(reached);
   }
@@ -293,7 +315,8 @@ std::vector<Path> ForwardModel::simulate(Control control, const std::vector<Run>
   return paths;
 }
 
-std::vector<ForceDistribution> ForwardModel::distribute_forces(const std::vector<Run>& runs, int frames, std::vector<Path>& driven) {
+std::vector<ForceDistribution> ForwardModel::distribute_forces(const std::vector<Run>& runs, int frames,
+                                                               std::vector<Path>& driven) {
   std::set<int> ends;
   for (const auto* end : {&specimen_.held, &specimen_.loaded})
     for (int node : *end) ends.insert({3 * node, 3 * node + 1});
@@ -303,14 +326,19 @@ std::vector<ForceDistribution> ForwardModel::distribute_forces(const std::vector
     distributions[run].pattern.setZero(static_cast<Eigen::Index>(ends.size()), frames);
     distributions[run].d_pattern.assign(runs[run].directions.size(), distributions[run].pattern);
   }
-  driven = simulate(Control::displacement, runs, frames, [&](int run, int t, const mechanics::FrameState& state) {
-    auto& distribution = distributions[static_cast<std::size_t>(run)];
-    const std::size_t first = runs[static_cast<std::size_t>(run)].free.size();
-    for (std::size_t i = 0; i < distribution.dofs.size(); ++i) {
-      distribution.pattern(static_cast<Eigen::Index>(i), t) = state.internal[distribution.dofs[i]];
-      for (std::size_t k = 0; k < distribution.d_pattern.size(); ++k) distribution.d_pattern[k](static_cast<Eigen::Index>(i), t) = state.d_internal[first + k][distribution.dofs[i]];
-    }
-  }, false);
+  driven = simulate(
+      Control::displacement, runs, frames,
+      [&](int run, int t, const mechanics::FrameState& state) {
+        auto& distribution = distributions[static_cast<std::size_t>(run)];
+        const std::size_t first = runs[static_cast<std::size_t>(run)].free.size();
+        for (std::size_t i = 0; i < distribution.dofs.size(); ++i) {
+          distribution.pattern(static_cast<Eigen::Index>(i), t) = state.internal[distribution.dofs[i]];
+          for (std::size_t k = 0; k < distribution.d_pattern.size(); ++k)
+            distribution.d_pattern[k](static_cast<Eigen::Index>(i), t) =
+                state.d_internal[first + k][distribution.dofs[i]];
+        }
+      },
+      false);
 
   const Communicator world = impl_->layout.world();
   for (std::size_t run = 0; run < runs.size(); ++run) {
@@ -325,16 +353,22 @@ std::vector<ForceDistribution> ForwardModel::distribute_forces(const std::vector
     const double small = 0.02 * path.reaction.head(path.frames).cwiseAbs().maxCoeff();
     int loaded = path.frames - 1;
     while (loaded > 0 && std::abs(path.reaction[loaded]) <= small) --loaded;
-    std::vector<int> source(static_cast<std::size_t>(path.frames), loaded);  // the frame whose reactions each takes
-    for (int t = loaded; t >= 0; --t) source[static_cast<std::size_t>(t)] = std::abs(path.reaction[t]) > small ? loaded = t : loaded;
+    // the frame whose reactions each takes
+    std::vector<int> source(static_cast<std::size_t>(path.frames), loaded);
+    for (int t = loaded; t >= 0; --t)
+      source[static_cast<std::size_t>(t)] = std::abs(path.reaction[t]) > small ? loaded = t : loaded;
     const Eigen::MatrixXd reactions = pattern;
-    for (int t = 0; t < path.frames; ++t) pattern.col(t) = reactions.col(source[static_cast<std::size_t>(t)]) / path.reaction[source[static_cast<std::size_t>(t)]];
+    for (int t = 0; t < path.frames; ++t)
+      pattern.col(t) =
+          reactions.col(source[static_cast<std::size_t>(t)]) / path.reaction[source[static_cast<std::size_t>(t)]];
     for (std::size_t k = 0; k < distributions[run].d_pattern.size(); ++k) {
       auto& derivative = distributions[run].d_pattern[k];
       const Eigen::MatrixXd d_reactions = derivative;
       for (int t = 0; t < path.frames; ++t) {
         const int from = source[static_cast<std::size_t>(t)];
-        derivative.col(t) = (d_reactions.col(from) - path.d_reaction[runs[run].free.size() + k][from] * pattern.col(t)) / path.reaction[from];
+        derivative.col(t) =
+            (d_reactions.col(from) - path.d_reaction[runs[run].free.size() + k][from] * pattern.col(t)) /
+            path.reaction[from];
       }
     }
   }

@@ -29,19 +29,25 @@ double step_of(const std::vector<double>& parameters, int j, const GaussNewtonOp
 }
 
 /// The largest relative change of `which` parameters between two sets of them.
-double largest_move(const std::vector<double>& from, const std::vector<double>& to, const std::vector<int>& which, const GaussNewtonOptions& options) {
+double largest_move(const std::vector<double>& from, const std::vector<double>& to, const std::vector<int>& which,
+                    const GaussNewtonOptions& options) {
   double move = 0.0;
-  for (const int j : which) move = std::max(move, std::abs(to[static_cast<std::size_t>(j)] - from[static_cast<std::size_t>(j)]) / std::max(scale_of(to, j, options), 1e-300));
+  for (const int j : which)
+    move = std::max(move, std::abs(to[static_cast<std::size_t>(j)] - from[static_cast<std::size_t>(j)]) /
+                              std::max(scale_of(to, j, options), 1e-300));
   return move;
 }
 
 /// What the simulation leaves open of its rigid motion: the images are asked afterwards.
-void settle(Path& path, const ForwardModel& model, const ImageData& images, const Eigen::MatrixXd& dic, const GaussNewtonOptions& options) {
+void settle(Path& path, const ForwardModel& model, const ImageData& images, const Eigen::MatrixXd& dic,
+            const GaussNewtonOptions& options) {
   fit_rigid_motion(model.specimen(), control_of_images(options), images.M, dic, path);
 }
 
-/// The derivatives of the path with those of the rigid motion that the images fix: a fit of the surface alone, by central differences.
-void settle_derivatives(Path& path, const ForwardModel& model, const ImageData& images, const GaussNewtonOptions& options) {
+/// The derivatives of the path with those of the rigid motion that the images fix: a fit of the surface alone, by
+/// central differences.
+void settle_derivatives(Path& path, const ForwardModel& model, const ImageData& images,
+                        const GaussNewtonOptions& options) {
   const double size = path.surface.norm();
   for (auto& derivative : path.d_surface) {
     const double h = 1e-4 * size / std::max(derivative.norm(), 1e-300);
@@ -55,20 +61,22 @@ void settle_derivatives(Path& path, const ForwardModel& model, const ImageData& 
   }
 }
 
-/// Of simulations that only lead to where the iterations begin: with steps of 10 % it moves by 1e-4. They are made anew, alike, where a run is taken up within them.
+/// Of simulations that only lead to where the iterations begin: with steps of 10 % it moves by 1e-4. They are made
+/// anew, alike, where a run is taken up within them.
 constexpr mechanics::Accuracy accuracy_of_start{.forces = 1e-6, .derivatives = 1e-3};
 /// Of a first linearisation whose step is long: what it leads to moves by 1e-3.
 constexpr mechanics::Accuracy accuracy_of_a_long_step{.forces = 1e-4, .derivatives = 2e-2};
 
 /// A step (Eq. 13) behind which another one follows that does not ask for the last digits.
 constexpr double far_step = 3e-2;
-/// Steps of so many eta_c, after which derivatives are taken for those before them: they change by as much, and move what is found by that part of its standard deviation.
-/// With ten, runs that are taken up again end 4e-9 apart.
+/// Steps of so many eta_c, after which derivatives are taken for those before them: they change by as much, and move
+/// what is found by that part of its standard deviation. With ten, runs that are taken up again end 4e-9 apart.
 constexpr double near_steps = 4.0;
 
-/// Of the simulations that steps follow from. What is left depends on the factors at hand, and must not show where a run is taken up again without them (1e-8 of
-/// the parameters): a residual moves them by a tenth of it on the plate of docs/performance.md, by 13 times as much where two parameters are
-/// hard to tell apart. Differences of perturbed simulations need all digits: a Newton iteration may end just below a tolerance.
+/// Of the simulations that steps follow from. What is left depends on the factors at hand, and must not show where a
+/// run is taken up again without them (1e-8 of the parameters): a residual moves them by a tenth of it on the plate of
+/// docs/performance.md, by 13 times as much where two parameters are hard to tell apart. Differences of perturbed
+/// simulations need all digits: a Newton iteration may end just below a tolerance.
 constexpr mechanics::Accuracy accuracy_of_differences{.forces = 1e-13};
 /// `eta`: of the step that led there (Eq. 13).
 mechanics::Accuracy accuracy_of_steps(const GaussNewtonOptions& options, double eta) {
@@ -76,11 +84,14 @@ mechanics::Accuracy accuracy_of_steps(const GaussNewtonOptions& options, double 
   return {.forces = eta > far_step ? 1e-9 : 1e-10, .derivatives = std::clamp(1e-3 * options.eta, 1e-9, 1e-6)};
 }
 
-/// `near`: a linearisation so near that its derivatives hold here, too; null: there is none. `increments`: 0: the model's.
-Linearisation linearise(ForwardModel& model, const ImageData& images, const std::vector<double>& parameters, const Stage& stage,
-                        const GaussNewtonOptions& options, const mechanics::Accuracy& accuracy, const Linearisation* near = nullptr, int increments = 0) {
+/// `near`: a linearisation so near that its derivatives hold here, too; null: there is none. `increments`: 0: the
+/// model's.
+Linearisation linearise(ForwardModel& model, const ImageData& images, const std::vector<double>& parameters,
+                        const Stage& stage, const GaussNewtonOptions& options, const mechanics::Accuracy& accuracy,
+                        const Linearisation* near = nullptr, int increments = 0) {
   const int frames = stage.frames.back() + 1;
-  const bool direct = options.sensitivities == Sensitivities::direct, differentiate = direct && near == nullptr, perturb = !direct && near == nullptr;
+  const bool direct = options.sensitivities == Sensitivities::direct, differentiate = direct && near == nullptr,
+             perturb = !direct && near == nullptr;
   const Run nominal{.parameters = parameters, .increments = increments, .accuracy = accuracy};
   std::vector<Run> sets(perturb ? 1 + stage.free.size() : 1, nominal);
   if (differentiate) sets.front().free = stage.free;
@@ -98,7 +109,8 @@ Linearisation linearise(ForwardModel& model, const ImageData& images, const std:
     const auto distribution = model.distribute_forces({reaction ? sets.front() : nominal}, frames, driven);
     for (auto& set : sets) set.forces = &distribution.front();
     paths = model.simulate(control_of_images(options), sets, driven.front().frames);
-    if (options.functional == Functional::combined && perturb) driven = model.simulate(Control::displacement, sets, driven.front().frames);
+    if (options.functional == Functional::combined && perturb)
+      driven = model.simulate(Control::displacement, sets, driven.front().frames);
   }
   if (differentiate) settle_derivatives(paths.front(), model, images, options);
   for (auto& path : paths) settle(path, model, images, model.record().surface_displacement, options);
@@ -122,25 +134,32 @@ Linearisation linearise(ForwardModel& model, const ImageData& images, const std:
   for (std::size_t j = 0; j < stage.free.size(); ++j) {
     if (direct) {
       result.sensitivity.emplace_back(paths.front().d_surface[j].leftCols(common));
-      if (has_force(options.functional)) result.force_sensitivity.emplace_back(driven.front().d_reaction[j].head(common));
+      if (has_force(options.functional))
+        result.force_sensitivity.emplace_back(driven.front().d_reaction[j].head(common));
       continue;
     }
     const double step = step_of(parameters, stage.free[j], options);
-    result.sensitivity.emplace_back((paths[1 + j].surface.leftCols(common) - paths.front().surface.leftCols(common)) / step);
+    result.sensitivity.emplace_back((paths[1 + j].surface.leftCols(common) - paths.front().surface.leftCols(common)) /
+                                    step);
     if (has_force(options.functional))
-      result.force_sensitivity.emplace_back((driven[1 + j].reaction.head(common) - driven.front().reaction.head(common)) / step);
+      result.force_sensitivity.emplace_back(
+          (driven[1 + j].reaction.head(common) - driven.front().reaction.head(common)) / step);
   }
   return result;
 }
 
-/// Whether what a step leads to is that of the linearisation, up to a thousandth of eta_c in the parameters. The step before left what its second-order
-/// terms moved, `eta` of `before`^2; those of this step move by as much of eta^2. The forces that Sec. 3.4 takes from the parameters at hand are not part of a linearisation.
-bool is_straight(double eta, double before, const Linearisation& at, const Stage& stage, const GaussNewtonOptions& options) {
-  return options.functional == Functional::displacement_driven && options.sensitivities == Sensitivities::direct && at.frames > stage.frames.back() &&
-         eta < near_steps * options.eta && eta * eta * eta < 1e-3 * options.eta * before * before;
+/// Whether what a step leads to is that of the linearisation, up to a thousandth of eta_c in the parameters. The step
+/// before left what its second-order terms moved, `eta` of `before`^2; those of this step move by as much of eta^2. The
+/// forces that Sec. 3.4 takes from the parameters at hand are not part of a linearisation.
+bool is_straight(double eta, double before, const Linearisation& at, const Stage& stage,
+                 const GaussNewtonOptions& options) {
+  return options.functional == Functional::displacement_driven && options.sensitivities == Sensitivities::direct &&
+         at.frames > stage.frames.back() && eta < near_steps * options.eta &&
+         eta * eta * eta < 1e-3 * options.eta * before * before;
 }
 
-/// What is observed after a step so small that second-order terms do not count: no simulation is needed, nor are other derivatives.
+/// What is observed after a step so small that second-order terms do not count: no simulation is needed, nor are other
+/// derivatives.
 void extrapolate(Linearisation& at, const Eigen::VectorXd& step) {
   for (std::size_t j = 0; j < at.sensitivity.size(); ++j) {
     at.surface.leftCols(at.frames) += step[static_cast<Eigen::Index>(j)] * at.sensitivity[j];
@@ -149,12 +168,14 @@ void extrapolate(Linearisation& at, const Eigen::VectorXd& step) {
 }
 
 /// Adds `times` what the measured force says. `difference`: difference_noise, as far as it is known.
-void add_force(NormalEquations& sums, const Record& record, const Linearisation& at, const Stage& stage, const GaussNewtonOptions& options, const Eigen::VectorXd& difference, double times) {
+void add_force(NormalEquations& sums, const Record& record, const Linearisation& at, const Stage& stage,
+               const GaussNewtonOptions& options, const Eigen::VectorXd& difference, double times) {
   for (const int t : stage.frames) {
     if (t >= at.frames) continue;
     Eigen::VectorXd s(sums.right.size());
     for (Eigen::Index j = 0; j < s.size(); ++j) s[j] = at.force_sensitivity[static_cast<std::size_t>(j)][t];
-    const double missing = record.force[t] - at.reaction[t], weight = times * std::pow(difference_noise(difference, options, t), -2);
+    const double missing = record.force[t] - at.reaction[t],
+                 weight = times * std::pow(difference_noise(difference, options, t), -2);
     sums.matrix += weight * s * s.transpose();
     sums.right += weight * s * missing;
     sums.cost += weight * missing * missing;
@@ -210,9 +231,9 @@ NormalEquations assemble(Communicator world, ForwardModel& model, const ImageDat
 }
 
 /// Solves Eq. (10) within the bounds and the largest step.
-Eigen::VectorXd step_within_bounds(const Eigen::MatrixXd& matrix, const Eigen::VectorXd& right, const std::vector<double>& parameters,
-                                   const std::vector<ParameterInfo>& information, const Stage& stage,
-                                   const GaussNewtonOptions& options) {
+Eigen::VectorXd step_within_bounds(const Eigen::MatrixXd& matrix, const Eigen::VectorXd& right,
+                                   const std::vector<double>& parameters, const std::vector<ParameterInfo>& information,
+                                   const Stage& stage, const GaussNewtonOptions& options) {
   const auto unknowns = right.size();
   Eigen::VectorXd low(unknowns), high(unknowns);
   for (Eigen::Index j = 0; j < unknowns; ++j) {
@@ -226,23 +247,28 @@ Eigen::VectorXd step_within_bounds(const Eigen::MatrixXd& matrix, const Eigen::V
 }
 
 std::vector<double> moved(std::vector<double> parameters, const Eigen::VectorXd& step, const Stage& stage) {
-  for (std::size_t j = 0; j < stage.free.size(); ++j) parameters[static_cast<std::size_t>(stage.free[j])] += step[static_cast<Eigen::Index>(j)];
+  for (std::size_t j = 0; j < stage.free.size(); ++j)
+    parameters[static_cast<std::size_t>(stage.free[j])] += step[static_cast<Eigen::Index>(j)];
   return parameters;
 }
 
 /// Eq. (13) of a step that leads to `parameters`.
-double relative_size(const Eigen::VectorXd& step, const std::vector<double>& parameters, const Stage& stage, const GaussNewtonOptions& options) {
+double relative_size(const Eigen::VectorXd& step, const std::vector<double>& parameters, const Stage& stage,
+                     const GaussNewtonOptions& options) {
   double eta = 0.0;
   for (std::size_t j = 0; j < stage.free.size(); ++j)
-    eta = std::max(eta, std::abs(step[static_cast<Eigen::Index>(j)]) / std::max(scale_of(parameters, stage.free[j], options), 1e-300));
+    eta = std::max(eta, std::abs(step[static_cast<Eigen::Index>(j)]) /
+                            std::max(scale_of(parameters, stage.free[j], options), 1e-300));
   return eta;
 }
 
-/// The parameters at which the reaction R of the DIC-driven simulation is nearest to the measured force (the ratio of Sec. 2.2), up to a step
-/// that Eqs 10-12 do better: R is nearly linear in the parameters, where the displacement under the whole force may be far off, or
-/// more than the specimen carries. A missing force counts as the displacement that the force's own change brought at that frame.
-std::vector<double> nearest_reaction(ForwardModel& model, std::vector<double> parameters, const std::vector<ParameterInfo>& information,
-                                     const Stage& stage, const GaussNewtonOptions& options) {
+/// The parameters at which the reaction R of the DIC-driven simulation is nearest to the measured force (the ratio of
+/// Sec. 2.2), up to a step that Eqs 10-12 do better: R is nearly linear in the parameters, where the displacement under
+/// the whole force may be far off, or more than the specimen carries. A missing force counts as the displacement that
+/// the force's own change brought at that frame.
+std::vector<double> nearest_reaction(ForwardModel& model, std::vector<double> parameters,
+                                     const std::vector<ParameterInfo>& information, const Stage& stage,
+                                     const GaussNewtonOptions& options) {
   const Record& record = model.record();
   const int frames = stage.frames.back() + 1;
   const double small = 0.01 * record.force.head(frames).cwiseAbs().maxCoeff();
@@ -256,7 +282,10 @@ std::vector<double> nearest_reaction(ForwardModel& model, std::vector<double> pa
   for (int iteration = 0; iteration < 5; ++iteration) {
     Path path;
     try {
-      path = model.simulate(Control::displacement, {Run{.parameters = parameters, .free = stage.free, .accuracy = accuracy_of_start}}, frames).front();
+      path = model
+                 .simulate(Control::displacement,
+                           {Run{.parameters = parameters, .free = stage.free, .accuracy = accuracy_of_start}}, frames)
+                 .front();
     } catch (const ConvergenceError&) {  // no derivatives here
       break;
     }
@@ -268,7 +297,8 @@ std::vector<double> nearest_reaction(ForwardModel& model, std::vector<double> pa
       if (t >= path.frames) continue;
       const double missing = compliance(t) * (record.force[t] - path.reaction[t]);
       Eigen::VectorXd s(unknowns);
-      for (Eigen::Index j = 0; j < unknowns; ++j) s[j] = compliance(t) * path.d_reaction[static_cast<std::size_t>(j)][t];
+      for (Eigen::Index j = 0; j < unknowns; ++j)
+        s[j] = compliance(t) * path.d_reaction[static_cast<std::size_t>(j)][t];
       matrix += s * s.transpose();
       right += s * missing;
       cost += missing * missing;
@@ -290,27 +320,35 @@ void add(Linearisation& at, double times, const Addition& addition) {
   }
 }
 
-/// What infinitely many increments add to `to` by two numbers of them, the second `times` the first: the error goes with their length.
+/// What infinitely many increments add to `to` by two numbers of them, the second `times` the first: the error goes
+/// with their length.
 Addition extrapolate(const Linearisation& coarse, const Linearisation& fine, double times, const Linearisation& to) {
   const int frames = std::min({coarse.frames, fine.frames, to.frames});
   const double beyond = 1.0 / (times - 1.0);
-  return {fine.surface.leftCols(frames) + beyond * (fine.surface - coarse.surface).leftCols(frames) - to.surface.leftCols(frames),
-          fine.reaction.head(frames) + beyond * (fine.reaction.head(frames) - coarse.reaction.head(frames)) - to.reaction.head(frames)};
+  return {fine.surface.leftCols(frames) + beyond * (fine.surface - coarse.surface).leftCols(frames) -
+              to.surface.leftCols(frames),
+          fine.reaction.head(frames) + beyond * (fine.reaction.head(frames) - coarse.reaction.head(frames)) -
+              to.reaction.head(frames)};
 }
 
 /// At the parameters of `at`, with its derivatives.
-FinerIncrements find_finer_increments(Communicator world, ForwardModel& model, const ImageData& images, const StagePoint& at, const Stage& stage, const GaussNewtonOptions& options) {
+FinerIncrements find_finer_increments(Communicator world, ForwardModel& model, const ImageData& images,
+                                      const StagePoint& at, const Stage& stage, const GaussNewtonOptions& options) {
   FinerIncrements finer = at.finer;
   finer.parameters = at.iterates.back().parameters;
   Linearisation coarse = at.linear;
   add(coarse, -1.0, at.finer.endless);
-  const auto simulate = [&](int number) { return linearise(model, images, finer.parameters, stage, options, accuracy_of_steps(options, 0.0), &coarse, number); };
+  const auto simulate = [&](int number) {
+    return linearise(model, images, finer.parameters, stage, options, accuracy_of_steps(options, 0.0), &coarse, number);
+  };
   if (finer.number > 0) {
     Linearisation second = simulate(2 * model.increments());
     Addition first = extrapolate(coarse, second, 2.0, coarse);
-    const Eigen::Index frames = std::min({first.surface.cols(), finer.first.surface.cols(), finer.endless.surface.cols()});
-    finer.endless = {finer.endless.surface.leftCols(frames) + first.surface.leftCols(frames) - finer.first.surface.leftCols(frames),
-                     finer.endless.reaction.head(frames) + first.reaction.head(frames) - finer.first.reaction.head(frames)};
+    const Eigen::Index frames =
+        std::min({first.surface.cols(), finer.first.surface.cols(), finer.endless.surface.cols()});
+    finer.endless = {
+        finer.endless.surface.leftCols(frames) + first.surface.leftCols(frames) - finer.first.surface.leftCols(frames),
+        finer.endless.reaction.head(frames) + first.reaction.head(frames) - finer.first.reaction.head(frames)};
     finer.first = std::move(first);
     return finer;
   }
@@ -329,12 +367,16 @@ FinerIncrements find_finer_increments(Communicator world, ForwardModel& model, c
     Linearisation endless = coarse;
     endless.frames = static_cast<int>(finer.endless.surface.cols());
     add(endless, 1.0, finer.endless);
-    const Eigen::VectorXd step = inverse * assemble(world, model, images, endless, stage, options, at.noise.difference).right;
+    const Eigen::VectorXd step =
+        inverse * assemble(world, model, images, endless, stage, options, at.noise.difference).right;
     finer.unsure = (step - before).cwiseAbs();
     bool sure = true;
     for (Eigen::Index j = 0; j < unknowns; ++j) {
       const double deviation = std::sqrt(std::max(0.0, at.noise.covariance.total(j, j)));
-      sure = sure && finer.unsure[j] < std::max(options.eta * scale_of(finer.parameters, stage.free[static_cast<std::size_t>(j)], options), 0.3 * deviation);
+      sure = sure &&
+             finer.unsure[j] <
+                 std::max(options.eta * scale_of(finer.parameters, stage.free[static_cast<std::size_t>(j)], options),
+                          0.3 * deviation);
     }
     if (sure) {
       finer.unsure.resize(0);
@@ -346,8 +388,9 @@ FinerIncrements find_finer_increments(Communicator world, ForwardModel& model, c
 }
 
 /// `normal`, with the weights of `known`, becomes that with the weights that the noise asks for.
-ParameterNoise find_noise(ForwardModel& model, const ImageData& images, const Linearisation& at, const Stage& stage, const GaussNewtonOptions& options,
-                          const std::vector<double>& parameters, const Eigen::VectorXd& known, NormalEquations& normal) {
+ParameterNoise find_noise(ForwardModel& model, const ImageData& images, const Linearisation& at, const Stage& stage,
+                          const GaussNewtonOptions& options, const std::vector<double>& parameters,
+                          const Eigen::VectorXd& known, NormalEquations& normal) {
   ParameterNoise noise{.parameters = parameters, .covariance = {}, .difference = {}, .unknown = {}};
   NoiseDraws draws;
   try {
@@ -387,32 +430,44 @@ Functional functional_from(const std::string& name) {
 }
 
 int steps_taken(const std::vector<Iterate>& iterates) {
-  return static_cast<int>(std::count_if(iterates.begin(), iterates.end(), [](const Iterate& at) { return at.eta > 0.0; }));
+  return static_cast<int>(
+      std::count_if(iterates.begin(), iterates.end(), [](const Iterate& at) { return at.eta > 0.0; }));
 }
 
-double reaction_noise(Communicator world, ForwardModel& model, const Eigen::MatrixXd& driving, const std::vector<double>& parameters) {
-  // Betti: the resultant that a displacement of the ends takes is the work on it of the forces that hold the ends where the loaded one moves by one.
+double reaction_noise(Communicator world, ForwardModel& model, const Eigen::MatrixXd& driving,
+                      const std::vector<double>& parameters) {
+  // Betti: the resultant that a displacement of the ends takes is the work on it of the forces that hold the ends where
+  // the loaded one moves by one.
   const Specimen& specimen = model.specimen();
   const auto& dofs = specimen.displacement_dofs;
-  const double small = 1e-6 * (specimen.volume.nodes.col(specimen.axis).maxCoeff() - specimen.volume.nodes.col(specimen.axis).minCoeff());
+  const double small = 1e-6 * (specimen.volume.nodes.col(specimen.axis).maxCoeff() -
+                               specimen.volume.nodes.col(specimen.axis).minCoeff());
   Eigen::MatrixXd unit = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(dofs.size()), 1);
   for (std::size_t i = 0; i < dofs.size(); ++i)
-    if (dofs[i] % 3 == specimen.axis && std::binary_search(specimen.loaded.begin(), specimen.loaded.end(), dofs[i] / 3)) unit(static_cast<Eigen::Index>(i), 0) = small;
+    if (dofs[i] % 3 == specimen.axis && std::binary_search(specimen.loaded.begin(), specimen.loaded.end(), dofs[i] / 3))
+      unit(static_cast<Eigen::Index>(i), 0) = small;
   const Eigen::MatrixXd at_rest = Eigen::MatrixXd::Zero(driving.rows(), 1);
   Eigen::VectorXd holding = Eigen::VectorXd::Zero(unit.rows());
   const Solutions before = model.solutions();
-  const Path path = model.simulate(Control::displacement, {{.parameters = parameters, .driving = &at_rest, .beyond = &unit}}, 1, [&](int, int, const mechanics::FrameState& state) {
-    for (std::size_t i = 0; i < dofs.size(); ++i) holding[static_cast<Eigen::Index>(i)] = state.internal[dofs[i]] / small;
-  }).front();
+  const Path path =
+      model
+          .simulate(Control::displacement, {{.parameters = parameters, .driving = &at_rest, .beyond = &unit}}, 1,
+                    [&](int, int, const mechanics::FrameState& state) {
+                      for (std::size_t i = 0; i < dofs.size(); ++i)
+                        holding[static_cast<Eigen::Index>(i)] = state.internal[dofs[i]] / small;
+                    })
+          .front();
   model.start_from(before);
   if (path.frames < 1) throw ConvergenceError("the noise of the reaction: " + path.message);
   world.broadcast(std::span(holding.data(), dofs.size()));  // of the first group
-  const Eigen::RowVectorXd resultants = specimen.section_factor * (holding.transpose() * (specimen.displacement_from_surface * driving));
+  const Eigen::RowVectorXd resultants =
+      specimen.section_factor * (holding.transpose() * (specimen.displacement_from_surface * driving));
   return std::sqrt(resultants.squaredNorm() / static_cast<double>(driving.cols()));
 }
 
 namespace {
-/// Whether `step` takes back most of the step before: where a point begins to yield the residual has a kink, and steps from one side to the other lead to where they came from.
+/// Whether `step` takes back most of the step before: where a point begins to yield the residual has a kink, and steps
+/// from one side to the other lead to where they came from.
 bool turns_back(const Eigen::VectorXd& step, const StagePoint& at, const Stage& stage) {
   const auto count = at.iterates.size();
   if (count < 2) return false;
@@ -437,7 +492,8 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
     at = *continuation.from;
     parameters = at.iterates.back().parameters;
   }
-  if (options.alpha > 0.0) model.follow_images(images, options.alpha, at.iterates.empty() ? parameters : at.iterates.front().parameters);
+  if (options.alpha > 0.0)
+    model.follow_images(images, options.alpha, at.iterates.empty() ? parameters : at.iterates.front().parameters);
   const auto note = [&](double eta, bool converged) {
     at.iterates.push_back(describe(at.normal, parameters, eta));
     at.iterates.back().message = at.linear.message;
@@ -448,15 +504,21 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
   };
 
   if (at.iterates.empty()) {
-    const bool direct = options.sensitivities == Sensitivities::direct, by_reaction = direct && control_of_images(options) == Control::force;
+    const bool direct = options.sensitivities == Sensitivities::direct,
+               by_reaction = direct && control_of_images(options) == Control::force;
     if (by_reaction) parameters = nearest_reaction(model, parameters, information, stage, options);
     // Nobody knows yet how far the parameters are: coarsely first, unless they are near.
     bool coarse = direct && control_of_images(options) == Control::displacement;
     for (;; coarse = false) {
-      at.linear = linearise(model, images, parameters, stage, options, coarse ? accuracy_of_a_long_step : accuracy_of_steps(options, 0.0));
-      if (at.linear.frames == 0) throw ConvergenceError("the first frame cannot be simulated: " + at.linear.message + "; are force, thickness and material in the units of the case file, and the axis the direction of the load?");
+      at.linear = linearise(model, images, parameters, stage, options,
+                            coarse ? accuracy_of_a_long_step : accuracy_of_steps(options, 0.0));
+      if (at.linear.frames == 0)
+        throw ConvergenceError("the first frame cannot be simulated: " + at.linear.message +
+                               "; are force, thickness and material in the units of the case file, and the axis the "
+                               "direction of the load?");
       at.normal = assemble(world, model, images, at.linear, stage, options, at.noise.difference);
-      const Eigen::VectorXd step = step_within_bounds(at.normal.matrix, at.normal.right, parameters, information, stage, options);
+      const Eigen::VectorXd step =
+          step_within_bounds(at.normal.matrix, at.normal.right, parameters, information, stage, options);
       if (!coarse || relative_size(step, moved(parameters, step, stage), stage, options) > far_step) break;
     }
     note(0.0, false);
@@ -464,7 +526,9 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
 
   const auto may_go_on = [&] { return steps_taken(at.iterates) < options.max_iterations; };
   const auto iterate = [&] {
-    Eigen::VectorXd step = step_within_bounds(at.normal.matrix, at.normal.right, parameters, information, stage, options);  // Eq. (10)
+    // Eq. (10)
+    Eigen::VectorXd step =
+        step_within_bounds(at.normal.matrix, at.normal.right, parameters, information, stage, options);
     if (turns_back(step, at, stage)) step *= 0.5;
     const double before = at.iterates.back().cost;
     const int frames_before = at.iterates.back().frames;
@@ -479,8 +543,10 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
         at.normal = assemble(world, model, images, at.linear, stage, options, at.noise.difference);
         break;
       }
-      const bool near = options.sensitivities == Sensitivities::direct && eta < near_steps * options.eta && at.linear.frames > stage.frames.back();
-      at.linear = linearise(model, images, trial, stage, options, accuracy_of_steps(options, eta), near ? &at.linear : nullptr);
+      const bool near = options.sensitivities == Sensitivities::direct && eta < near_steps * options.eta &&
+                        at.linear.frames > stage.frames.back();
+      at.linear =
+          linearise(model, images, trial, stage, options, accuracy_of_steps(options, eta), near ? &at.linear : nullptr);
       add(at.linear, 1.0, at.finer.endless);
       at.normal = assemble(world, model, images, at.linear, stage, options, at.noise.difference);
       const double after = at.normal.frames > 0 ? at.normal.cost / at.normal.frames : INFINITY;
@@ -506,7 +572,9 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
       }
     }
     if (!looks_finer || !may_go_on()) break;
-    if (at.finer.number > 0 && std::pow(largest_move(at.finer.parameters, parameters, stage.free, options), 2) < options.eta) break;
+    if (at.finer.number > 0 &&
+        std::pow(largest_move(at.finer.parameters, parameters, stage.free, options), 2) < options.eta)
+      break;
     FinerIncrements finer = find_finer_increments(world, model, images, at, stage, options);
     if (finer.number == 0) break;
     add(at.linear, -1.0, at.finer.endless), add(at.linear, 1.0, finer.endless);
@@ -515,14 +583,22 @@ StageResult gauss_newton(Communicator world, ForwardModel& model, const ImageDat
     note(0.0, false);
   }
 
-  StageResult result{.iterates = std::move(at.iterates), .covariance = std::move(at.noise.covariance), .converged = at.converged, .finer = std::move(at.finer), .difference = std::move(at.noise.difference), .unknown_noise = at.noise.unknown, .message = at.linear.message};
+  StageResult result{.iterates = std::move(at.iterates),
+                     .covariance = std::move(at.noise.covariance),
+                     .converged = at.converged,
+                     .finer = std::move(at.finer),
+                     .difference = std::move(at.noise.difference),
+                     .unknown_noise = at.noise.unknown,
+                     .message = at.linear.message};
   if (at.normal.frames < static_cast<int>(stage.frames.size()))
-    result.message = fmt::format("{} of {} frames took part: {}", at.normal.frames, stage.frames.size(), at.linear.message);
+    result.message =
+        fmt::format("{} of {} frames took part: {}", at.normal.frames, stage.frames.size(), at.linear.message);
   return result;
 }
 
-FreedAtOnce free_at_once(Communicator world, ForwardModel& model, const ImageData& images, const Stage& all, const GaussNewtonOptions& options,
-                         const std::vector<double>& parameters, const FinerIncrements& finer) {
+FreedAtOnce free_at_once(Communicator world, ForwardModel& model, const ImageData& images, const Stage& all,
+                         const GaussNewtonOptions& options, const std::vector<double>& parameters,
+                         const FinerIncrements& finer) {
   Linearisation at = linearise(model, images, parameters, all, options, accuracy_of_steps(options, 0.0));
   if (at.frames == 0) return {};
   add(at, 1.0, finer.endless);
@@ -531,9 +607,12 @@ FreedAtOnce free_at_once(Communicator world, ForwardModel& model, const ImageDat
   return {solve_symmetric(normal.matrix, normal.right), std::move(noise)};
 }
 
-Eigen::VectorXd moved_by_mesh(Communicator world, const OnMesh& coarse, const OnMesh& fine, const Eigen::SparseMatrix<double>& onto, const Stage& stage, const GaussNewtonOptions& options,
-                              const std::vector<double>& parameters, const FinerIncrements& finer, const Eigen::VectorXd& difference) {
-  Linearisation at = linearise(coarse.model, coarse.images, parameters, stage, options, accuracy_of_steps(options, 0.0));
+Eigen::VectorXd moved_by_mesh(Communicator world, const OnMesh& coarse, const OnMesh& fine,
+                              const Eigen::SparseMatrix<double>& onto, const Stage& stage,
+                              const GaussNewtonOptions& options, const std::vector<double>& parameters,
+                              const FinerIncrements& finer, const Eigen::VectorXd& difference) {
+  Linearisation at =
+      linearise(coarse.model, coarse.images, parameters, stage, options, accuracy_of_steps(options, 0.0));
   at.frames = std::min({at.frames, coarse.path.frames, fine.path.frames});
   if (at.frames == 0) return {};
   const auto normal = [&](const OnMesh& mesh, Linearisation there, const Addition& endless) {
@@ -543,7 +622,10 @@ Eigen::VectorXd moved_by_mesh(Communicator world, const OnMesh& coarse, const On
   };
   const NormalEquations here = normal(coarse, at, finer.endless);
   for (auto& s : at.sensitivity) s = (onto * s).eval();
-  return solve_symmetric(here.matrix, normal(fine, at, {.surface = onto * finer.endless.surface, .reaction = finer.endless.reaction}).right - here.right);
+  return solve_symmetric(
+      here.matrix,
+      normal(fine, at, {.surface = onto * finer.endless.surface, .reaction = finer.endless.reaction}).right -
+          here.right);
 }
 
 }  // namespace imic3d::identification

@@ -25,7 +25,9 @@ constexpr std::size_t telling_draws = 6;
 class OpticalNoise {
  public:
   // P M P^T = L D L^T
-  OpticalNoise(const ImageData& images, unsigned seed) : factor_(images.held.size() > 0 ? Eigen::SparseMatrix<double>(images.M + images.held) : images.M), random_(seed) {}
+  OpticalNoise(const ImageData& images, unsigned seed)
+      : factor_(images.held.size() > 0 ? Eigen::SparseMatrix<double>(images.M + images.held) : images.M),
+        random_(seed) {}
   Eigen::MatrixXd b(Eigen::Index columns) {
     Eigen::MatrixXd white(factor_.rows(), columns);
     for (double& value : white.reshaped()) value = normal_(random_);
@@ -41,16 +43,19 @@ class OpticalNoise {
   std::normal_distribution<double> normal_;
 };
 
-/// `ends`: errors of the measured displacement that drives the ends [unknowns x frames, length]; `loads`: of the measured force [frames, force].
-Response respond(ForwardModel& model, const std::vector<double>& parameters, int frames, const GaussNewtonOptions& options,
-                 std::span<const Eigen::MatrixXd> ends, std::span<const Eigen::VectorXd> loads) {
+/// `ends`: errors of the measured displacement that drives the ends [unknowns x frames, length]; `loads`: of the
+/// measured force [frames, force].
+Response respond(ForwardModel& model, const std::vector<double>& parameters, int frames,
+                 const GaussNewtonOptions& options, std::span<const Eigen::MatrixXd> ends,
+                 std::span<const Eigen::VectorXd> loads) {
   const Control control = control_of_images(options);
   const auto& record = model.record();
   const Specimen& specimen = model.specimen();
   const bool forces = control != Control::displacement, direct = options.sensitivities == Sensitivities::direct;
   const std::size_t both = ends.size() + (forces ? loads.size() : 0);
   std::vector<Eigen::MatrixXd> driving;
-  for (const auto& error : ends) driving.push_back(options.noise_model.driving ? options.noise_model.driving(error) : error);
+  for (const auto& error : ends)
+    driving.push_back(options.noise_model.driving ? options.noise_model.driving(error) : error);
   const auto require_all = [&](const std::vector<Path>& paths) {
     for (const Path& path : paths)
       if (path.frames < frames) throw ConvergenceError(path.message);
@@ -59,7 +64,8 @@ Response respond(ForwardModel& model, const std::vector<double>& parameters, int
   std::vector<Path> driven, paths;
   if (direct) {
     Run run{.parameters = parameters, .accuracy = accuracy_of_responses};
-    for (const auto& error : driving) run.directions.push_back({.prescribed = specimen.from_surface(Control::displacement) * error});
+    for (const auto& error : driving)
+      run.directions.push_back({.prescribed = specimen.from_surface(Control::displacement) * error});
     if (!forces) {
       driven = paths = model.simulate(Control::displacement, {run}, frames);
     } else {
@@ -69,16 +75,22 @@ Response respond(ForwardModel& model, const std::vector<double>& parameters, int
         std::vector<Eigen::Triplet<double>> entries;
         for (int t = 0; t < frames; ++t) {
           const Eigen::VectorXd column = of_frame(t);
-          for (std::size_t i = 0; i < distribution.dofs.size(); ++i) entries.emplace_back(distribution.dofs[i], t, column[static_cast<Eigen::Index>(i)]);
+          for (std::size_t i = 0; i < distribution.dofs.size(); ++i)
+            entries.emplace_back(distribution.dofs[i], t, column[static_cast<Eigen::Index>(i)]);
         }
         Eigen::SparseMatrix<double> force(3 * specimen.volume.nodes.rows(), frames);
         force.setFromTriplets(entries.begin(), entries.end());
         return force;
       };
       for (std::size_t k = 0; k < ends.size(); ++k)
-        loaded.directions.push_back({.prescribed = specimen.from_surface(control) * driving[k], .force = on_the_ends([&](int t) { return record.force[t] * distribution.d_pattern[k].col(t); })});
-      const Eigen::MatrixXd held = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(specimen.dofs(control).size()), frames);
-      for (const auto& error : loads) loaded.directions.push_back({.prescribed = held, .force = on_the_ends([&](int t) { return error[t] * distribution.pattern.col(t); })});
+        loaded.directions.push_back(
+            {.prescribed = specimen.from_surface(control) * driving[k],
+             .force = on_the_ends([&](int t) { return record.force[t] * distribution.d_pattern[k].col(t); })});
+      const Eigen::MatrixXd held =
+          Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(specimen.dofs(control).size()), frames);
+      for (const auto& error : loads)
+        loaded.directions.push_back(
+            {.prescribed = held, .force = on_the_ends([&](int t) { return error[t] * distribution.pattern.col(t); })});
       paths = model.simulate(control, {loaded}, frames);
     }
     require_all(driven), require_all(paths);
@@ -99,19 +111,22 @@ Response respond(ForwardModel& model, const std::vector<double>& parameters, int
     distributions = model.distribute_forces(runs, frames, driven);
     for (std::size_t k = 0; k < runs.size(); ++k) runs[k].forces = &distributions[k];
     for (const auto& error : loads) resultants.push_back(record.force.head(frames) + error);
-    for (const auto& resultant : resultants) runs.push_back({.parameters = parameters, .forces = &distributions.front(), .resultant = &resultant});
+    for (const auto& resultant : resultants)
+      runs.push_back({.parameters = parameters, .forces = &distributions.front(), .resultant = &resultant});
     paths = model.simulate(control, runs, frames);
   }
   require_all(driven), require_all(paths);
   Response response;
   for (std::size_t k = 1; k < paths.size(); ++k) {
     response.surface.emplace_back(paths[k].surface - paths[0].surface);
-    response.reaction.emplace_back(k <= ends.size() ? Eigen::VectorXd(driven[k].reaction - driven[0].reaction) : Eigen::VectorXd(Eigen::VectorXd::Zero(frames)));
+    response.reaction.emplace_back(k <= ends.size() ? Eigen::VectorXd(driven[k].reaction - driven[0].reaction)
+                                                    : Eigen::VectorXd(Eigen::VectorXd::Zero(frames)));
   }
   return response;
 }
 
-/// Of the normal equations, each unknown scaled to a diagonal of one: what is below comes from rounding, and the combination is not seen at all.
+/// Of the normal equations, each unknown scaled to a diagonal of one: what is below comes from rounding, and the
+/// combination is not seen at all.
 constexpr double unseen = 1e-12;
 
 /// A^-1 on what the normal equations see, and which unknowns take part in what they do not: these are not determined.
@@ -121,23 +136,28 @@ struct SeenInverse {
 };
 SeenInverse inverse_of_seen(const Eigen::MatrixXd& A) {
   const Eigen::Index n = A.rows();
-  const Eigen::VectorXd scale = A.diagonal().unaryExpr([](double value) { return value > 0.0 ? 1.0 / std::sqrt(value) : 0.0; });
+  const Eigen::VectorXd scale =
+      A.diagonal().unaryExpr([](double value) { return value > 0.0 ? 1.0 / std::sqrt(value) : 0.0; });
   const auto [values, vectors] = symmetric_eigen(scale.asDiagonal() * A * scale.asDiagonal());
   SeenInverse result;
   Eigen::VectorXd of_values = Eigen::VectorXd::Zero(n), unseen_part = of_values;
   for (Eigen::Index k = 0; k < n; ++k)
-    if (values[k] > unseen) of_values[k] = 1.0 / values[k];
-    else unseen_part += vectors.col(k).cwiseAbs2();
+    if (values[k] > unseen)
+      of_values[k] = 1.0 / values[k];
+    else
+      unseen_part += vectors.col(k).cwiseAbs2();
   for (Eigen::Index j = 0; j < n; ++j)
     if (unseen_part[j] > 1e-6) result.undetermined.push_back(j);
   result.inverse = result.undetermined.empty() ? solve_symmetric(A, Eigen::MatrixXd::Identity(n, n))
-                                               : Eigen::MatrixXd(scale.asDiagonal() * vectors * of_values.asDiagonal() * vectors.transpose() * scale.asDiagonal());
+                                               : Eigen::MatrixXd(scale.asDiagonal() * vectors * of_values.asDiagonal() *
+                                                                 vectors.transpose() * scale.asDiagonal());
   return result;
 }
 
 /// Infinite variances of what is not determined.
 Covariance with_infinite(Covariance covariance, const std::vector<Eigen::Index>& undetermined) {
-  for (Eigen::MatrixXd* part : {&covariance.image, &covariance.force, &covariance.boundary, &covariance.calibration, &covariance.total})
+  for (Eigen::MatrixXd* part :
+       {&covariance.image, &covariance.force, &covariance.boundary, &covariance.calibration, &covariance.total})
     for (const Eigen::Index j : undetermined) {
       part->row(j).setZero(), part->col(j).setZero();
       (*part)(j, j) = INFINITY;
@@ -152,7 +172,8 @@ Control control_of_images(const GaussNewtonOptions& options) {
   return options.alpha > 0.0 ? Control::images : Control::force;
 }
 
-NoiseDraws draw_noise(ForwardModel& model, const ImageData& images, int frames, const GaussNewtonOptions& options, const std::vector<double>& parameters) {
+NoiseDraws draw_noise(ForwardModel& model, const ImageData& images, int frames, const GaussNewtonOptions& options,
+                      const std::vector<double>& parameters) {
   const NoiseModel& noise = options.noise_model;
   NoiseDraws result;
   if (noise.draws == 0) return result;
@@ -161,13 +182,15 @@ NoiseDraws draw_noise(ForwardModel& model, const ImageData& images, int frames, 
   for (int d = 0; d < noise.draws; ++d) {
     const Eigen::MatrixXd of_reference = draw.b(1) / std::sqrt(noise.references);
     result.b.emplace_back(draw.b(frames));
-    for (int t = 0; t < frames; ++t) result.b.back().col(t) = noise.image * (images.noise_of(t) * result.b.back().col(t) + of_reference.col(0));
+    for (int t = 0; t < frames; ++t)
+      result.b.back().col(t) = noise.image * (images.noise_of(t) * result.b.back().col(t) + of_reference.col(0));
     moved.push_back(draw.displacement(result.b.back()));
     result.force.emplace_back(frames);
     for (double& value : result.force.back()) value = noise.force * draw.scalar();
   }
   result.response = respond(model, parameters, frames, options, moved, result.force);
-  // An error of the cameras' numbers is the same in all frames: it moves the measured displacement that judges and that drives.
+  // An error of the cameras' numbers is the same in all frames: it moves the measured displacement that judges and that
+  // drives.
   std::vector<Eigen::MatrixXd> errors;
   for (const auto& error : noise.calibration) errors.push_back(error.leftCols(frames));
   if (!errors.empty()) result.of_cameras = respond(model, parameters, frames, options, errors, {});
@@ -182,9 +205,12 @@ Eigen::VectorXd difference_noise(const NoiseDraws& draws, const GaussNewtonOptio
   return (squares.array() / static_cast<double>(number) + options.noise_model.force * options.noise_model.force).sqrt();
 }
 
-double difference_noise(const Eigen::VectorXd& known, const GaussNewtonOptions& options, Eigen::Index t) { return t < known.size() ? known[t] : options.force_noise; }
+double difference_noise(const Eigen::VectorXd& known, const GaussNewtonOptions& options, Eigen::Index t) {
+  return t < known.size() ? known[t] : options.force_noise;
+}
 
-Covariance parameter_covariance(const ImageData& images, const Linearisation& at, const NormalEquations& normal, const Stage& stage, const GaussNewtonOptions& options,
+Covariance parameter_covariance(const ImageData& images, const Linearisation& at, const NormalEquations& normal,
+                                const Stage& stage, const GaussNewtonOptions& options,
                                 const Eigen::VectorXd& difference, const NoiseDraws& draws) {
   const auto unknowns = normal.right.size();
   const NoiseModel& noise = options.noise_model;
@@ -216,7 +242,8 @@ Covariance parameter_covariance(const ImageData& images, const Linearisation& at
     of_frames += std::pow(w(t) * images.noise_of(t), 2) * S(t).transpose() * MS[static_cast<std::size_t>(t)];
     common += w(t) * S(t);
   }
-  result.image = noise.image * noise.image * inverse * (of_frames + common.transpose() * (images.M * common) / noise.references) * inverse;
+  result.image = noise.image * noise.image * inverse *
+                 (of_frames + common.transpose() * (images.M * common) / noise.references) * inverse;
   result.total = result.image;
   Eigen::MatrixXd of_force = none;  // where F itself is in the functional
   for (int t : frames) of_force += v(t) * v(t) * noise.force * noise.force * s(t) * s(t).transpose();
@@ -229,7 +256,8 @@ Covariance parameter_covariance(const ImageData& images, const Linearisation& at
   /// -(w S^T M dU + v s dR) of one response.
   const auto through = [&](const Eigen::MatrixXd& surface, const Eigen::VectorXd& reaction) {
     Eigen::VectorXd sum = Eigen::VectorXd::Zero(unknowns);
-    for (int t : frames) sum -= w(t) * MS[static_cast<std::size_t>(t)].transpose() * surface.col(t) + v(t) * s(t) * reaction[t];
+    for (int t : frames)
+      sum -= w(t) * MS[static_cast<std::size_t>(t)].transpose() * surface.col(t) + v(t) * s(t) * reaction[t];
     return sum;
   };
 
@@ -242,14 +270,19 @@ Covariance parameter_covariance(const ImageData& images, const Linearisation& at
       image += w(t) * S(t).transpose() * draws.b[d].col(t);
       load += v(t) * s(t) * draws.force[d][t];
     }
-    if (number + d < response.surface.size()) load += through(response.surface[number + d], response.reaction[number + d]);
+    if (number + d < response.surface.size())
+      load += through(response.surface[number + d], response.reaction[number + d]);
     const auto column = static_cast<Eigen::Index>(d);
-    by_image.col(column) = inverse * image, by_force.col(column) = inverse * load, by_ends.col(column) = inverse * through(response.surface[d], response.reaction[d]);
+    by_image.col(column) = inverse * image, by_force.col(column) = inverse * load,
+    by_ends.col(column) = inverse * through(response.surface[d], response.reaction[d]);
   }
-  const auto mean_square = [&](const Eigen::MatrixXd& x, const Eigen::MatrixXd& y) -> Eigen::MatrixXd { return x * y.transpose() / static_cast<double>(x.cols()); };
+  const auto mean_square = [&](const Eigen::MatrixXd& x, const Eigen::MatrixXd& y) -> Eigen::MatrixXd {
+    return x * y.transpose() / static_cast<double>(x.cols());
+  };
   result.force = mean_square(by_force, by_force);
   result.boundary = mean_square(by_ends, by_ends);
-  result.total = result.image + result.force + result.boundary + mean_square(by_image, by_ends) + mean_square(by_ends, by_image);
+  result.total =
+      result.image + result.force + result.boundary + mean_square(by_image, by_ends) + mean_square(by_ends, by_image);
 
   if (noise.calibration.empty()) return with_infinite(std::move(result), undetermined);
   Eigen::MatrixXd by_cameras(unknowns, static_cast<Eigen::Index>(noise.calibration.size()));

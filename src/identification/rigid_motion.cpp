@@ -11,7 +11,8 @@ Eigen::MatrixXd rigid_modes(const Specimen& specimen, Control control, const Eig
   const bool in_plane = control == Control::force, through = control != Control::images && specimen.out_of_plane();
   const Eigen::Index first = in_plane ? 3 : 0;
   Eigen::MatrixXd modes = Eigen::MatrixXd::Zero(displacement.size(), first + (through ? 3 : 0));
-  const double middle = specimen.surface.mesh.nodes.col(2).mean();  // where a rotation moves the ends least that drive the simulation
+  // where a rotation moves the ends least that drive the simulation
+  const double middle = specimen.surface.mesh.nodes.col(2).mean();
   for (const Face& face : specimen.faces)
     for (Eigen::Index i = 0; i < face.nodes(); ++i) {
       const Eigen::Index row = face.first_unknown + face.components * i;
@@ -30,8 +31,8 @@ Eigen::MatrixXd rigid_modes(const Specimen& specimen, Control control, const Eig
   return modes;
 }
 
-void fit_rigid_motion(const Specimen& specimen, Control control, const Eigen::SparseMatrix<double>& M, const Eigen::MatrixXd& dic,
-                      Path& path) {
+void fit_rigid_motion(const Specimen& specimen, Control control, const Eigen::SparseMatrix<double>& M,
+                      const Eigen::MatrixXd& dic, Path& path) {
   const bool through = specimen.out_of_plane(), in_plane = control == Control::force;
   const Eigen::Vector3d pivot(0.0, 0.0, specimen.surface.mesh.nodes.col(2).mean());
   for (int t = 0; t < path.frames; ++t) {
@@ -39,13 +40,15 @@ void fit_rigid_motion(const Specimen& specimen, Control control, const Eigen::Sp
       const Eigen::MatrixXd modes = rigid_modes(specimen, control, path.surface.col(t));
       if (modes.cols() == 0) return;
       const Eigen::MatrixXd weighted = M * modes;
-      const Eigen::VectorXd motion = solve_symmetric(modes.transpose() * weighted, weighted.transpose() * (dic.col(t) - path.surface.col(t)));
+      const Eigen::VectorXd motion =
+          solve_symmetric(modes.transpose() * weighted, weighted.transpose() * (dic.col(t) - path.surface.col(t)));
       if (!through) {
         path.surface.col(t) += modes * motion;
         continue;
       }
       const Eigen::Vector3d leaning = motion.tail<3>();  // along z, about x and y
-      const Eigen::Vector3d turned(leaning[1], leaning[2], in_plane ? motion[2] : 0.0), moved(in_plane ? motion[0] : 0.0, in_plane ? motion[1] : 0.0, leaning[0]);
+      const Eigen::Vector3d turned(leaning[1], leaning[2], in_plane ? motion[2] : 0.0),
+          moved(in_plane ? motion[0] : 0.0, in_plane ? motion[1] : 0.0, leaning[0]);
       const Eigen::Matrix3d R = Eigen::AngleAxisd(turned.norm(), turned.stableNormalized()).toRotationMatrix();
       for (const Face& face : specimen.faces)
         for (Eigen::Index i = 0; i < face.nodes(); ++i) {
@@ -69,7 +72,8 @@ Eigen::MatrixXd without_leaning(const Specimen& specimen, Eigen::MatrixXd displa
     Eigen::Index faces = 0;
     for (const Face& face : specimen.faces) {
       if (face.components != 3) continue;
-      const auto moved = Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>>(u.data() + face.first_unknown, face.nodes(), 3);
+      const auto moved = Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>>(
+          u.data() + face.first_unknown, face.nodes(), 3);
       const Eigen::MatrixXd x = face.surface.mesh.nodes + moved;
       const Eigen::RowVector3d middle = x.colwise().mean();
       const Eigen::MatrixXd from_middle = x.leftCols(2).rowwise() - middle.head<2>();
@@ -79,7 +83,9 @@ Eigen::MatrixXd without_leaning(const Specimen& specimen, Eigen::MatrixXd displa
     }
     slope = squares.ldlt().solve(slope).eval();
     pivot /= static_cast<double>(faces);
-    const Eigen::Matrix3d back = Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d(-slope[0], -slope[1], 1.0), Eigen::Vector3d::UnitZ()).toRotationMatrix();
+    const Eigen::Matrix3d back =
+        Eigen::Quaterniond::FromTwoVectors(Eigen::Vector3d(-slope[0], -slope[1], 1.0), Eigen::Vector3d::UnitZ())
+            .toRotationMatrix();
     for (const Face& face : specimen.faces)
       for (Eigen::Index i = 0; i < face.nodes(); ++i) {
         auto own = u.segment(face.first_unknown + face.components * i, face.components);

@@ -1,10 +1,11 @@
 #include "imic3d/identification/specimen.hpp"
 
+#include <fmt/format.h>
+
 #include <Eigen/Dense>
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <fmt/format.h>
 #include <limits>
 #include <set>
 
@@ -27,7 +28,8 @@ struct LocalPoint {
 };
 
 std::array<double, 4> shape(double xi, double eta) {
-  return {0.25 * (1 - xi) * (1 - eta), 0.25 * (1 + xi) * (1 - eta), 0.25 * (1 + xi) * (1 + eta), 0.25 * (1 - xi) * (1 + eta)};
+  return {0.25 * (1 - xi) * (1 - eta), 0.25 * (1 + xi) * (1 - eta), 0.25 * (1 + xi) * (1 + eta),
+          0.25 * (1 - xi) * (1 + eta)};
 }
 
 /// Inverse of the bilinear map by Newton; `outside` is the distance of the clamped point, in the mesh's unit.
@@ -88,9 +90,13 @@ Eigen::SparseMatrix<double> interpolation(const mesh::Mesh& quads,
   return matrix;
 }
 
-Eigen::SparseMatrix<double> means_over_squares(const mesh::Mesh& quads, const Eigen::Matrix<double, Eigen::Dynamic, 2>& points, double side) {
+Eigen::SparseMatrix<double> means_over_squares(const mesh::Mesh& quads,
+                                               const Eigen::Matrix<double, Eigen::Dynamic, 2>& points, double side) {
   if (side == 0.0) return interpolation(quads, points);
-  const std::array<std::pair<double, double>, 3> gauss{{{-0.5 * std::sqrt(0.6), 5.0 / 18.0}, {0.0, 8.0 / 18.0}, {0.5 * std::sqrt(0.6), 5.0 / 18.0}}};  // place in the side, weight
+  const std::array<std::pair<double, double>, 3> gauss{
+      {{-0.5 * std::sqrt(0.6), 5.0 / 18.0},
+       {0.0, 8.0 / 18.0},
+       {0.5 * std::sqrt(0.6), 5.0 / 18.0}}};  // place in the side, weight
   Eigen::SparseMatrix<double> matrix(points.rows(), quads.nodes.rows());
   for (const auto& [x, along] : gauss)
     for (const auto& [y, across] : gauss)
@@ -102,7 +108,8 @@ Eigen::SparseMatrix<double> of_components(const Eigen::SparseMatrix<double>& sca
   std::vector<Eigen::Triplet<double>> entries;
   for (int column = 0; column < scalar.outerSize(); ++column)
     for (Eigen::SparseMatrix<double>::InnerIterator entry(scalar, column); entry; ++entry)
-      for (int i = 0; i < components; ++i) entries.emplace_back(components * static_cast<int>(entry.row()) + i, components * column + i, entry.value());
+      for (int i = 0; i < components; ++i)
+        entries.emplace_back(components * static_cast<int>(entry.row()) + i, components * column + i, entry.value());
   Eigen::SparseMatrix<double> matrix(components * scalar.rows(), components * scalar.cols());
   matrix.setFromTriplets(entries.begin(), entries.end());
   return matrix;
@@ -123,7 +130,8 @@ mesh::Surface joined(const std::vector<Face>& faces) {
   for (const Face& face : faces) {
     const mesh::Mesh& own = face.surface.mesh;
     all.mesh.nodes.middleRows(face.first_node, own.nodes.rows()) = own.nodes;
-    all.mesh.cells.middleRows(face.first_cell, own.cells.rows()) = own.cells.array() + static_cast<int>(face.first_node);
+    all.mesh.cells.middleRows(face.first_cell, own.cells.rows()) =
+        own.cells.array() + static_cast<int>(face.first_node);
     for (const auto& [name, members] : own.node_groups)
       for (const int node : members) all.mesh.node_groups[name].push_back(node + static_cast<int>(face.first_node));
     for (int i = 0; i < face.surface.weights.outerSize(); ++i)
@@ -142,12 +150,15 @@ void see(Specimen& specimen, const std::vector<SeenFace>& seen, bool mid_plane_s
   Eigen::Index nodes = 0, cells = 0, unknowns = 0;
   for (const SeenFace& which : seen) {
     const bool mirrored = which.back && mid_plane_symmetry;
-    Face face{which, which.back && !mirrored ? mesh::back_surface(specimen.volume) : mesh::front_surface(specimen.volume), nodes, cells, unknowns};
+    Face face{which,
+              which.back && !mirrored ? mesh::back_surface(specimen.volume) : mesh::front_surface(specimen.volume),
+              nodes, cells, unknowns};
     if (mirrored) face.surface.mesh.nodes.col(2) = 2.0 * mid_plane - face.surface.mesh.nodes.col(2).array();
     for (int i = 0; i < face.surface.weights.outerSize(); ++i)
       for (decltype(face.surface.weights)::InnerIterator entry(face.surface.weights, i); entry; ++entry)
         for (int component = 0; component < face.components; ++component)
-          entries.emplace_back(static_cast<int>(unknowns) + face.components * i + component, 3 * static_cast<int>(entry.col()) + component,
+          entries.emplace_back(static_cast<int>(unknowns) + face.components * i + component,
+                               3 * static_cast<int>(entry.col()) + component,
                                mirrored && component == 2 ? -entry.value() : entry.value());
     nodes += face.nodes(), cells += face.surface.mesh.cells.rows(), unknowns += face.unknowns();
     specimen.faces.push_back(std::move(face));
@@ -158,10 +169,12 @@ void see(Specimen& specimen, const std::vector<SeenFace>& seen, bool mid_plane_s
 }
 
 /// Displacement of `dofs` from that of the seen surface.
-Eigen::SparseMatrix<double> from_surface(const Specimen& specimen, const std::vector<int>& dofs, bool mid_plane_symmetry) {
+Eigen::SparseMatrix<double> from_surface(const Specimen& specimen, const std::vector<int>& dofs,
+                                         bool mid_plane_symmetry) {
   const auto& nodes = specimen.volume.nodes;
   Eigen::Matrix<double, Eigen::Dynamic, 2> points(static_cast<Eigen::Index>(dofs.size()), 2);
-  for (std::size_t i = 0; i < dofs.size(); ++i) points.row(static_cast<Eigen::Index>(i)) = nodes.row(dofs[i] / 3).head<2>();
+  for (std::size_t i = 0; i < dofs.size(); ++i)
+    points.row(static_cast<Eigen::Index>(i)) = nodes.row(dofs[i] / 3).head<2>();
   const double front = nodes.col(2).maxCoeff(), back = nodes.col(2).minCoeff();
   std::vector<Eigen::Triplet<double>> entries;
   for (const Face& face : specimen.faces) {
@@ -173,7 +186,9 @@ Eigen::SparseMatrix<double> from_surface(const Specimen& specimen, const std::ve
         const double depth = mid_plane_symmetry ? 0.5 : (front - nodes(dof / 3, 2)) / (front - back);
         const double share = specimen.faces.size() == 1 ? 1.0 : face.back ? depth : 1.0 - depth;
         if (share != 0.0)
-          entries.emplace_back(static_cast<int>(entry.row()), static_cast<int>(face.first_unknown) + face.components * column + component, share * entry.value());
+          entries.emplace_back(static_cast<int>(entry.row()),
+                               static_cast<int>(face.first_unknown) + face.components * column + component,
+                               share * entry.value());
       }
   }
   Eigen::SparseMatrix<double> matrix(static_cast<Eigen::Index>(dofs.size()), specimen.projection.rows());
@@ -193,7 +208,8 @@ Eigen::VectorXd Specimen::three_components(const Eigen::VectorXd& displacement, 
   Eigen::VectorXd all = Eigen::VectorXd::Constant(3 * surface.mesh.nodes.rows(), unseen);
   for (const Face& face : faces)
     for (Eigen::Index i = 0; i < face.nodes(); ++i)
-      all.segment(3 * (face.first_node + i), face.components) = displacement.segment(face.first_unknown + face.components * i, face.components);
+      all.segment(3 * (face.first_node + i), face.components) =
+          displacement.segment(face.first_unknown + face.components * i, face.components);
   return all;
 }
 
@@ -208,8 +224,9 @@ Specimen make_specimen(mesh::Mesh volume, const std::string& held, const std::st
   specimen.held = group(specimen.volume, held, case_place + ".held");
   specimen.loaded = group(specimen.volume, loaded, case_place + ".loaded");
 
-  // Nodes for the supports on the front: the middles of both ends, and a corner of the held one. The middle of the loaded end, guided across the axis, keeps the specimen from turning: held at one
-  // end alone it would buckle under a quarter of the force. Corners would yield under what a specimen in compression asks of them.
+  // Nodes for the supports on the front: the middles of both ends, and a corner of the held one. The middle of the
+  // loaded end, guided across the axis, keeps the specimen from turning: held at one end alone it would buckle under a
+  // quarter of the force. Corners would yield under what a specimen in compression asks of them.
   const int across = 1 - axis;
   const double front = nodes.col(2).maxCoeff();
   const auto extreme = [&](const std::vector<int>& candidates, auto measure) {
@@ -251,6 +268,8 @@ Specimen make_specimen(mesh::Mesh volume, const std::string& held, const std::st
   return specimen;
 }
 
-Eigen::SparseMatrix<double> between(const mesh::Mesh& from, const mesh::Mesh& to, int components) { return of_components(interpolation(from, to.nodes.leftCols<2>()), components); }
+Eigen::SparseMatrix<double> between(const mesh::Mesh& from, const mesh::Mesh& to, int components) {
+  return of_components(interpolation(from, to.nodes.leftCols<2>()), components);
+}
 
 }  // namespace imic3d::identification

@@ -27,16 +27,21 @@ double outer_slope(double secant, double next, double length, double next_length
 
 std::array<Eigen::MatrixXd, 2> bends(const Eigen::MatrixXd& displacement) {
   const Eigen::Index frames = displacement.cols();
-  std::array<Eigen::MatrixXd, 2> result{Eigen::MatrixXd::Zero(displacement.rows(), frames), Eigen::MatrixXd::Zero(displacement.rows(), frames)};
+  std::array<Eigen::MatrixXd, 2> result{Eigen::MatrixXd::Zero(displacement.rows(), frames),
+                                        Eigen::MatrixXd::Zero(displacement.rows(), frames)};
   if (frames < 2) return result;
   Eigen::MatrixXd way = displacement;
   way.rightCols(frames - 1) -= displacement.leftCols(frames - 1);
-  const Eigen::VectorXd length = way.colwise().norm().transpose().cwiseMax(std::max(1e-300, 1e-12 * displacement.lpNorm<Eigen::Infinity>()));
+  const Eigen::VectorXd length =
+      way.colwise().norm().transpose().cwiseMax(std::max(1e-300, 1e-12 * displacement.lpNorm<Eigen::Infinity>()));
   const Eigen::MatrixXd secant = way * length.cwiseInverse().asDiagonal();
-  const auto goes_on = [&](Eigen::Index a, Eigen::Index b) { return std::min(a, b) >= 0 && std::max(a, b) < frames && way.col(a).dot(way.col(b)) > 0.0; };
+  const auto goes_on = [&](Eigen::Index a, Eigen::Index b) {
+    return std::min(a, b) >= 0 && std::max(a, b) < frames && way.col(a).dot(way.col(b)) > 0.0;
+  };
   for (Eigen::Index t = 0; t < frames; ++t)
     for (const Eigen::Index side : {0, 1}) {
-      const Eigen::Index next = t - 1 + 2 * side, other = t + 1 - 2 * side;  // across this end of the way, and across the other one
+      // across this end of the way, and across the other one
+      const Eigen::Index next = t - 1 + 2 * side, other = t + 1 - 2 * side;
       for (Eigen::Index i = 0; i < displacement.rows(); ++i) {
         double slope = secant(i, t);
         if (goes_on(t, next))
@@ -49,10 +54,12 @@ std::array<Eigen::MatrixXd, 2> bends(const Eigen::MatrixXd& displacement) {
   return result;
 }
 
-std::array<Eigen::MatrixXd, 2> bends(const Eigen::MatrixXd& displacement, const std::vector<int>& dofs, const mesh::Nodes& nodes, bool straight) {
+std::array<Eigen::MatrixXd, 2> bends(const Eigen::MatrixXd& displacement, const std::vector<int>& dofs,
+                                     const mesh::Nodes& nodes, bool straight) {
   using Complex = std::complex<double>;  // x + i y
   const Eigen::Index frames = displacement.cols();
-  std::array<Eigen::MatrixXd, 2> result{Eigen::MatrixXd::Zero(displacement.rows(), frames), Eigen::MatrixXd::Zero(displacement.rows(), frames)};
+  std::array<Eigen::MatrixXd, 2> result{Eigen::MatrixXd::Zero(displacement.rows(), frames),
+                                        Eigen::MatrixXd::Zero(displacement.rows(), frames)};
   std::vector<Eigen::Index> driven;  // x of a node, with y behind it
   for (std::size_t i = 0; i + 1 < dofs.size(); ++i)
     if (dofs[i] % 3 == 0 && dofs[i + 1] == dofs[i] + 1) driven.push_back(static_cast<Eigen::Index>(i));
@@ -70,7 +77,8 @@ std::array<Eigen::MatrixXd, 2> bends(const Eigen::MatrixXd& displacement, const 
   }
   X.array() -= X.mean(), Z.array() -= Z.mean();
 
-  // u = its mean + rotation (X + left) - X; in differences from rest, so that small displacements are as exact as large ones.
+  // u = its mean + rotation (X + left) - X; in differences from rest, so that small displacements are as exact as large
+  // ones.
   u.rowwise() -= u.colwise().mean().eval();
   Eigen::VectorXd angle(frames + 1);
   Eigen::MatrixXcd left(count, frames + 1);
@@ -92,11 +100,15 @@ std::array<Eigen::MatrixXd, 2> bends(const Eigen::MatrixXd& displacement, const 
     const double turn = std::remainder(angle[t + 1] - angle[t], 2.0 * std::numbers::pi);
     for (const Eigen::Index side : {0, 1}) {
       const Eigen::VectorXd its = bend[static_cast<std::size_t>(side)].col(t);
-      const Eigen::VectorXcd changes = left.col(t + 1) - left.col(t) + its.head(count) + Complex(0.0, 1.0) * its.tail(count);
-      const Eigen::VectorXcd rate = std::polar(1.0, angle[t + side]) * changes + Complex(0.0, turn) * (X + u.col(t + side)), faster = rate - (u.col(t + 1) - u.col(t));
+      const Eigen::VectorXcd changes =
+          left.col(t + 1) - left.col(t) + its.head(count) + Complex(0.0, 1.0) * its.tail(count);
+      const Eigen::VectorXcd rate = std::polar(1.0, angle[t + side]) * changes +
+                                    Complex(0.0, turn) * (X + u.col(t + side)),
+                             faster = rate - (u.col(t + 1) - u.col(t));
       for (Eigen::Index k = 0; k < count; ++k) {
         const Eigen::Index i = driven[static_cast<std::size_t>(k)];
-        result[static_cast<std::size_t>(side)](i, t) = faster[k].real(), result[static_cast<std::size_t>(side)](i + 1, t) = faster[k].imag();
+        result[static_cast<std::size_t>(side)](i, t) = faster[k].real(),
+                                                  result[static_cast<std::size_t>(side)](i + 1, t) = faster[k].imag();
       }
     }
   }

@@ -22,9 +22,10 @@ int mirrored(int i, int n) {
 
 constexpr int most_together = 256;  // signals filtered side by side
 
-// Samples to B-spline coefficients (Unser et al. 1993, Eqs 2.5-2.7) of `count` signals of n samples; sample k of all signals
-// stands in a row, samples + k samples_stride. May be done in place.
-IMIC3D_CLONES void prefilter(const float* samples, std::ptrdiff_t samples_stride, float* c, std::ptrdiff_t stride, int n, int count) {
+// Samples to B-spline coefficients (Unser et al. 1993, Eqs 2.5-2.7) of `count` signals of n samples; sample k of all
+// signals stands in a row, samples + k samples_stride. May be done in place.
+IMIC3D_CLONES void prefilter(const float* samples, std::ptrdiff_t samples_stride, float* c, std::ptrdiff_t stride,
+                             int n, int count) {
   if (n == 1) {
     std::copy_n(samples, count, c);
     return;
@@ -40,7 +41,8 @@ IMIC3D_CLONES void prefilter(const float* samples, std::ptrdiff_t samples_stride
   for (int k = 1; k < n; ++k) {
     const float* const row = samples + k * samples_stride;
     float* const to = c + k * stride;
-    for (int i = 0; i < count; ++i) state[i] = gain * static_cast<double>(row[i]) + z * state[i], to[i] = static_cast<float>(state[i]);
+    for (int i = 0; i < count; ++i)
+      state[i] = gain * static_cast<double>(row[i]) + z * state[i], to[i] = static_cast<float>(state[i]);
   }
   float* const end = c + (n - 1) * stride;
   for (int i = 0; i < count; ++i) {
@@ -49,7 +51,8 @@ IMIC3D_CLONES void prefilter(const float* samples, std::ptrdiff_t samples_stride
   }
   for (int k = n - 2; k >= 0; --k) {
     float* const to = c + k * stride;
-    for (int i = 0; i < count; ++i) state[i] = z * (state[i] - static_cast<double>(to[i])), to[i] = static_cast<float>(state[i]);
+    for (int i = 0; i < count; ++i)
+      state[i] = z * (state[i] - static_cast<double>(to[i])), to[i] = static_cast<float>(state[i]);
   }
 }
 
@@ -67,16 +70,19 @@ struct Weights {
 
 // `corner`: coefficient (column - 1, row - 1).
 template <class Real>
-IMIC3D_INLINE void interpolate_row(const float* corner, std::ptrdiff_t stride, const Real* dx, const Real* dy, int count, Real* values) {
+IMIC3D_INLINE void interpolate_row(const float* corner, std::ptrdiff_t stride, const Real* dx, const Real* dy,
+                                   int count, Real* values) {
   for (int i = 0; i < count;) {
     const Real whole_x = std::floor(dx[i]), whole_y = std::floor(dy[i]);
-    const float* const c = corner + i + static_cast<std::ptrdiff_t>(whole_x) + static_cast<std::ptrdiff_t>(whole_y) * stride;
+    const float* const c =
+        corner + i + static_cast<std::ptrdiff_t>(whole_x) + static_cast<std::ptrdiff_t>(whole_y) * stride;
     const Lanes<Real> tx = load<Real>(dx + i) - whole_x, ty = load<Real>(dy + i) - whole_y;
     const Weights<Real> x(tx), y(ty);
     Lanes<Real> sum{};
     for (int j = 0; j < 4; ++j) {
       const float* const line = c + j * stride;
-      sum += y.w[j] * (x.w[0] * load<Real>(line) + x.w[1] * load<Real>(line + 1) + x.w[2] * load<Real>(line + 2) + x.w[3] * load<Real>(line + 3));
+      sum += y.w[j] * (x.w[0] * load<Real>(line) + x.w[1] * load<Real>(line + 1) + x.w[2] * load<Real>(line + 2) +
+                       x.w[3] * load<Real>(line + 3));
     }
     store<Real>(sum * (Real(1) / Real(36)), values + i);
     // Those that lie in another cell are done in the next turn.
@@ -92,22 +98,27 @@ IMIC3D_INLINE void interpolate_row(const float* corner, std::ptrdiff_t stride, c
   }
 }
 
-IMIC3D_CLONES void row_of(const float* corner, std::ptrdiff_t stride, const float* dx, const float* dy, int count, float* values) {
+IMIC3D_CLONES void row_of(const float* corner, std::ptrdiff_t stride, const float* dx, const float* dy, int count,
+                          float* values) {
   interpolate_row(corner, stride, dx, dy, count, values);
 }
-IMIC3D_CLONES void row_of(const float* corner, std::ptrdiff_t stride, const double* dx, const double* dy, int count, double* values) {
+IMIC3D_CLONES void row_of(const float* corner, std::ptrdiff_t stride, const double* dx, const double* dy, int count,
+                          double* values) {
   interpolate_row(corner, stride, dx, dy, count, values);
 }
 
-// `above`: coefficient (column - 1, row - 1). At a pixel the splines are 1/6, 2/3, 1/6, their slopes -1/2, 0, 1/2 and their second
-// derivatives 1, -2, 1.
-IMIC3D_CLONES void curvature_of(const float* above, std::ptrdiff_t stride, int count, float xx, float xy, float yy, float* values) {
-  const float side_x = (4.0F * xx - 2.0F * yy) / 6.0F, side_y = (4.0F * yy - 2.0F * xx) / 6.0F, middle = -8.0F * (xx + yy) / 6.0F;
+// `above`: coefficient (column - 1, row - 1). At a pixel the splines are 1/6, 2/3, 1/6, their slopes -1/2, 0, 1/2 and
+// their second derivatives 1, -2, 1.
+IMIC3D_CLONES void curvature_of(const float* above, std::ptrdiff_t stride, int count, float xx, float xy, float yy,
+                                float* values) {
+  const float side_x = (4.0F * xx - 2.0F * yy) / 6.0F, side_y = (4.0F * yy - 2.0F * xx) / 6.0F,
+              middle = -8.0F * (xx + yy) / 6.0F;
   const float falling = (xx + yy) / 6.0F + 0.5F * xy, rising = (xx + yy) / 6.0F - 0.5F * xy;
   const float *const at = above + stride, *const below = at + stride;
   for (int i = 0; i < count; i += lanes)
     store(falling * (load(above + i) + load(below + i + 2)) + rising * (load(above + i + 2) + load(below + i)) +
-              side_x * (load(at + i) + load(at + i + 2)) + side_y * (load(above + i + 1) + load(below + i + 1)) + middle * load(at + i + 1),
+              side_x * (load(at + i) + load(at + i + 2)) + side_y * (load(above + i + 1) + load(below + i + 1)) +
+              middle * load(at + i + 1),
           values + i);
 }
 
@@ -137,7 +148,8 @@ BSpline::BSpline(const Image& image) : width_(image.width), height_(image.height
   {
 #pragma omp for schedule(static)
     for (int first = 0; first < width_; first += most_together)
-      prefilter(image.grey.data() + first, width_, &at(first, 0), stride_, height_, std::min(most_together, width_ - first));
+      prefilter(image.grey.data() + first, width_, &at(first, 0), stride_, height_,
+                std::min(most_together, width_ - first));
     // Rows of the image, turned so that they lie side by side.
     constexpr int rows_together = 16;
     std::vector<float> turned(static_cast<std::size_t>(width_) * rows_together);
@@ -147,7 +159,8 @@ BSpline::BSpline(const Image& image) : width_(image.width), height_(image.height
       const auto turn = [&](const auto& copy) {  // by squares that stay in the cache
         for (int x0 = 0; x0 < width_; x0 += rows_together)
           for (int k = 0; k < count; ++k)
-            for (int x = x0; x < std::min(width_, x0 + rows_together); ++x) copy(turned[static_cast<std::size_t>(x) * rows_together + static_cast<std::size_t>(k)], at(x, first + k));
+            for (int x = x0; x < std::min(width_, x0 + rows_together); ++x)
+              copy(turned[static_cast<std::size_t>(x) * rows_together + static_cast<std::size_t>(k)], at(x, first + k));
       };
       turn([](float& here, const float& there) { here = there; });
       prefilter(turned.data(), rows_together, turned.data(), rows_together, width_, count);

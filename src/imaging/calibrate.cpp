@@ -24,7 +24,8 @@ constexpr double most_unsure = 0.1;  // standard deviation of a focal length ove
 /// exp([r]x) rotation, translation + t.
 Pose moved(const Pose& pose, const Eigen::Vector3d& r, const Eigen::Vector3d& t) {
   const double angle = r.norm();
-  const Eigen::Matrix3d turn = angle > 0.0 ? Eigen::AngleAxisd(angle, r / angle).toRotationMatrix() : Eigen::Matrix3d::Identity();
+  const Eigen::Matrix3d turn =
+      angle > 0.0 ? Eigen::AngleAxisd(angle, r / angle).toRotationMatrix() : Eigen::Matrix3d::Identity();
   return {Eigen::Quaterniond(turn * pose.rotation).normalized().toRotationMatrix(), pose.translation + t};
 }
 
@@ -64,14 +65,18 @@ class Unknowns {
     State to = from;
     for (std::size_t c = 0; c < numbers_.size(); ++c) {
       Eigen::Vector<double, camera_numbers> change = Eigen::Vector<double, camera_numbers>::Zero();
-      for (std::size_t i = 0; i < numbers_[c].size(); ++i) change[numbers_[c][i]] = step[camera_starts_[c] + static_cast<Index>(i)];
+      for (std::size_t i = 0; i < numbers_[c].size(); ++i)
+        change[numbers_[c][i]] = step[camera_starts_[c] + static_cast<Index>(i)];
       Intrinsics& lens = to.lenses[c];
       lens.fx += change[0], lens.fy += change[1], lens.cx += change[2], lens.cy += change[3];
-      for (std::size_t k = 0; k < lens.distortion.size(); ++k) lens.distortion[k] += change[first_term + static_cast<Index>(k)];
+      for (std::size_t k = 0; k < lens.distortion.size(); ++k)
+        lens.distortion[k] += change[first_term + static_cast<Index>(k)];
       to.cameras[c] = moved(from.cameras[c], change.segment<3>(first_of_pose), change.tail<3>());
     }
     for (std::size_t f = 0; f < used.size(); ++f)
-      if (used[f]) to.targets[f] = moved(from.targets[f], step.segment<3>(target_starts_[f]), step.segment<3>(target_starts_[f] + 3));
+      if (used[f])
+        to.targets[f] =
+            moved(from.targets[f], step.segment<3>(target_starts_[f]), step.segment<3>(target_starts_[f] + 3));
     return to;
   }
 
@@ -81,7 +86,9 @@ class Unknowns {
   Index count_ = 0, of_cameras_ = 0;
 };
 
-cv::Mat matrix(const Intrinsics& lens) { return cv::Mat(cv::Matx33d(lens.fx, lens.skew, lens.cx, 0.0, lens.fy, lens.cy, 0.0, 0.0, 1.0)); }
+cv::Mat matrix(const Intrinsics& lens) {
+  return cv::Mat(cv::Matx33d(lens.fx, lens.skew, lens.cx, 0.0, lens.fy, lens.cy, 0.0, 0.0, 1.0));
+}
 
 Pose pose_of(const cv::Mat& rotation_vector, const cv::Mat& translation) {
   cv::Mat R;
@@ -108,7 +115,8 @@ std::vector<cv::Point2f> as_points2(const std::vector<Eigen::Vector2d>& pixels) 
 }
 
 /// Zhang's method for one camera by itself.
-Intrinsics lens_alone(const std::vector<Eigen::Vector3d>& points, const CameraSightings& seen, const std::vector<int>& terms) {
+Intrinsics lens_alone(const std::vector<Eigen::Vector3d>& points, const CameraSightings& seen,
+                      const std::vector<int>& terms) {
   std::vector<std::vector<cv::Point3f>> objects;
   std::vector<std::vector<cv::Point2f>> images;
   for (const auto& pixels : seen.pixels)
@@ -124,18 +132,21 @@ Intrinsics lens_alone(const std::vector<Eigen::Vector3d>& points, const CameraSi
   try {
     cv::calibrateCamera(objects, images, {seen.width, seen.height}, K, D, rotations, translations, flags);
   } catch (const cv::Exception& exception) {
-    throw InputError("camera " + seen.name, "no calibration: " + exception.err, "images of a flat target in different directions");
+    throw InputError("camera " + seen.name, "no calibration: " + exception.err,
+                     "images of a flat target in different directions");
   }
-  Intrinsics lens{.fx = K.at<double>(0, 0), .fy = K.at<double>(1, 1), .cx = K.at<double>(0, 2), .cy = K.at<double>(1, 2)};
+  Intrinsics lens{
+      .fx = K.at<double>(0, 0), .fy = K.at<double>(1, 1), .cx = K.at<double>(0, 2), .cy = K.at<double>(1, 2)};
   for (std::size_t k = 0; k < 5; ++k)
     if (free(static_cast<int>(k))) lens.distortion[k] = D.at<double>(static_cast<int>(k));
   return lens;
 }
 
-Pose pose_alone(const std::vector<Eigen::Vector3d>& points, const std::vector<Eigen::Vector2d>& pixels, const Intrinsics& lens) {
+Pose pose_alone(const std::vector<Eigen::Vector3d>& points, const std::vector<Eigen::Vector2d>& pixels,
+                const Intrinsics& lens) {
   cv::Mat rotation, translation;
-  cv::solvePnP(as_points3(points), as_points2(pixels), matrix(lens), std::vector<double>(lens.distortion.begin(), lens.distortion.end()),
-               rotation, translation);
+  cv::solvePnP(as_points3(points), as_points2(pixels), matrix(lens),
+               std::vector<double>(lens.distortion.begin(), lens.distortion.end()), rotation, translation);
   return pose_of(rotation, translation);
 }
 
@@ -158,8 +169,8 @@ class Adjustment {
       for (std::size_t f = 0; f < frames_; ++f)
         if (!camera.pixels[f].empty()) used_[f] = 1;
     start(terms);
-    offsets_.assign(sightings_.size(),
-                    std::vector<std::vector<Eigen::Vector2d>>(frames_, std::vector<Eigen::Vector2d>(points_.size(), {0.0, 0.0})));
+    offsets_.assign(sightings_.size(), std::vector<std::vector<Eigen::Vector2d>>(
+                                           frames_, std::vector<Eigen::Vector2d>(points_.size(), {0.0, 0.0})));
   }
 
   RigCalibration run(const std::vector<int>& terms) {
@@ -178,19 +189,21 @@ class Adjustment {
  private:
   void start(const std::vector<int>& terms) {
     state_.targets.resize(frames_);
-    std::vector<std::vector<Pose>> seen(sightings_.size(), std::vector<Pose>(frames_));  // of the target in each camera's frame
+    // of the target in each camera's frame
+    std::vector<std::vector<Pose>> seen(sightings_.size(), std::vector<Pose>(frames_));
     order_.assign(sightings_.size(), std::vector<std::size_t>(frames_, 0));
     for (std::size_t c = 0; c < sightings_.size(); ++c) {
       state_.lenses.push_back(lens_alone(points_, sightings_[c], terms));
       for (std::size_t f = 0; f < frames_; ++f)
-        if (!sightings_[c].pixels[f].empty()) seen[c][f] = pose_alone(points_, sightings_[c].pixels[f], state_.lenses[c]);
+        if (!sightings_[c].pixels[f].empty())
+          seen[c][f] = pose_alone(points_, sightings_[c].pixels[f], state_.lenses[c]);
       state_.cameras.push_back(c == 0 ? Pose{} : relative_pose(c, seen[0]));
     }
     for (std::size_t f = 0; f < frames_; ++f)
       for (std::size_t c = sightings_.size(); c-- > 0;)
         if (!sightings_[c].pixels[f].empty())
-          state_.targets[f] =
-              inverse(state_.cameras[c]) * pose_alone(ordered(points_, orders_[order_[c][f]]), sightings_[c].pixels[f], state_.lenses[c]);
+          state_.targets[f] = inverse(state_.cameras[c]) * pose_alone(ordered(points_, orders_[order_[c][f]]),
+                                                                      sightings_[c].pixels[f], state_.lenses[c]);
   }
 
   /// Camera c after the first: the pose that most frames agree on, each with the order of the points that suits best.
@@ -203,8 +216,9 @@ class Adjustment {
     for (std::size_t f = 0; f < frames_; ++f)
       for (std::size_t o = 0; o < orders_.size(); ++o)
         if (!sightings_[0].pixels[f].empty() && !sightings_[c].pixels[f].empty())
-          candidates.push_back(
-              {f, o, pose_alone(ordered(points_, orders_[o]), sightings_[c].pixels[f], state_.lenses[c]) * inverse(in_first[f])});
+          candidates.push_back({f, o,
+                                pose_alone(ordered(points_, orders_[o]), sightings_[c].pixels[f], state_.lenses[c]) *
+                                    inverse(in_first[f])});
     const auto difference = [](const Pose& a, const Pose& b) {
       return Eigen::AngleAxisd(a.rotation * b.rotation.transpose()).angle() +
              (a.translation - b.translation).norm() / (1e-300 + a.translation.norm() + b.translation.norm());
@@ -213,7 +227,8 @@ class Adjustment {
     Pose found;
     for (const auto& candidate : candidates) {
       std::vector<double> nearest(frames_, std::numeric_limits<double>::infinity());
-      for (const auto& other : candidates) nearest[other.frame] = std::min(nearest[other.frame], difference(candidate.pose, other.pose));
+      for (const auto& other : candidates)
+        nearest[other.frame] = std::min(nearest[other.frame], difference(candidate.pose, other.pose));
       double sum = 0.0;
       for (const double distance : nearest)
         if (std::isfinite(distance)) sum += distance;
@@ -239,7 +254,8 @@ class Adjustment {
           std::vector<Eigen::Vector2d> contour;
           for (int k = 0; k < corners; ++k) {
             const double angle = 2.0 * std::numbers::pi * k / corners;
-            const Eigen::Vector3d point = points_[p] + 0.5 * target_.diameter * Eigen::Vector3d(std::cos(angle), std::sin(angle), 0.0);
+            const Eigen::Vector3d point =
+                points_[p] + 0.5 * target_.diameter * Eigen::Vector3d(std::cos(angle), std::sin(angle), 0.0);
             contour.push_back(camera.project(pose.rotation * point + pose.translation) - centre);
           }
           double area = 0.0;
@@ -255,7 +271,8 @@ class Adjustment {
     }
   }
 
-  /// Calls action(camera, frame, number of the finder's point, residual [px], the point in the rig's frame, R_target * point).
+  /// Calls action(camera, frame, number of the finder's point, residual [px], the point in the rig's frame, R_target *
+  /// point).
   template <class Action>
   void for_points(const State& state, Action action) const {
     for (std::size_t c = 0; c < sightings_.size(); ++c) {
@@ -264,7 +281,8 @@ class Adjustment {
         const auto& pixels = sightings_[c].pixels[f];
         for (std::size_t k = 0; k < pixels.size(); ++k) {
           const auto p = static_cast<std::size_t>(orders_[order_[c][f]][k]);
-          const Eigen::Vector3d turned = state.targets[f].rotation * points_[p], at = turned + state.targets[f].translation;
+          const Eigen::Vector3d turned = state.targets[f].rotation * points_[p],
+                                at = turned + state.targets[f].translation;
           action(c, f, p, Eigen::Vector2d(pixels[k] - offsets_[c][f][p] - camera.project(at)), at, turned);
         }
       }
@@ -273,9 +291,8 @@ class Adjustment {
 
   [[nodiscard]] double squares(const State& state) const {
     double sum = 0.0;
-    for_points(state, [&](std::size_t, std::size_t, std::size_t, const Eigen::Vector2d& r, const Eigen::Vector3d&, const Eigen::Vector3d&) {
-      sum += r.squaredNorm();
-    });
+    for_points(state, [&](std::size_t, std::size_t, std::size_t, const Eigen::Vector2d& r, const Eigen::Vector3d&,
+                          const Eigen::Vector3d&) { sum += r.squaredNorm(); });
     return sum;
   }
 
@@ -285,8 +302,8 @@ class Adjustment {
     g.setZero(unknowns.count());
     std::vector<PinholeCamera> cameras;
     for (std::size_t c = 0; c < sightings_.size(); ++c) cameras.push_back(state_.camera(c));
-    for_points(state_, [&](std::size_t c, std::size_t f, std::size_t, const Eigen::Vector2d& r, const Eigen::Vector3d& at,
-                           const Eigen::Vector3d& turned) {
+    for_points(state_, [&](std::size_t c, std::size_t f, std::size_t, const Eigen::Vector2d& r,
+                           const Eigen::Vector3d& at, const Eigen::Vector3d& turned) {
       const auto& numbers = unknowns.numbers(c);
       const auto count = static_cast<Index>(numbers.size());
       const auto of_numbers = cameras[c].jacobian_of_numbers(at);
@@ -348,14 +365,15 @@ class Adjustment {
     double sum = 0.0;
     Index points = 0;
     std::vector<std::vector<std::size_t>> next(sightings_.size(), std::vector<std::size_t>(frames_, 0));
-    for_points(state_,
-               [&](std::size_t c, std::size_t f, std::size_t, const Eigen::Vector2d& r, const Eigen::Vector3d&, const Eigen::Vector3d&) {
-                 result.residuals[c][f][next[c][f]++] = r;  // in the finder's order, as the pixels
-                 sum += r.squaredNorm(), ++points;
-               });
+    for_points(state_, [&](std::size_t c, std::size_t f, std::size_t, const Eigen::Vector2d& r, const Eigen::Vector3d&,
+                           const Eigen::Vector3d&) {
+      result.residuals[c][f][next[c][f]++] = r;  // in the finder's order, as the pixels
+      sum += r.squaredNorm(), ++points;
+    });
     result.rms = std::sqrt(sum / static_cast<double>(points));
     const Index freedom = 2 * points - unknowns.count();
-    if (freedom <= 0) throw InputError("images", fmt::format("{} points for {} unknowns", points, unknowns.count()), "more images");
+    if (freedom <= 0)
+      throw InputError("images", fmt::format("{} points for {} unknowns", points, unknowns.count()), "more images");
     result.deviation = std::sqrt(sum / static_cast<double>(freedom));
     const Eigen::VectorXd scale = H.diagonal().cwiseSqrt().cwiseInverse();
     const Eigen::LDLT<Eigen::MatrixXd> factor(scale.asDiagonal() * H * scale.asDiagonal());
@@ -365,7 +383,8 @@ class Adjustment {
     const Eigen::MatrixXd unscaled =
         factor.solve(Eigen::MatrixXd::Identity(unknowns.count(), unknowns.of_cameras())).topRows(unknowns.of_cameras());
     const Eigen::VectorXd head = scale.head(unknowns.of_cameras());
-    const Eigen::MatrixXd covariance = head.asDiagonal() * unscaled * head.asDiagonal() * (result.deviation * result.deviation);
+    const Eigen::MatrixXd covariance =
+        head.asDiagonal() * unscaled * head.asDiagonal() * (result.deviation * result.deviation);
     const auto cameras = static_cast<Index>(sightings_.size());
     for (Index c = 0; c < cameras; ++c) {
       const auto& seen = sightings_[static_cast<std::size_t>(c)];
@@ -376,7 +395,8 @@ class Adjustment {
                               .pose = state_.cameras[static_cast<std::size_t>(c)],
                               .covariance = Eigen::MatrixXd::Zero(camera_numbers, camera_numbers * cameras)};
       for (Index d = 0; d < cameras; ++d) {
-        const auto &rows = unknowns.numbers(static_cast<std::size_t>(c)), &columns = unknowns.numbers(static_cast<std::size_t>(d));
+        const auto &rows = unknowns.numbers(static_cast<std::size_t>(c)),
+                   &columns = unknowns.numbers(static_cast<std::size_t>(d));
         for (std::size_t i = 0; i < rows.size(); ++i)
           for (std::size_t j = 0; j < columns.size(); ++j)
             camera.covariance(rows[i], d * camera_numbers + columns[j]) =
@@ -384,11 +404,14 @@ class Adjustment {
                            unknowns.camera(static_cast<std::size_t>(d)) + static_cast<Index>(j));
       }
       for (const auto& [number, value] : {std::pair(0, camera.intrinsics.fx), std::pair(1, camera.intrinsics.fy)})
-        if (const double deviation = std::sqrt(camera.covariance(number, c * camera_numbers + number)); !(deviation < most_unsure * value))
-          throw InputError("camera " + seen.name,
-                           fmt::format("the images leave its focal length undetermined: {:.4g} px with a standard deviation of {:.2g}",
-                                       value, deviation),
-                           "the target turned in different directions");
+        if (const double deviation = std::sqrt(camera.covariance(number, c * camera_numbers + number));
+            !(deviation < most_unsure * value))
+          throw InputError(
+              "camera " + seen.name,
+              fmt::format(
+                  "the images leave its focal length undetermined: {:.4g} px with a standard deviation of {:.2g}",
+                  value, deviation),
+              "the target turned in different directions");
       result.cameras.push_back(camera);
     }
     result.targets = state_.targets;
@@ -401,13 +424,17 @@ class Adjustment {
   const std::vector<std::vector<int>> orders_;
   std::size_t frames_;
   std::vector<char> used_;
-  std::vector<std::vector<std::size_t>> order_;                     // [cameras][frames] which order the finder took
-  std::vector<std::vector<std::vector<Eigen::Vector2d>>> offsets_;  // [cameras][frames][points] centroid - centre [px]
+  // [cameras][frames] which order the finder took
+  std::vector<std::vector<std::size_t>> order_;
+  // [cameras][frames][points] centroid - centre [px]
+  std::vector<std::vector<std::vector<Eigen::Vector2d>>> offsets_;
   State state_;
   bool converged_ = false;
 };
 
-double root_mean(double sum, std::size_t count) { return count > 0 ? std::sqrt(sum / static_cast<double>(count)) : std::nan(""); }
+double root_mean(double sum, std::size_t count) {
+  return count > 0 ? std::sqrt(sum / static_cast<double>(count)) : std::nan("");
+}
 
 }  // namespace
 
@@ -425,7 +452,8 @@ double RigCalibration::rms_of(std::size_t camera, std::size_t frame) const {
   return root_mean(sum, residuals[camera][frame].size());
 }
 
-RigCalibration calibrate_rig(const Target& target, const std::vector<CameraSightings>& sightings, const std::vector<int>& terms) {
+RigCalibration calibrate_rig(const Target& target, const std::vector<CameraSightings>& sightings,
+                             const std::vector<int>& terms) {
   std::vector<Mistake> mistakes;
   for (const auto& camera : sightings) {
     std::size_t found = 0, shared = 0;
@@ -434,10 +462,12 @@ RigCalibration calibrate_rig(const Target& target, const std::vector<CameraSight
       shared += !camera.pixels[f].empty() && !sightings[0].pixels[f].empty();
     }
     if (found < fewest_images)
-      mistakes.push_back({"camera " + camera.name, fmt::format("the target was found in {} of {} images", found, camera.pixels.size()),
+      mistakes.push_back({"camera " + camera.name,
+                          fmt::format("the target was found in {} of {} images", found, camera.pixels.size()),
                           fmt::format("at least {}", fewest_images)});
     else if (shared < 1)
-      mistakes.push_back({"camera " + camera.name, "no image of the target at the same time as " + sightings[0].name, "at least 1"});
+      mistakes.push_back(
+          {"camera " + camera.name, "no image of the target at the same time as " + sightings[0].name, "at least 1"});
   }
   if (!mistakes.empty()) throw InputError(mistakes);
   return Adjustment(target, sightings, terms).run(terms);

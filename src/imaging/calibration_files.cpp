@@ -26,8 +26,10 @@ Eigen::Matrix3d rotation_of_angles(double alpha, double beta, double gamma) {
 
 void check_camera(const std::string& place, const CalibratedCamera& camera) {
   const auto& lens = camera.intrinsics;
-  const Eigen::Map<const Eigen::VectorXd> distortion(lens.distortion.data(), static_cast<Eigen::Index>(lens.distortion.size()));
-  const bool finite = distortion.allFinite() && camera.pose.translation.allFinite() && camera.pose.rotation.allFinite() &&
+  const Eigen::Map<const Eigen::VectorXd> distortion(lens.distortion.data(),
+                                                     static_cast<Eigen::Index>(lens.distortion.size()));
+  const bool finite = distortion.allFinite() && camera.pose.translation.allFinite() &&
+                      camera.pose.rotation.allFinite() &&
                       std::isfinite(lens.fx + lens.fy + lens.cx + lens.cy + lens.skew);
   if (!finite) throw InputError(place, "a number that is not finite", "finite numbers");
   if (!(lens.fx > 0.0 && lens.fy > 0.0))
@@ -79,8 +81,8 @@ std::vector<Tag> tags(const std::string& file, const std::string& text) {
   std::size_t at = 0;
   int line = 1;
   const auto advance = [&](std::size_t to) {
-    line +=
-        static_cast<int>(std::count(text.begin() + static_cast<std::ptrdiff_t>(at), text.begin() + static_cast<std::ptrdiff_t>(to), '\n'));
+    line += static_cast<int>(std::count(text.begin() + static_cast<std::ptrdiff_t>(at),
+                                        text.begin() + static_cast<std::ptrdiff_t>(to), '\n'));
     at = to;
   };
   while (true) {
@@ -90,7 +92,8 @@ std::vector<Tag> tags(const std::string& file, const std::string& text) {
     advance(open);
     const bool comment = text.compare(at, 4, "<!--") == 0;
     const auto close = comment ? text.find("-->", at) : text.find('>', at);
-    if (close == std::string::npos) throw InputError(fmt::format("{}:{}", file, line), "a tag that does not end", "<...>");
+    if (close == std::string::npos)
+      throw InputError(fmt::format("{}:{}", file, line), "a tag that does not end", "<...>");
     const std::string inside = text.substr(at + 1, close - at - 1);
     if (!comment && inside[0] != '?' && inside[0] != '!') {
       Tag tag{.name = inside.substr(0, inside.find_first_of(" \t\r\n")), .attributes = {}, .text = {}, .line = line};
@@ -127,7 +130,8 @@ std::vector<CalibratedCamera> read_vic(const std::string& file, const std::vecto
   const auto lens = [&](const std::vector<double>& values) {
     if (values.empty()) return;
     if (values.size() < 5 || values.size() > 8)
-      throw InputError(fmt::format("{}:{} camera", file, line), fmt::format("{} numbers", values.size()), "cx cy fx fy skew k1 k2 k3");
+      throw InputError(fmt::format("{}:{} camera", file, line), fmt::format("{} numbers", values.size()),
+                       "cx cy fx fy skew k1 k2 k3");
     Intrinsics& to = cameras.back().intrinsics;
     to.cx = values[0], to.cy = values[1], to.fx = values[2], to.fy = values[3], to.skew = values[4];
     constexpr int radial[] = {0, 1, 4};
@@ -143,8 +147,8 @@ std::vector<CalibratedCamera> read_vic(const std::string& file, const std::vecto
     if (tag.name == "camera") {
       finish();
       inside = true, has_lens = has_pose = false, place = here;
-      cameras.emplace_back().name =
-          tag.attributes.contains("id") ? "camera " + tag.attributes.at("id") : fmt::format("camera {}", cameras.size() - 1);
+      cameras.emplace_back().name = tag.attributes.contains("id") ? "camera " + tag.attributes.at("id")
+                                                                  : fmt::format("camera {}", cameras.size() - 1);
       lens(numbers(here, tag.text));
     } else if (inside && tag.name == "intrinsics") {
       lens(numbers(here, tag.text));
@@ -155,7 +159,8 @@ std::vector<CalibratedCamera> read_vic(const std::string& file, const std::vecto
       for (std::size_t k = 0; k < values.size(); ++k) cameras.back().intrinsics.distortion[radial[k]] = values[k];
     } else if (inside && tag.name == "orientation") {
       const auto values = numbers(here, tag.text);
-      if (values.size() != 6) throw InputError(here, fmt::format("{} numbers", values.size()), "alpha beta gamma [degrees] tx ty tz");
+      if (values.size() != 6)
+        throw InputError(here, fmt::format("{} numbers", values.size()), "alpha beta gamma [degrees] tx ty tz");
       cameras.back().pose = {rotation_of_angles(values[0], values[1], values[2]), {values[3], values[4], values[5]}};
       has_pose = true;
     } else if (tag.name == "/camera") {
@@ -169,12 +174,15 @@ std::vector<CalibratedCamera> read_vic(const std::string& file, const std::vecto
 
 /// DICe: a list `CAMERA i` of named parameters for each camera; angles and distances as in VIC-3D.
 std::vector<CalibratedCamera> read_dice(const std::string& file, const std::vector<Tag>& found) {
-  constexpr std::array<const char*, 12> terms = {"K1", "K2", "P1", "P2", "K3", "K4", "K5", "K6", "S1", "S2", "S3", "S4"};
+  constexpr std::array<const char*, 12> terms = {"K1", "K2", "P1", "P2", "K3", "K4",
+                                                 "K5", "K6", "S1", "S2", "S3", "S4"};
   std::vector<std::map<std::string, std::pair<std::string, int>>> lists;  // value and line of every parameter
   std::map<std::string, std::pair<std::string, int>> system;
   std::vector<std::string> path;
   for (const Tag& tag : found) {
-    const auto value = [&](const char* key) { return tag.attributes.contains(key) ? tag.attributes.at(key) : std::string(); };
+    const auto value = [&](const char* key) {
+      return tag.attributes.contains(key) ? tag.attributes.at(key) : std::string();
+    };
     if (tag.name == "ParameterList") {
       path.push_back(value("name"));
       if (path.back().starts_with("CAMERA ")) lists.emplace_back();
@@ -185,8 +193,8 @@ std::vector<CalibratedCamera> read_dice(const std::string& file, const std::vect
       (of_camera ? lists.back() : system)[value("name")] = {value("value"), tag.line};
     }
   }
-  const bool relative =
-      system.contains("extrinsics_relative_camera_to_camera") && system["extrinsics_relative_camera_to_camera"].first == "true";
+  const bool relative = system.contains("extrinsics_relative_camera_to_camera") &&
+                        system["extrinsics_relative_camera_to_camera"].first == "true";
   std::vector<CalibratedCamera> cameras;
   for (std::size_t i = 0; i < lists.size(); ++i) {
     auto& list = lists[i];
@@ -199,7 +207,8 @@ std::vector<CalibratedCamera> read_dice(const std::string& file, const std::vect
       return list.contains(key) ? number(place(key), trimmed(list[key].first)) : *otherwise;
     };
     CalibratedCamera camera;
-    camera.name = list.contains("CAMERA_ID") && !list["CAMERA_ID"].first.empty() ? list["CAMERA_ID"].first : fmt::format("CAMERA {}", i);
+    camera.name = list.contains("CAMERA_ID") && !list["CAMERA_ID"].first.empty() ? list["CAMERA_ID"].first
+                                                                                 : fmt::format("CAMERA {}", i);
     auto& lens = camera.intrinsics;
     lens.fx = get("FX", std::nullopt), lens.fy = get("FY", std::nullopt), lens.cx = get("CX", std::nullopt),
     lens.cy = get("CY", std::nullopt);
@@ -210,12 +219,14 @@ std::vector<CalibratedCamera> read_dice(const std::string& file, const std::vect
     if (model == "NONE")
       lens.distortion = {};
     else if (any && model != "OPENCV_DIS" && model != "VIC3D_DIS" && model != "K1R3_K2R5_K3R7")
-      throw InputError(place("LENS_DISTORTION_MODEL"), model, "OPENCV_DIS, VIC3D_DIS, K1R3_K2R5_K3R7, NONE (no other can be kept)");
+      throw InputError(place("LENS_DISTORTION_MODEL"), model,
+                       "OPENCV_DIS, VIC3D_DIS, K1R3_K2R5_K3R7, NONE (no other can be kept)");
     for (const char* tilt : {"T1", "T2"})
       if (get(tilt) != 0.0) throw InputError(place(tilt), list[tilt].first, "0 (a tilted sensor is not modelled)");
     if (list.contains("IMAGE_HEIGHT_WIDTH")) {
       const auto size = numbers(place("IMAGE_HEIGHT_WIDTH"), list["IMAGE_HEIGHT_WIDTH"].first);
-      if (size.size() != 2) throw InputError(place("IMAGE_HEIGHT_WIDTH"), list["IMAGE_HEIGHT_WIDTH"].first, "{ height, width }");
+      if (size.size() != 2)
+        throw InputError(place("IMAGE_HEIGHT_WIDTH"), list["IMAGE_HEIGHT_WIDTH"].first, "{ height, width }");
       camera.height = static_cast<int>(size[0]), camera.width = static_cast<int>(size[1]);
     }
     camera.pose.rotation = rotation_of_angles(get("ALPHA"), get("BETA"), get("GAMMA"));
@@ -243,11 +254,13 @@ std::vector<CalibratedCamera> read_matchid(const std::string& file, const std::s
     if (trimmed(row).empty()) continue;
     const auto place = fmt::format("{}:{}", file, line);
     const auto end = row.find(';');
-    if (end == std::string::npos) throw InputError(place, "\"" + trimmed(row) + "\"", "a name, a semicolon and a number");
+    if (end == std::string::npos)
+      throw InputError(place, "\"" + trimmed(row) + "\"", "a name, a semicolon and a number");
     auto key = trimmed(row.substr(0, row.find_first_of(";[")));
     if (key.starts_with("cam")) key[0] = 'C';
     if (values.contains(key))
-      throw InputError(place + " " + key, fmt::format("given twice (first in line {})", values[key].second), "each name once");
+      throw InputError(place + " " + key, fmt::format("given twice (first in line {})", values[key].second),
+                       "each name once");
     values[key] = {number(place + " " + key, trimmed(row.substr(end + 1))), line};
   }
   const auto get = [&](const std::string& key) {
@@ -260,7 +273,8 @@ std::vector<CalibratedCamera> read_matchid(const std::string& file, const std::s
     const auto camera = fmt::format("Cam{}_", i);
     auto& lens = cameras[i].intrinsics;
     cameras[i].name = fmt::format("camera {}", i);
-    lens.fx = get(camera + "Fx"), lens.fy = get(camera + "Fy"), lens.cx = get(camera + "Cx"), lens.cy = get(camera + "Cy");
+    lens.fx = get(camera + "Fx"), lens.fy = get(camera + "Fy"), lens.cx = get(camera + "Cx"),
+    lens.cy = get(camera + "Cy");
     lens.skew = get_or_zero(camera + "Fs");
     lens.distortion = {get_or_zero(camera + "Kappa 1"), get_or_zero(camera + "Kappa 2"), get_or_zero(camera + "P1"),
                        get_or_zero(camera + "P2"), get_or_zero(camera + "Kappa 3")};

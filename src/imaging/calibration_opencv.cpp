@@ -57,7 +57,8 @@ class Node {
       if (node_.isMap()) node_ >> read;
     } catch (const cv::Exception&) {
     }
-    if (read.empty() || read.channels() != 1 || (rows > 0 && read.rows != rows) || (columns > 0 && read.cols != columns))
+    if (read.empty() || read.channels() != 1 || (rows > 0 && read.rows != rows) ||
+        (columns > 0 && read.cols != columns))
       throw InputError(place_, read.empty() ? "not a matrix" : fmt::format("{} x {} numbers", read.rows, read.cols),
                        rows > 0 && columns > 0 ? fmt::format("{} x {} numbers", rows, columns) : "a matrix");
     read.convertTo(read, CV_64F);
@@ -98,7 +99,8 @@ Pose pose(const Node& in, const std::string& rotation_key, const std::string& tr
   const Node rotation = in[rotation_key], translation = in[translation_key];
   Pose found{rotation.matrix(3, 3), Eigen::Vector3d::Zero()};
   const Eigen::MatrixXd T = translation.matrix(0, 0);
-  if (T.size() != 3) throw InputError(translation.place(), fmt::format("{} x {} numbers", T.rows(), T.cols()), "3 numbers");
+  if (T.size() != 3)
+    throw InputError(translation.place(), fmt::format("{} x {} numbers", T.rows(), T.cols()), "3 numbers");
   found.translation = T.reshaped();
   return found;
 }
@@ -109,7 +111,8 @@ Pose second_camera(const fs::path& file, const Node& root) {
   const fs::path other = file.parent_path() / ("extrinsics" + file.extension().string());
   std::ifstream stream(other, std::ios::binary);
   if (!stream)
-    throw InputError(file.string() + " R", "not given, and no " + other.filename().string() + " beside it", "R and T of the second camera");
+    throw InputError(file.string() + " R", "not given, and no " + other.filename().string() + " beside it",
+                     "R and T of the second camera");
   const auto storage = opened(other, std::string((std::istreambuf_iterator<char>(stream)), {}));
   const Node there(other.string(), storage.root());
   return pose(there, "R", "T");
@@ -156,12 +159,14 @@ std::vector<CalibratedCamera> read_opencv_calibration(const fs::path& file, cons
                        .covariance = {}});
     check_camera(file.string(), cameras[0]);
   } else {
-    throw InputError(file.string(), "no camera", "cameras (a list), M1 D1 M2 D2 R T, or camera_matrix and distortion_coefficients");
+    throw InputError(file.string(), "no camera",
+                     "cameras (a list), M1 D1 M2 D2 R T, or camera_matrix and distortion_coefficients");
   }
   return cameras;
 }
 
-void write_calibration(const fs::path& file, const std::vector<CalibratedCamera>& cameras, const std::string& length_unit) {
+void write_calibration(const fs::path& file, const std::vector<CalibratedCamera>& cameras,
+                       const std::string& length_unit) {
   const auto mat = [](const Eigen::MatrixXd& values) {
     cv::Mat_<double> m(static_cast<int>(values.rows()), static_cast<int>(values.cols()));
     for (int i = 0; i < m.rows; ++i)
@@ -175,8 +180,9 @@ void write_calibration(const fs::path& file, const std::vector<CalibratedCamera>
     const auto& lens = camera.intrinsics;
     const Eigen::Matrix3d K{{lens.fx, lens.skew, lens.cx}, {0.0, lens.fy, lens.cy}, {0.0, 0.0, 1.0}};
     storage << "{"
-            << "name" << camera.name << "image_width" << camera.width << "image_height" << camera.height << "camera_matrix" << mat(K)
-            << "distortion_coefficients" << mat(Eigen::Map<const Eigen::RowVectorXd>(lens.distortion.data(), 12)) << "rotation"
+            << "name" << camera.name << "image_width" << camera.width << "image_height" << camera.height
+            << "camera_matrix" << mat(K) << "distortion_coefficients"
+            << mat(Eigen::Map<const Eigen::RowVectorXd>(lens.distortion.data(), 12)) << "rotation"
             << mat(camera.pose.rotation) << "translation" << mat(camera.pose.translation);
     if (camera.covariance.size() > 0) storage << "covariance" << mat(camera.covariance);
     storage << "}";

@@ -16,7 +16,9 @@ std::vector<double> third_differences(const Image& image, bool of_columns) {
   std::vector<double> sums(static_cast<std::size_t>(std::max(0, of_columns ? width : height)), 0.0);
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x)
-      sums[static_cast<std::size_t>(of_columns ? x : y)] += std::abs(image(x, y) - 3.0F * image(x + dx, y + dy) + 3.0F * image(x + 2 * dx, y + 2 * dy) - image(x + 3 * dx, y + 3 * dy));
+      sums[static_cast<std::size_t>(of_columns ? x : y)] +=
+          std::abs(image(x, y) - 3.0F * image(x + dx, y + dy) + 3.0F * image(x + 2 * dx, y + 2 * dy) -
+                   image(x + 3 * dx, y + 3 * dy));
   return sums;
 }
 
@@ -43,6 +45,8 @@ double excess(const std::vector<double>& differences) {
 
 }  // namespace
 
-double block_excess(const Image& image) { return std::min(excess(third_differences(image, true)), excess(third_differences(image, false))); }
+double block_excess(const Image& image) {
+  return std::min(excess(third_differences(image, true)), excess(third_differences(image, false)));
+}
 
 }  // namespace imic3d::imaging

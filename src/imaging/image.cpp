@@ -68,7 +68,8 @@ std::optional<ImageHeader> bmp_header(Bytes& bytes) {
   return ImageHeader{static_cast<int>(*width), std::abs(rows), 8};
 }
 
-/// `block`: pixels of a strip or tile, which the decoder holds at once; those of a whole image where strips are said to be no shorter.
+/// `block`: pixels of a strip or tile, which the decoder holds at once; those of a whole image where strips are said to
+/// be no shorter.
 std::optional<ImageHeader> tiff_header(Bytes& bytes, double& block) {
   const auto directory = bytes.integer(4, 4);
   if (!directory) return {};
@@ -82,7 +83,10 @@ std::optional<ImageHeader> tiff_header(Bytes& bytes, double& block) {
     const auto tag = bytes.integer(entry, 2), type = bytes.integer(entry + 2, 2), count = bytes.integer(entry + 4, 4);
     if (!tag || !type || !count) return {};
     if (!read.insert(*tag).second) return {};  // of a tag that is there twice decoders take either
-    double* const of_block = *tag == 278 ? &rows_per_strip : *tag == 322 ? &tile_width : *tag == 323 ? &tile_height : nullptr;
+    double* const of_block = *tag == 278   ? &rows_per_strip
+                             : *tag == 322 ? &tile_width
+                             : *tag == 323 ? &tile_height
+                                           : nullptr;
     if ((*tag < 256 || *tag > 258) && of_block == nullptr) continue;
     const std::size_t size = *type == 3 ? 2 : 4;
     // More than fits into the entry stands elsewhere (bits per sample of a colour file).
@@ -101,7 +105,8 @@ std::optional<ImageHeader> tiff_header(Bytes& bytes, double& block) {
   return header;
 }
 
-/// What the file says of itself; nothing if it is none of the allowed formats or its header is broken. `most`: pixels that decoding it takes room for.
+/// What the file says of itself; nothing if it is none of the allowed formats or its header is broken. `most`: pixels
+/// that decoding it takes room for.
 std::optional<ImageHeader> declared(const fs::path& file, double& most) {
   double block = 0.0;
   Bytes bytes(file);
@@ -133,8 +138,12 @@ Image read_image(const fs::path& file) {
   double most = 0.0;
   const auto header = declared(file, most);
   if (header && most > 5000.0 * static_cast<double>(fs::file_size(file)))
-    throw InputError(file.string(), fmt::format("{} in {} bytes{}", described(*header), fs::file_size(file),
-                                                most > static_cast<double>(header->width) * header->height ? fmt::format(", in strips or tiles of {:.0f} pixels", most) : ""), allowed_file);
+    throw InputError(file.string(),
+                     fmt::format("{} in {} bytes{}", described(*header), fs::file_size(file),
+                                 most > static_cast<double>(header->width) * header->height
+                                     ? fmt::format(", in strips or tiles of {:.0f} pixels", most)
+                                     : ""),
+                     allowed_file);
   try {
     if (header) decoded = cv::imread(file.string(), cv::IMREAD_UNCHANGED | cv::IMREAD_IGNORE_ORIENTATION);
   } catch (const cv::Exception& error) {

@@ -25,7 +25,8 @@ double half_variance_of_difference(const Image& a, const Image& b, const Image* 
   mean /= static_cast<double>(difference.size());
   std::vector<float> magnitude(difference.size());
   for (std::size_t i = 0; i < difference.size(); ++i) magnitude[i] = std::abs(difference[i] - static_cast<float>(mean));
-  // The median of integers is too coarse, for the deviation and for what lies outside too: it is where the search for both begins.
+  // The median of integers is too coarse, for the deviation and for what lies outside too: it is where the search for
+  // both begins.
   double scale = 1.4826 * static_cast<double>(median(magnitude)), sum = 0.0, count = 0.0;
   for (int round = 0; round < 5; ++round) {
     const auto within = static_cast<float>(4.0 * std::max(scale, 1.0));  // one grey level at least

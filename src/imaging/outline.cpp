@@ -11,7 +11,8 @@ using Eigen::Vector2d;
 
 namespace {
 
-constexpr double corner_angle = 30.0 * std::numbers::pi / 180.0;  // contours that turn more than this at a point have a corner there
+constexpr double corner_angle =
+    30.0 * std::numbers::pi / 180.0;  // contours that turn more than this at a point have a corner there
 
 double angle_between(const Vector2d& a, const Vector2d& b) {
   return std::abs(std::atan2(a.x() * b.y() - a.y() * b.x(), a.dot(b)));
@@ -19,8 +20,7 @@ double angle_between(const Vector2d& a, const Vector2d& b) {
 
 }  // namespace
 
-std::vector<OutlinePoint> sample_outline(const std::vector<Contour>& contours, double spacing,
-                                         double margin) {
+std::vector<OutlinePoint> sample_outline(const std::vector<Contour>& contours, double spacing, double margin) {
   std::vector<OutlinePoint> samples;
   for (std::size_t c = 0; c < contours.size(); ++c) {
     const auto& contour = contours[c];
@@ -64,8 +64,8 @@ double signed_area(const Contour& contour) {
   return area;
 }
 
-std::vector<Vector2d> points_inside(const std::vector<Contour>& contours, const Vector2d& low,
-                                    const Vector2d& high, int wanted) {
+std::vector<Vector2d> points_inside(const std::vector<Contour>& contours, const Vector2d& low, const Vector2d& high,
+                                    int wanted) {
   const Vector2d extent = high - low;
   const double step = std::sqrt(extent.x() * extent.y() / wanted);
   std::vector<Vector2d> inside;

@@ -16,12 +16,16 @@ struct OutlinePoint {
 
 /// Points about `spacing` apart on curves through the contours' points (cubic Hermite; the mesh's edges are chords), at
 /// least `margin` away from corners [length].
-[[nodiscard]] std::vector<OutlinePoint> sample_outline(const std::vector<Contour>& contours, double spacing, double margin);
+[[nodiscard]] std::vector<OutlinePoint> sample_outline(const std::vector<Contour>& contours, double spacing,
+                                                       double margin);
 
 /// Area inside, negative if the contour runs clockwise [length^2].
 [[nodiscard]] double signed_area(const Contour& contour);
 
-/// Points of a regular grid between `low` and `high` inside the contours (even-odd rule), about `wanted` of them [length].
-[[nodiscard]] std::vector<Eigen::Vector2d> points_inside(const std::vector<Contour>& contours, const Eigen::Vector2d& low, const Eigen::Vector2d& high, int wanted);
+/// Points of a regular grid between `low` and `high` inside the contours (even-odd rule), about `wanted` of them
+/// [length].
+[[nodiscard]] std::vector<Eigen::Vector2d> points_inside(const std::vector<Contour>& contours,
+                                                         const Eigen::Vector2d& low, const Eigen::Vector2d& high,
+                                                         int wanted);
 
 }  // namespace imic3d::imaging

@@ -1,4 +1,5 @@
-// A specimen's place by its outline in the reference image: a search on a coarse image, then a robust fit to the sub-pixel position of its edges.
+// A specimen's place by its outline in the reference image: a search on a coarse image, then a robust fit to the
+// sub-pixel position of its edges.
 
 #include <fmt/format.h>
 
@@ -61,8 +62,8 @@ CoarseImage coarse_image(const cv::Mat1f& image) {
 
 /// Slides the outline over the coarse image. The score of a place is the mean over the outline of (material just inside
 /// - material just outside), less what the mesh's inside has of background. The best places, best first.
-std::vector<Candidate> search(const CoarseImage& coarse, const std::vector<Contour>& contours,
-                              const Vector2d& low, const Vector2d& high, const OutlineOptions& options) {
+std::vector<Candidate> search(const CoarseImage& coarse, const std::vector<Contour>& contours, const Vector2d& low,
+                              const Vector2d& high, const OutlineOptions& options) {
   const double width = coarse.mask.cols, height = coarse.mask.rows;
   const Vector2d middle = 0.5 * (low + high), extent = high - low;
   const auto outline = sample_outline(contours, extent.sum() / 80.0, 0.0);
@@ -210,8 +211,9 @@ struct Fit {
   double rms = std::numeric_limits<double>::infinity();
   int agreeing = 0, visible = 0, tried = 0;
   std::vector<int> tried_of_contour, agreeing_of_contour;
-  double median = 0.0;     ///< of the distances of the edge points that agree [px]
-  double stiffness = 0.0;  ///< smallest eigenvalue of a similarity's normal matrix per edge point: 0 if one is free
+  double median = 0.0;  ///< of the distances of the edge points that agree [px]
+  /// smallest eigenvalue of a similarity's normal matrix per edge point: 0 if one is free
+  double stiffness = 0.0;
 };
 
 /// How far from the outline an edge is looked for [px].
@@ -309,14 +311,13 @@ Fit step(const cv::Mat1f& image, const CoarseImage& classes, const std::vector<O
   const SymmetricEigen eigen = symmetric_eigen(matrix / weights);
   // Even where the scale is known: edges that would leave it free (one corner of the specimen) are no evidence of a
   // place.
-  fit.stiffness = std::min(freedom == Freedom::affine ? 1.0 : eigen.values[0],
-                           symmetric_eigen(of_similarity / weights).values[0]);
+  fit.stiffness =
+      std::min(freedom == Freedom::affine ? 1.0 : eigen.values[0], symmetric_eigen(of_similarity / weights).values[0]);
   // A movement that the edges leave free is not made.
   Eigen::VectorXd update = Eigen::VectorXd::Zero(unknowns);
   for (Eigen::Index i = 0; i < unknowns; ++i)
     if (eigen.values[i] > 1e-4)
-      update +=
-          eigen.vectors.col(i) * (eigen.vectors.col(i).dot(right / weights) / eigen.values[i]);
+      update += eigen.vectors.col(i) * (eigen.vectors.col(i).dot(right / weights) / eigen.values[i]);
   Matrix2d change = Matrix2d::Identity();
   if (freedom == Freedom::affine) {
     change(0, 0) += update[2] / radius;
@@ -404,8 +405,8 @@ Placement placement_of(const Fit& fit, bool flip) {
   return placement;
 }
 
-Placement place_bright_specimen(const cv::Mat1f& image, const std::vector<Contour>& contours,
-                                const Vector2d& low, const Vector2d& high, const OutlineOptions& options) {
+Placement place_bright_specimen(const cv::Mat1f& image, const std::vector<Contour>& contours, const Vector2d& low,
+                                const Vector2d& high, const OutlineOptions& options) {
   const CoarseImage coarse = coarse_image(image);
   const auto candidates = search(coarse, contours, low, high, options);
   if (candidates.empty())
@@ -496,21 +497,28 @@ Placement place_by_outline(const Image& reference, const std::vector<Contour>& c
   return placement;
 }
 
-std::optional<Placement> outline_near(const Image& reference, const std::vector<Contour>& contours, const TelecentricCamera& camera, double reach) {
+std::optional<Placement> outline_near(const Image& reference, const std::vector<Contour>& contours,
+                                      const TelecentricCamera& camera, double reach) {
   const PlaneMap start{camera.linear.leftCols<2>(), camera.offset};
-  const double pixel = 1.0 / std::sqrt(std::abs(start.linear.determinant())), background = background_around(contours, pixel);
-  const auto few = sample_outline(contours, 8.0 * pixel, 6.0 * pixel), many = sample_outline(contours, 2.0 * pixel, 6.0 * pixel);
+  const double pixel = 1.0 / std::sqrt(std::abs(start.linear.determinant())),
+               background = background_around(contours, pixel);
+  const auto few = sample_outline(contours, 8.0 * pixel, 6.0 * pixel),
+             many = sample_outline(contours, 2.0 * pixel, 6.0 * pixel);
   if (few.empty() || many.empty()) return {};
   Fit best;
   const cv::Mat1f image = matrix_of(reference);
   for (const cv::Mat1f& seen : {image, cv::Mat1f(reference.dynamic() - image)}) {
     const CoarseImage coarse = coarse_image(seen);
     const cv::Mat1f smooth = smoothed(seen);
-    const Fit fit = polish(smooth, coarse, many, refine(smooth, coarse, few, start, Freedom::similarity, reach, background), Freedom::similarity, background);
+    const Fit fit =
+        polish(smooth, coarse, many, refine(smooth, coarse, few, start, Freedom::similarity, reach, background),
+               Freedom::similarity, background);
     if (better(fit, best)) best = fit;
   }
   constexpr double clear = 1.0;  // [px]
-  if (best.agreeing < 20 || best.visible < 0.2 * best.tried || best.agreeing < 0.7 * best.visible || best.rms > clear || best.stiffness < 2e-3) return {};
+  if (best.agreeing < 20 || best.visible < 0.2 * best.tried || best.agreeing < 0.7 * best.visible || best.rms > clear ||
+      best.stiffness < 2e-3)
+    return {};
   for (std::size_t c = 0; c < contours.size(); ++c)
     if (signed_area(contours[c]) < 0.0 && best.agreeing_of_contour[c] < 0.5 * best.tried_of_contour[c]) return {};
   return placement_of(best, start.linear.determinant() > 0.0);

@@ -75,7 +75,8 @@ Placement place_by_points(std::span<const std::array<double, 4>> points, bool fl
       throw InputError("place.points", "points that lie on one line", "two points, or three that span a triangle");
     map.linear = least_squares(from, to).transpose();
     if ((map.linear.determinant() > 0.0) != flip)
-      throw InputError("place.points", flip ? "an image that is not mirrored" : "a mirrored image", "rows counted from the top downwards and columns from the left, or the other value of flip");
+      throw InputError("place.points", flip ? "an image that is not mirrored" : "a mirrored image",
+                       "rows counted from the top downwards and columns from the left, or the other value of flip");
   }
   map.offset = centre_pixel - map.linear * centre;
 

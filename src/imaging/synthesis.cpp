@@ -52,7 +52,8 @@ void fill_buckets(const std::vector<std::pair<int, int>>& pairs, std::size_t buc
 InverseMapping::InverseMapping(const PixelPoints& reference, const PixelPoints& deformed, const Quads& quads)
     : InverseMapping(reference, deformed, quads, 1e-6) {}
 
-InverseMapping::InverseMapping(const PixelPoints& reference, const PixelPoints& deformed, const Quads& quads, double margin) {
+InverseMapping::InverseMapping(const PixelPoints& reference, const PixelPoints& deformed, const Quads& quads,
+                               double margin) {
   if (reference.rows() != deformed.rows() || quads.cols() != 4 || quads.rows() == 0 || quads.minCoeff() < 0 ||
       quads.maxCoeff() >= reference.rows())
     throw InputError(
@@ -120,14 +121,16 @@ namespace {
 
 PixelPoints projections(const Camera& camera, const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>& points) {
   PixelPoints pixels(points.rows(), 2);
-  for (Eigen::Index i = 0; i < points.rows(); ++i) pixels.row(i) = camera.project(points.row(i).transpose()).transpose();
+  for (Eigen::Index i = 0; i < points.rows(); ++i)
+    pixels.row(i) = camera.project(points.row(i).transpose()).transpose();
   return pixels;
 }
 
 }  // namespace
 
 InverseMapping::InverseMapping(const Camera& camera, const PixelPoints& reference,
-                               const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>& deformed, const Quads& quads)
+                               const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>& deformed,
+                               const Quads& quads)
     : InverseMapping(reference, projections(camera, deformed), quads, camera.affine() ? 1e-6 : 0.5) {
   if (camera.affine()) return;  // what is bilinear in space is bilinear in the image
   camera_ = &camera;

@@ -32,9 +32,10 @@ std::vector<std::vector<int>> Target::orders() const {
     std::vector<int> order;
     for (const auto& point : all) {
       const Eigen::Vector3d at = point - centre;
-      const Eigen::Vector3d turned(cosine[quarter] * at[0] - sine[quarter] * at[1], sine[quarter] * at[0] + cosine[quarter] * at[1], 0.0);
-      const auto same =
-          std::find_if(all.begin(), all.end(), [&](const auto& other) { return (other - centre - turned).norm() < 1e-6 * spacing; });
+      const Eigen::Vector3d turned(cosine[quarter] * at[0] - sine[quarter] * at[1],
+                                   sine[quarter] * at[0] + cosine[quarter] * at[1], 0.0);
+      const auto same = std::find_if(
+          all.begin(), all.end(), [&](const auto& other) { return (other - centre - turned).norm() < 1e-6 * spacing; });
       if (same == all.end()) break;
       order.push_back(static_cast<int>(same - all.begin()));
     }
@@ -74,15 +75,16 @@ std::vector<cv::Point2f> circles(const Target& target, const cv::Mat& bytes) {
   for (const bool bright : {false, true}) {
     blobs.blobColor = bright ? 255 : 0;
     for (const int how : {0, static_cast<int>(cv::CALIB_CB_CLUSTERING)})
-      if (cv::findCirclesGrid(bytes, {target.columns, target.rows}, centres, kind | how, cv::SimpleBlobDetector::create(blobs)))
+      if (cv::findCirclesGrid(bytes, {target.columns, target.rows}, centres, kind | how,
+                              cv::SimpleBlobDetector::create(blobs)))
         return centres;
   }
   return {};
 }
 
-/// Centroid of a blob, weighted by how far the grey level has gone from the surrounding's to the blob's (nothing below a
-/// quarter of the way, all above three quarters, so that noise on either side has no weight). reach: half the distance to
-/// the next blob [px].
+/// Centroid of a blob, weighted by how far the grey level has gone from the surrounding's to the blob's (nothing below
+/// a quarter of the way, all above three quarters, so that noise on either side has no weight). reach: half the
+/// distance to the next blob [px].
 Eigen::Vector2d centroid(const Image& image, Eigen::Vector2d centre, double reach) {
   for (int pass = 0; pass < 3; ++pass) {
     std::vector<float> inside, around;
@@ -103,7 +105,8 @@ Eigen::Vector2d centroid(const Image& image, Eigen::Vector2d centre, double reac
     double weights = 0.0;
     Eigen::Vector2d sum(0.0, 0.0);
     for_all([&](int x, int y, double) {
-      const double way = (image(x, y) - surrounding) / (blob - surrounding), weight = std::clamp(2.0 * way - 0.5, 0.0, 1.0);
+      const double way = (image(x, y) - surrounding) / (blob - surrounding),
+                   weight = std::clamp(2.0 * way - 0.5, 0.0, 1.0);
       weights += weight, sum += weight * Eigen::Vector2d(x, y);
     });
     centre = sum / weights;
@@ -112,7 +115,8 @@ Eigen::Vector2d centroid(const Image& image, Eigen::Vector2d centre, double reac
 }
 
 /// The crossing of two edges, fitted to the grey levels about it by Gauss-Newton:
-///   level(x) = m + g . (x - c) + h erf(d1(x)/w) erf(d2(x)/w), d1 and d2 the distances from two lines through the corner c.
+///   level(x) = m + g . (x - c) + h erf(d1(x)/w) erf(d2(x)/w), d1 and d2 the distances from two lines through the
+///   corner c.
 /// The model and a corner are the same upside down, so that blur, noise and the camera's response do not move c. along,
 /// down: ways to the next corners [px]; the window ends before their edges.
 struct Crossing {
@@ -120,7 +124,8 @@ struct Crossing {
   double contrast;  ///< h / m; 0: no crossing could be fitted
 };
 
-Crossing crossing(const Image& image, const Eigen::Vector2d& start, const Eigen::Vector2d& along, const Eigen::Vector2d& down) {
+Crossing crossing(const Image& image, const Eigen::Vector2d& start, const Eigen::Vector2d& along,
+                  const Eigen::Vector2d& down) {
   constexpr double window = 0.42;   // of the way to the next corner
   constexpr double sharpest = 0.4;  // [px], about what the pixel's own width makes of a sharp edge: sqrt(2/12)
   using Vector9 = Eigen::Vector<double, 9>;
@@ -129,10 +134,10 @@ Crossing crossing(const Image& image, const Eigen::Vector2d& start, const Eigen:
   std::vector<double> levels;
   const double reach = window * (along.cwiseAbs() + down.cwiseAbs()).maxCoeff();
   double mean = 0.0, sign = 0.0;
-  for (int y = std::max(0, static_cast<int>(start[1] - reach)); y <= std::min(image.height - 1, static_cast<int>(start[1] + reach) + 1);
-       ++y)
-    for (int x = std::max(0, static_cast<int>(start[0] - reach)); x <= std::min(image.width - 1, static_cast<int>(start[0] + reach) + 1);
-         ++x) {
+  for (int y = std::max(0, static_cast<int>(start[1] - reach));
+       y <= std::min(image.height - 1, static_cast<int>(start[1] + reach) + 1); ++y)
+    for (int x = std::max(0, static_cast<int>(start[0] - reach));
+         x <= std::min(image.width - 1, static_cast<int>(start[0] + reach) + 1); ++x) {
       const Eigen::Vector2d pixel(x, y), at = to_grid * (pixel - start);
       if (at.cwiseAbs().maxCoeff() > window) continue;
       pixels.push_back(pixel), levels.push_back(image(x, y));
@@ -156,17 +161,19 @@ Crossing crossing(const Image& image, const Eigen::Vector2d& start, const Eigen:
       const double d1 = c1 * way[1] - s1 * way[0], d2 = c2 * way[1] - s2 * way[0];
       const double e1 = std::erf(d1 / w), e2 = std::erf(d2 / w);
       const double slope = 2.0 / std::sqrt(std::numbers::pi);
-      const double f1 = p[7] * e2 * slope * std::exp(-d1 * d1 / (w * w)) / w, f2 = p[7] * e1 * slope * std::exp(-d2 * d2 / (w * w)) / w;
+      const double f1 = p[7] * e2 * slope * std::exp(-d1 * d1 / (w * w)) / w,
+                   f2 = p[7] * e1 * slope * std::exp(-d2 * d2 / (w * w)) / w;
       Vector9 J;
-      J << f1 * s1 + f2 * s2 - p[5], -f1 * c1 - f2 * c2 - p[6], f1 * (-s1 * way[1] - c1 * way[0]), f2 * (-s2 * way[1] - c2 * way[0]), 1.0,
-          way, e1 * e2, -(f1 * d1 + f2 * d2) / w;
+      J << f1 * s1 + f2 * s2 - p[5], -f1 * c1 - f2 * c2 - p[6], f1 * (-s1 * way[1] - c1 * way[0]),
+          f2 * (-s2 * way[1] - c2 * way[0]), 1.0, way, e1 * e2, -(f1 * d1 + f2 * d2) / w;
       const double r = levels[i] - (p[4] + p[5] * way[0] + p[6] * way[1] + p[7] * e1 * e2);
       H += J * J.transpose(), g += J * r;
     }
     H.diagonal() *= 1.0 + 1e-6;
     const Vector9 step = solve_symmetric(H, g);
     if (!step.allFinite()) return {start, 0.0};
-    p += step.cwiseMax(-1.0 * Vector9(1, 1, 0.2, 0.2, 1e9, 1e9, 1e9, 1e9, 0.5)).cwiseMin(Vector9(1, 1, 0.2, 0.2, 1e9, 1e9, 1e9, 1e9, 0.5));
+    p += step.cwiseMax(-1.0 * Vector9(1, 1, 0.2, 0.2, 1e9, 1e9, 1e9, 1e9, 0.5))
+             .cwiseMin(Vector9(1, 1, 0.2, 0.2, 1e9, 1e9, 1e9, 1e9, 0.5));
     p[8] = std::clamp(p[8], sharpest, reach);
     if ((p.head<2>() - start).norm() > 0.5 * window * std::min(along.norm(), down.norm())) return {start, 0.0};
     if (step.head<2>().norm() < 1e-4) return {p.head<2>(), p[7] / p[4]};
@@ -177,7 +184,8 @@ Crossing crossing(const Image& image, const Eigen::Vector2d& start, const Eigen:
 /// All corners of a chessboard refined (the ways to the neighbours from the corners as found). Empty if that is no
 /// chessboard: from corner to corner the contrast must change its sign, and nowhere be below 0.6 of the median; at the
 /// rim, where a board of another size may be taken for this one, it is less.
-std::vector<Eigen::Vector2d> refined(const Target& target, const Image& image, const std::vector<Eigen::Vector2d>& corners) {
+std::vector<Eigen::Vector2d> refined(const Target& target, const Image& image,
+                                     const std::vector<Eigen::Vector2d>& corners) {
   std::vector<Eigen::Vector2d> all;
   std::vector<double> contrasts;
   const auto at = [&](int row, int column) { return corners[static_cast<std::size_t>(row * target.columns + column)]; };
@@ -185,15 +193,16 @@ std::vector<Eigen::Vector2d> refined(const Target& target, const Image& image, c
     for (int j = 0; j < target.columns; ++j) {
       const int before = std::max(j - 1, 0), after = std::min(j + 1, target.columns - 1), above = std::max(i - 1, 0),
                 below = std::min(i + 1, target.rows - 1);
-      const auto found =
-          crossing(image, at(i, j), (at(i, after) - at(i, before)) / (after - before), (at(below, j) - at(above, j)) / (below - above));
+      const auto found = crossing(image, at(i, j), (at(i, after) - at(i, before)) / (after - before),
+                                  (at(below, j) - at(above, j)) / (below - above));
       all.push_back(found.corner);
       contrasts.push_back((i + j) % 2 == 0 ? found.contrast : -found.contrast);
     }
   std::vector<double> sorted = contrasts;
   std::sort(sorted.begin(), sorted.end());
   const double median = sorted[sorted.size() / 2];
-  const bool alike = std::all_of(contrasts.begin(), contrasts.end(), [&](double contrast) { return contrast / median > 0.6; });
+  const bool alike =
+      std::all_of(contrasts.begin(), contrasts.end(), [&](double contrast) { return contrast / median > 0.6; });
   return alike ? all : std::vector<Eigen::Vector2d>{};
 }
 

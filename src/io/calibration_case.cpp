@@ -74,11 +74,13 @@ class Reader {
   void check(const imaging::Target& target) {
     if (target.type == imaging::TargetType::chessboard && std::min(target.rows, target.columns) < 3)
       mistake("target", fmt::format("{} x {} inner corners", target.rows, target.columns), "at least 3 x 3");
-    const double nearest = target.type == imaging::TargetType::asymmetric_circles ? std::sqrt(2.0) * target.spacing : target.spacing;
+    const double nearest =
+        target.type == imaging::TargetType::asymmetric_circles ? std::sqrt(2.0) * target.spacing : target.spacing;
     if (target.diameter > 0.0 && target.type == imaging::TargetType::chessboard)
       mistake("target.diameter", "of a chessboard", "circles only");
     else if (target.diameter >= nearest)
-      mistake("target.diameter", fmt::format("{:g}", target.diameter), fmt::format("less than the way to the next circle, {:g}", nearest));
+      mistake("target.diameter", fmt::format("{:g}", target.diameter),
+              fmt::format("less than the way to the next circle, {:g}", nearest));
   }
 
   CalibrationCase::Camera camera(std::size_t c, const nlohmann::json& given) {
@@ -99,11 +101,13 @@ class Reader {
         const auto header = read_image_header(file);
         if (camera.width == 0) camera.width = header.columns, camera.height = header.rows;
         if (header.columns != camera.width || header.rows != camera.height)
-          mistakes_.push_back({document_.line(path),
-                               {file.string(), fmt::format("{} x {} px", header.columns, header.rows),
-                                fmt::format("{} x {} px as {}", camera.width, camera.height, camera.images[0].string())}});
+          mistakes_.push_back(
+              {document_.line(path),
+               {file.string(), fmt::format("{} x {} px", header.columns, header.rows),
+                fmt::format("{} x {} px as {}", camera.width, camera.height, camera.images[0].string())}});
         if (header.depth != 8 && header.depth != 16)
-          mistakes_.push_back({document_.line(path), {file.string(), fmt::format("{} bits", header.depth), "8 or 16 bits"}});
+          mistakes_.push_back(
+              {document_.line(path), {file.string(), fmt::format("{} bits", header.depth), "8 or 16 bits"}});
       } catch (const InputError& error) {
         for (const auto& one : error.mistakes()) mistakes_.push_back({document_.line(path), one});
       }

@@ -145,7 +145,8 @@ class CaseReader {
   Frames frames_of(const Section& section, const std::string& key, const std::optional<Frames>& available);
   [[nodiscard]] bool simulates() const;
   [[nodiscard]] bool on_curves() const;
-  /// The schema has refused the value of this path, one around it, or (within a section) one of its members: what follows from that is no mistake of its own.
+  /// The schema has refused the value of this path, one around it, or (within a section) one of its members: what
+  /// follows from that is no mistake of its own.
   [[nodiscard]] bool is_refused(const std::string& path) const;
   static bool exists(const fs::path& path);
   void mistake(const std::string& path, std::string found, std::string allowed);

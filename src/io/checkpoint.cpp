@@ -75,7 +75,8 @@ void Checkpoint::broadcast(const Communicator& world) {
     std::string name = world.is_root() ? number->first : "";
     world.broadcast(name);
     double shape[2] = {};
-    if (world.is_root()) shape[0] = static_cast<double>(number->second.rows()), shape[1] = static_cast<double>(number->second.cols());
+    if (world.is_root())
+      shape[0] = static_cast<double>(number->second.rows()), shape[1] = static_cast<double>(number->second.cols());
     world.broadcast(shape);
     Eigen::MatrixXd matrix(static_cast<Eigen::Index>(shape[0]), static_cast<Eigen::Index>(shape[1]));
     if (world.is_root()) matrix = (number++)->second;
@@ -116,16 +117,18 @@ Checkpoint Checkpoint::read(const std::filesystem::path& path) {
   std::string found = "not a whole checkpoint";
   try {
     const auto file = ResultsFile::open(path);
-    if (!file.has("kind") || file.read_text("kind") != kind) throw InputError(path.string(), "not a checkpoint of this version", whole_checkpoint);
+    if (!file.has("kind") || file.read_text("kind") != kind)
+      throw InputError(path.string(), "not a checkpoint of this version", whole_checkpoint);
     for (const auto& name : file.names()) {
       if (name.starts_with(numbers_group)) {
         const auto shape = file.shape(name);
         if (shape.size() != 2) throw std::runtime_error("shape");
         const auto values = file.read(name);
-        result.numbers_[name.substr(std::char_traits<char>::length(numbers_group))] =
-            Eigen::Map<const Eigen::MatrixXd>(values.data(), static_cast<Eigen::Index>(shape[1]), static_cast<Eigen::Index>(shape[0]));
+        result.numbers_[name.substr(std::char_traits<char>::length(numbers_group))] = Eigen::Map<const Eigen::MatrixXd>(
+            values.data(), static_cast<Eigen::Index>(shape[1]), static_cast<Eigen::Index>(shape[0]));
       }
-      if (name.starts_with(texts_group)) result.texts_[name.substr(std::char_traits<char>::length(texts_group))] = file.read_text(name);
+      if (name.starts_with(texts_group))
+        result.texts_[name.substr(std::char_traits<char>::length(texts_group))] = file.read_text(name);
     }
     if (file.read_text("sum") == result.sum()) return result;
   } catch (const InputError& error) {
@@ -158,7 +161,9 @@ std::map<std::string, std::string> fingerprint(const Case& test, bool of_loop) {
     }
   }
   for (const int frame : test.frames) parts["loads"].add(static_cast<double>(frame));
-  for (const auto& record : test.loads.records) parts["loads"].add(static_cast<double>(record.frame)), parts["loads"].add(record.time), parts["loads"].add(record.force);
+  for (const auto& record : test.loads.records)
+    parts["loads"].add(static_cast<double>(record.frame)), parts["loads"].add(record.time),
+        parts["loads"].add(record.force);
   if (!test.identify.driving.empty()) parts["identify"].add_file(test.identify.driving);
   std::map<std::string, std::string> result;
   for (const auto& [section, hash] : parts) result[section] = hash.text();

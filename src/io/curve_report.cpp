@@ -149,9 +149,12 @@ std::string page(const CurveRun& run) {
                                       shown(m.chi, 3))
                         : std::string("<td></td><td></td><td></td>");
     };
-    out += fmt::format("<tr><td>{}</td><td>{}</td><td>{}</td><td class=\"left\">{}</td><td>{}</td>{}{}</tr>\n",
-                       escaped(g.name), g.curves, shown(g.deviation, 3), escaped(g.deviation_from + (g.strain_deviation > 0.0 ? fmt::format("; of the strain {}", shown(g.strain_deviation, 2)) : "")), shown(g.floor, 3),
-                       of(g.fitted), of(g.held_out));
+    out += fmt::format(
+        "<tr><td>{}</td><td>{}</td><td>{}</td><td class=\"left\">{}</td><td>{}</td>{}{}</tr>\n", escaped(g.name),
+        g.curves, shown(g.deviation, 3),
+        escaped(g.deviation_from +
+                (g.strain_deviation > 0.0 ? fmt::format("; of the strain {}", shown(g.strain_deviation, 2)) : "")),
+        shown(g.floor, 3), of(g.fitted), of(g.held_out));
   }
   out +=
       "</table>\n<p class=\"note\">between bars: standard deviation of repetitions at the same strain, which no law "

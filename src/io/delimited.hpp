@@ -30,7 +30,8 @@ inline char separator_of(const std::string& header) {
   return most->second > 0 ? most->first : ' ';
 }
 
-/// Fields of one line, or nothing if a quote is not closed. "" inside quotes is one quote, several blanks are one separator.
+/// Fields of one line, or nothing if a quote is not closed. "" inside quotes is one quote, several blanks are one
+/// separator.
 inline std::optional<std::vector<std::string>> fields_of(std::string line, char separator) {
   if (separator == ' ') line = trimmed(line);
   std::vector<std::string> fields;
@@ -74,19 +75,28 @@ std::optional<Number> parsed(std::string text) {
   return number;
 }
 
-/// A number of a table whose fields `separator` parts: its decimal sign is the point or, where commas do not part fields, the comma.
+/// A number of a table whose fields `separator` parts: its decimal sign is the point or, where commas do not part
+/// fields, the comma.
 inline std::optional<double> number_in(std::string text, char separator) {
-  if (separator != ',' && text.find('.') == std::string::npos && std::count(text.begin(), text.end(), ',') == 1) text[text.find(',')] = '.';
+  if (separator != ',' && text.find('.') == std::string::npos && std::count(text.begin(), text.end(), ',') == 1)
+    text[text.find(',')] = '.';
   return parsed<double>(std::move(text));
 }
 
-/// A row below the header that gives units: fields that are not empty are all in brackets, or none is a number and one is a unit of what tests record.
+/// A row below the header that gives units: fields that are not empty are all in brackets, or none is a number and one
+/// is a unit of what tests record.
 inline bool are_units(const std::vector<std::string>& fields, char separator) {
-  static const std::set<std::string> units = {"s", "ms", "min", "N", "kN", "MN", "lbf", "mm", "m", "in", "MPa", "Pa", "GPa", "kPa", "psi", "ksi", "%"};
-  const auto in_brackets = [](const std::string& f) { return f.size() > 1 && ((f.front() == '(' && f.back() == ')') || (f.front() == '[' && f.back() == ']')); };
-  const auto all = [&](const auto& are) { return std::all_of(fields.begin(), fields.end(), [&](const std::string& f) { return f.empty() || are(f); }); };
+  static const std::set<std::string> units = {"s",  "ms",  "min", "N",   "kN",  "MN",  "lbf", "mm", "m",
+                                              "in", "MPa", "Pa",  "GPa", "kPa", "psi", "ksi", "%"};
+  const auto in_brackets = [](const std::string& f) {
+    return f.size() > 1 && ((f.front() == '(' && f.back() == ')') || (f.front() == '[' && f.back() == ']'));
+  };
+  const auto all = [&](const auto& are) {
+    return std::all_of(fields.begin(), fields.end(), [&](const std::string& f) { return f.empty() || are(f); });
+  };
   if (std::any_of(fields.begin(), fields.end(), in_brackets) && all(in_brackets)) return true;
-  return std::any_of(fields.begin(), fields.end(), [&](const std::string& f) { return units.contains(f); }) && all([&](const std::string& f) { return !number_in(f, separator); });
+  return std::any_of(fields.begin(), fields.end(), [&](const std::string& f) { return units.contains(f); }) &&
+         all([&](const std::string& f) { return !number_in(f, separator); });
 }
 
 }  // namespace imic3d::io

@@ -15,7 +15,9 @@ PointTable read_points(const std::filesystem::path& file, const PointColumns& co
   NamedColumns table = read_named_columns(file, wanted, "a table of points with a header row");
   std::vector<std::array<double, 4>> points;
   for (const auto& row : table.rows) {
-    if (wanted.size() > 4 && (row.text[4] == "false" || row.text[4] == "False" || table.number(row, 4).value_or(1.0) == 0.0)) continue;
+    if (wanted.size() > 4 &&
+        (row.text[4] == "false" || row.text[4] == "False" || table.number(row, 4).value_or(1.0) == 0.0))
+      continue;
     std::array<double, 4> point{};
     bool known = true;
     for (std::size_t i = 0; i < 4; ++i) {
@@ -31,7 +33,8 @@ PointTable read_points(const std::filesystem::path& file, const PointColumns& co
   table.refuse();
   if (points.empty()) throw InputError(file.string(), "no point with a displacement", "one or more");
   PointTable result;
-  result.at.resize(static_cast<Eigen::Index>(points.size()), 2), result.displacement.resize(static_cast<Eigen::Index>(points.size()), 2);
+  result.at.resize(static_cast<Eigen::Index>(points.size()), 2),
+      result.displacement.resize(static_cast<Eigen::Index>(points.size()), 2);
   for (std::size_t k = 0; k < points.size(); ++k) {
     const auto row = static_cast<Eigen::Index>(k);
     result.at.row(row) << points[k][0], points[k][1];

@@ -40,7 +40,9 @@ class Bytes {
 
   [[nodiscard]] std::uint64_t size() const { return size_; }
   [[noreturn]] void incomplete() const { throw InputError(file_.string(), "an incomplete file", "a whole image"); }
-  [[noreturn]] void unknown(const std::string& what = "not an image") const { throw InputError(file_.string(), what, "a PNG, TIFF or BMP image"); }
+  [[noreturn]] void unknown(const std::string& what = "not an image") const {
+    throw InputError(file_.string(), what, "a PNG, TIFF or BMP image");
+  }
 
  private:
   std::filesystem::path file_;
@@ -100,28 +102,15 @@ ImageHeader read_tiff(Bytes& bytes, bool big_endian) {
     const auto values =
         count * static_cast<std::uint64_t>(width) <= 4 ? entry + 8 : bytes.number(entry + 8, 4, big_endian);
     switch (tag) {
-      case 256:
-        header.columns = size_of(bytes.number(values, width, big_endian), bytes);
-        break;
-      case 257:
-        header.rows = size_of(bytes.number(values, width, big_endian), bytes);
-        break;
-      case 258:
-        header.depth = static_cast<int>(bytes.number(values, width, big_endian));
-        break;
-      case 277:
-        header.channels = static_cast<int>(bytes.number(values, width, big_endian));
-        break;
+      case 256: header.columns = size_of(bytes.number(values, width, big_endian), bytes); break;
+      case 257: header.rows = size_of(bytes.number(values, width, big_endian), bytes); break;
+      case 258: header.depth = static_cast<int>(bytes.number(values, width, big_endian)); break;
+      case 277: header.channels = static_cast<int>(bytes.number(values, width, big_endian)); break;
       case 273:
-      case 324:
-        offsets = values, offset_bytes = width, strips = count;
-        break;  // strips or tiles
+      case 324: offsets = values, offset_bytes = width, strips = count; break;  // strips or tiles
       case 279:
-      case 325:
-        counts = values, count_bytes = width;
-        break;
-      default:
-        break;
+      case 325: counts = values, count_bytes = width; break;
+      default: break;
     }
   }
   if (offsets == 0 || header.columns == 0 || header.rows == 0 || strips > bytes.size()) bytes.incomplete();
@@ -208,7 +197,8 @@ ImageHeader read_image_header(const std::filesystem::path& file) {
   if (bytes.number(0, 4, true) == 0x49492a00) return read_tiff(bytes, false);
   if (bytes.number(0, 4, true) == 0x4d4d002a) return read_tiff(bytes, true);
   if (bytes.number(0, 3, true) == 0xffd8ff) bytes.unknown("a JPEG image, which has lost noise and gained patterns");
-  if (const auto magic = bytes.number(0, 2, true); magic >= 0x5031 && magic <= 0x5036) bytes.unknown("a portable anymap");
+  if (const auto magic = bytes.number(0, 2, true); magic >= 0x5031 && magic <= 0x5036)
+    bytes.unknown("a portable anymap");
   bytes.unknown();
 }
 

@@ -18,7 +18,8 @@ namespace {
 /// Reads the rows of one file and collects what is wrong with them.
 class LoadsReader {
  public:
-  LoadsReader(const std::filesystem::path& file, const LoadColumns& columns, double force_scale) : has_frames_(!columns.image.empty()), has_force_(!columns.force.empty()), force_scale_(force_scale) {
+  LoadsReader(const std::filesystem::path& file, const LoadColumns& columns, double force_scale)
+      : has_frames_(!columns.image.empty()), has_force_(!columns.force.empty()), force_scale_(force_scale) {
     std::vector<std::string> wanted = {columns.time};
     if (has_frames_) frame_ = wanted.size(), wanted.push_back(columns.image);
     if (has_force_) force_ = wanted.size(), wanted.push_back(columns.force);
@@ -33,7 +34,8 @@ class LoadsReader {
       record.frame = has_frames_ ? frame_of(row) : static_cast<int>(records.size());
       record.time = time_of(row);
       if (has_force_) record.force = force_scale_ * number(row, force_);
-      if (const auto& image = row.text.back(); !image.empty()) record.image = (table_.file.parent_path() / image).lexically_normal();
+      if (const auto& image = row.text.back(); !image.empty())
+        record.image = (table_.file.parent_path() / image).lexically_normal();
       records.push_back(record);
     }
     table_.refuse();
@@ -59,7 +61,8 @@ class LoadsReader {
 
   double time_of(const NamedColumns::Row& row) {
     const double time = number(row, 0);
-    if (last_time_ && time < *last_time_) table_.mistake(row, 0, "a time that does not decrease", fmt::format("{} after {}", row.text[0], last_time_text_));
+    if (last_time_ && time < *last_time_)
+      table_.mistake(row, 0, "a time that does not decrease", fmt::format("{} after {}", row.text[0], last_time_text_));
     if (std::isfinite(time)) last_time_ = time, last_time_text_ = row.text[0];
     return time;
   }
@@ -73,7 +76,8 @@ class LoadsReader {
   bool has_frames_, has_force_;
   double force_scale_;
   NamedColumns table_;
-  std::size_t frame_ = 0, force_ = 0;  // places of the columns; the time is the first, the image's file the last one
+  // places of the columns; the time is the first, the image's file the last one
+  std::size_t frame_ = 0, force_ = 0;
   std::map<int, int> line_of_frame_;
   std::optional<int> last_frame_;
   std::optional<double> last_time_;
@@ -87,13 +91,18 @@ std::vector<LoadRecord> read_loads(const std::filesystem::path& file, const Load
 }
 
 std::vector<LoadRecord> at_frames(const std::vector<LoadRecord>& record, std::vector<LoadRecord> frames) {
-  const auto is_beyond = [&](const LoadRecord& frame) { return record.empty() || frame.time < record.front().time || frame.time > record.back().time; };
+  const auto is_beyond = [&](const LoadRecord& frame) {
+    return record.empty() || frame.time < record.front().time || frame.time > record.back().time;
+  };
   std::erase_if(frames, is_beyond);
   for (auto& frame : frames) {
-    const auto after = std::upper_bound(record.begin(), record.end(), frame.time, [](double time, const LoadRecord& row) { return time < row.time; });
+    const auto after = std::upper_bound(record.begin(), record.end(), frame.time,
+                                        [](double time, const LoadRecord& row) { return time < row.time; });
     const auto& before = *std::prev(after);
     frame.line = before.line;
-    frame.force = after == record.end() ? before.force : before.force + (frame.time - before.time) / (after->time - before.time) * (after->force - before.force);
+    frame.force = after == record.end() ? before.force
+                                        : before.force + (frame.time - before.time) / (after->time - before.time) *
+                                                             (after->force - before.force);
   }
   return frames;
 }

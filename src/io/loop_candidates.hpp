@@ -15,10 +15,12 @@ namespace imic3d::io {
 /// What a trial leaves, or why it is not plausible.
 [[nodiscard]] std::string left_after(const nlohmann::json& trial);
 
-/// The candidates under a model, the largest score first: size with its interval, predicted and achieved drop, what came of the trial.
+/// The candidates under a model, the largest score first: size with its interval, predicted and achieved drop, what
+/// came of the trial.
 [[nodiscard]] std::string candidate_table(const nlohmann::json& model);
 
-/// What a test cannot see under a model, with the bias that it would cause; the smallest sizes of the rest that would be found; what was not tested.
+/// What a test cannot see under a model, with the bias that it would cause; the smallest sizes of the rest that would
+/// be found; what was not tested.
 [[nodiscard]] std::string blind_spots(const nlohmann::json& model);
 
 }  // namespace imic3d::io

@@ -10,7 +10,8 @@ namespace imic3d::io {
 /// NaN where there is none.
 [[nodiscard]] std::vector<double> numbers(const nlohmann::json& list);
 
-/// The load and below it the error of each frame with what noise alone leaves, the force residual with its noise, the first mode of what remains; held-out frames shaded.
+/// The load and below it the error of each frame with what noise alone leaves, the force residual with its noise, the
+/// first mode of what remains; held-out frames shaded.
 [[nodiscard]] std::string frame_plots(const nlohmann::json& summary);
 
 /// The error of each frame before and after what was added.

@@ -19,8 +19,11 @@ class Header {
 
   /// Whether this line names all.
   bool read(int line, const std::vector<std::string>& fields) {
-    const auto named = std::count_if(wanted_.begin(), wanted_.end(), [&](auto& name) { return std::find(fields.begin(), fields.end(), name) != fields.end(); });
-    if (fields_.empty() || named > named_ || (named == named_ && fields.size() > fields_.size())) line_ = line, fields_ = fields, named_ = named;
+    const auto named = std::count_if(wanted_.begin(), wanted_.end(), [&](auto& name) {
+      return std::find(fields.begin(), fields.end(), name) != fields.end();
+    });
+    if (fields_.empty() || named > named_ || (named == named_ && fields.size() > fields_.size()))
+      line_ = line, fields_ = fields, named_ = named;
     return named == std::ssize(wanted_);
   }
 
@@ -28,7 +31,9 @@ class Header {
 
   [[nodiscard]] std::vector<Mistake> mistakes(const std::filesystem::path& file, const std::string& kind) const {
     if (fields_.empty()) return {{file.string(), "an empty file", kind}};
-    if (named_ == 0) return {{file.string(), fmt::format("no row with the columns \"{}\"", fmt::join(wanted_, "\", \"")), fmt::format("columns of \"{}\"", fmt::join(fields_, "\", \""))}};
+    if (named_ == 0)
+      return {{file.string(), fmt::format("no row with the columns \"{}\"", fmt::join(wanted_, "\", \"")),
+               fmt::format("columns of \"{}\"", fmt::join(fields_, "\", \""))}};
     std::vector<Mistake> found;
     for (const auto& name : wanted_) {
       const auto times = std::count(fields_.begin(), fields_.end(), name);
@@ -50,7 +55,8 @@ class Header {
 
 void NamedColumns::mistake(const Row& row, std::size_t column, std::string allowed, std::string found) {
   if (found.empty()) found = row.text[column].empty() ? "nothing" : row.text[column];
-  mistakes.push_back({fmt::format("{}:{} column \"{}\"", file.string(), row.line, columns[column]), std::move(found), std::move(allowed)});
+  mistakes.push_back({fmt::format("{}:{} column \"{}\"", file.string(), row.line, columns[column]), std::move(found),
+                      std::move(allowed)});
 }
 
 void NamedColumns::refuse() const {
@@ -63,9 +69,12 @@ void NamedColumns::refuse() const {
   if (!first.empty()) throw InputError(std::move(first));
 }
 
-std::optional<double> NamedColumns::number(const Row& row, std::size_t column) const { return number_in(row.text[column], separator); }
+std::optional<double> NamedColumns::number(const Row& row, std::size_t column) const {
+  return number_in(row.text[column], separator);
+}
 
-NamedColumns read_named_columns(const std::filesystem::path& file, const std::vector<std::string>& wanted, const std::string& kind, const std::vector<std::string>& welcome) {
+NamedColumns read_named_columns(const std::filesystem::path& file, const std::vector<std::string>& wanted,
+                                const std::string& kind, const std::vector<std::string>& welcome) {
   std::error_code error;
   std::ifstream stream(file);
   if (!stream || std::filesystem::is_directory(file, error)) throw InputError(file.string(), "cannot be read", kind);
@@ -77,21 +86,27 @@ NamedColumns read_named_columns(const std::filesystem::path& file, const std::ve
   std::string line;
   for (int number = 1; std::getline(stream, line); ++number) {
     if (number == 1 && line.starts_with("\xEF\xBB\xBF")) line.erase(0, 3);
-    if (number == 1 && (line.starts_with("\xFF\xFE") || line.starts_with("\xFE\xFF"))) throw InputError(file.string(), "text in UTF-16", "UTF-8");
+    if (number == 1 && (line.starts_with("\xFF\xFE") || line.starts_with("\xFE\xFF")))
+      throw InputError(file.string(), "text in UTF-16", "UTF-8");
     if (trimmed(line).empty() || trimmed(line).starts_with('#')) continue;
     const auto& named = header.fields();
     if (place.empty()) {
       table.separator = separator_of(line);
       if (header.read(number, fields_of(line, table.separator).value_or(std::vector<std::string>{})))
-        for (const auto& name : table.columns) place.push_back(static_cast<std::size_t>(std::find(named.begin(), named.end(), name) - named.begin()));
+        for (const auto& name : table.columns)
+          place.push_back(static_cast<std::size_t>(std::find(named.begin(), named.end(), name) - named.begin()));
       continue;
     }
     const auto fields = fields_of(line, table.separator);
     const auto columns = std::ssize(named);
     if (!fields) {
       table.mistakes.push_back({fmt::format("{}:{}", file.string(), number), "a quote that is not closed", ""});
-    } else if (std::ssize(*fields) > columns && std::any_of(fields->begin() + columns, fields->end(), [](const std::string& field) { return !field.empty(); })) {
-      table.mistakes.push_back({fmt::format("{}:{}", file.string(), number), fmt::format("{} fields", fields->size()), fmt::format("{} as in the header{}", columns, table.separator == ',' ? " (where a comma parts fields, the decimal sign is the point)" : "")});
+    } else if (std::ssize(*fields) > columns && std::any_of(fields->begin() + columns, fields->end(),
+                                                            [](const std::string& field) { return !field.empty(); })) {
+      table.mistakes.push_back(
+          {fmt::format("{}:{}", file.string(), number), fmt::format("{} fields", fields->size()),
+           fmt::format("{} as in the header{}", columns,
+                       table.separator == ',' ? " (where a comma parts fields, the decimal sign is the point)" : "")});
     } else if (!table.rows.empty() || !table.mistakes.empty() || !are_units(*fields, table.separator)) {
       auto& row = table.rows.emplace_back(NamedColumns::Row{number, {}});
       for (const auto at : place) row.text.push_back(at < named.size() && at < fields->size() ? (*fields)[at] : "");

@@ -32,9 +32,11 @@ struct NamedColumns {
   void refuse() const;
 };
 
-/// Reads a table separated by comma, semicolon, tab or else blanks. The header is the first line that names all the columns `wanted`; `welcome` may be absent. Empty
-/// lines, those that begin with # and a row of units in brackets below the header are passed over. Throws InputError if the file cannot be read or no line is the
-/// header; `kind`: what the file should be.
-[[nodiscard]] NamedColumns read_named_columns(const std::filesystem::path& file, const std::vector<std::string>& wanted, const std::string& kind, const std::vector<std::string>& welcome = {});
+/// Reads a table separated by comma, semicolon, tab or else blanks. The header is the first line that names all the
+/// columns `wanted`; `welcome` may be absent. Empty lines, those that begin with # and a row of units in brackets below
+/// the header are passed over. Throws InputError if the file cannot be read or no line is the header; `kind`: what the
+/// file should be.
+[[nodiscard]] NamedColumns read_named_columns(const std::filesystem::path& file, const std::vector<std::string>& wanted,
+                                              const std::string& kind, const std::vector<std::string>& welcome = {});
 
 }  // namespace imic3d::io

@@ -37,9 +37,13 @@ Case CaseReader::read() {
     read_tests();
     return finished();
   }
-  const bool on_fields = root_.has("fields"), on_bars = root_.has("experiments") && std::count(checks_.sections.begin(), checks_.sections.end(), "identify") > 0;
+  const bool on_fields = root_.has("fields"),
+             on_bars = root_.has("experiments") &&
+                       std::count(checks_.sections.begin(), checks_.sections.end(), "identify") > 0;
   for (const auto& section : checks_.sections)
-    if (!root_.has(section) && !(on_fields && (section == "cameras" || section == "loads")) && !(on_bars && (section == "cameras" || section == "loads"))) mistake(section, "not given", "a section " + section);
+    if (!root_.has(section) && !(on_fields && (section == "cameras" || section == "loads")) &&
+        !(on_bars && (section == "cameras" || section == "loads")))
+      mistake(section, "not given", "a section " + section);
 
   read_units();
   read_specimen();
@@ -71,14 +75,17 @@ Case CaseReader::finished() {
 void CaseReader::read_tests() {
   read_loop();
   for (const auto& [section, value] : root_.json().items())
-    if (section != "title" && section != "loop" && section != "output" && section != "tests") mistake(section, "given beside tests", "title, loop and output; all else in the cases of the tests");
+    if (section != "title" && section != "loop" && section != "output" && section != "tests")
+      mistake(section, "given beside tests", "title, loop and output; all else in the cases of the tests");
   if (!checks_.several) mistake("tests", "several tests", "one test; imic3d loop takes several");
   for (const auto& section : root_.list("tests")) {
     auto& test = case_.tests.emplace_back();
     section.get("name", test.name);
     section.get("case", test.file);
-    if (section.has("case") && !exists(test.file)) mistake(section.path("case"), fmt::format("no such file: {}", test.file.string()), "a case file");
-    if (std::any_of(case_.tests.begin(), case_.tests.end() - 1, [&](const auto& other) { return other.name == test.name; }))
+    if (section.has("case") && !exists(test.file))
+      mistake(section.path("case"), fmt::format("no such file: {}", test.file.string()), "a case file");
+    if (std::any_of(case_.tests.begin(), case_.tests.end() - 1,
+                    [&](const auto& other) { return other.name == test.name; }))
       mistake(section.path("name"), fmt::format("\"{}\" once more", test.name), "a name for each test");
   }
 }
@@ -109,9 +116,11 @@ void CaseReader::read_specimen() {
     if (specimen.plane_stress() && section.has(key)) specimen.unused.emplace_back(key);
   if (specimen.plane_stress() ? specimen.one_point() : specimen.element.starts_with("quad"))
     mistake(section.path("element"), specimen.element + " with kinematics: " + specimen.kinematics,
-            specimen.plane_stress() ? "quad4, quad8; hex8r, hex8s with kinematics: 3d" : "hex8, hex8r, hex8s, hex20; quad4, quad8 with kinematics: plane_stress");
+            specimen.plane_stress() ? "quad4, quad8; hex8r, hex8s with kinematics: 3d"
+                                    : "hex8, hex8r, hex8s, hex20; quad4, quad8 with kinematics: plane_stress");
   read_specimen_place(section);
-  if (!root_.has("specimen") && !root_.has("experiments")) mistake("specimen", "not given", "a section specimen, or experiments");
+  if (!root_.has("specimen") && !root_.has("experiments"))
+    mistake("specimen", "not given", "a section specimen, or experiments");
   if (!section.has("mesh")) return;  // the schema's check has said so
   for (const char* end : {"held", "loaded"})
     if (simulates() && !section.has(end)) mistake(section.path(end), "not given", "the name of a group of the mesh");
@@ -169,7 +178,10 @@ void CaseReader::check_parts(const Section& section, const mesh::Mesh& mesh) {
   }
   for (const auto& [part, what] : found)
     if (!what.second)
-      mistake(section.path("mesh"), fmt::format("{} of {} elements share no node with the others, nor belong to held or loaded", what.first, mesh.cells.rows()), "elements that hang together (nodes at one place are to be merged)");
+      mistake(section.path("mesh"),
+              fmt::format("{} of {} elements share no node with the others, nor belong to held or loaded", what.first,
+                          mesh.cells.rows()),
+              "elements that hang together (nodes at one place are to be merged)");
 }
 
 void CaseReader::read_loads_section() {
@@ -217,7 +229,9 @@ bool CaseReader::read_frame_times(const Section& loads) {
   section.get("time", times.columns.time);
   section.get("image_file", times.columns.image_file);
   const bool is_one = section.has("interval") != section.has("file");
-  if (!is_one) mistake(loads.path("frame_times"), section.has("file") ? "both interval and file" : "neither interval nor file", "one of the two");
+  if (!is_one)
+    mistake(loads.path("frame_times"), section.has("file") ? "both interval and file" : "neither interval nor file",
+            "one of the two");
   if (loads.has("image")) mistake(loads.path("image"), "given beside frame_times", "one of the two");
   return is_one;
 }
@@ -233,10 +247,15 @@ std::vector<LoadRecord> CaseReader::recorded_loads() const {
   const auto& times = *loads.frame_times;
   std::vector<LoadRecord> frames;
   if (!times.file.empty()) frames = read_loads(times.file, times.columns);
-  for (int n = 0; times.interval > 0.0 && n * times.interval <= records.back().time - times.start && n <= largest_frame; ++n) frames.push_back({.frame = n, .time = n * times.interval, .image = {}});
+  for (int n = 0; times.interval > 0.0 && n * times.interval <= records.back().time - times.start && n <= largest_frame;
+       ++n)
+    frames.push_back({.frame = n, .time = n * times.interval, .image = {}});
   for (auto& frame : frames) frame.time += times.start;
   auto taken = at_frames(records, std::move(frames));
-  if (taken.empty()) throw InputError(loads.file.string(), fmt::format("a record from {} to {}", records.front().time, records.back().time), "one that runs while images are taken (frame_times)");
+  if (taken.empty())
+    throw InputError(loads.file.string(),
+                     fmt::format("a record from {} to {}", records.front().time, records.back().time),
+                     "one that runs while images are taken (frame_times)");
   return taken;
 }
 
@@ -263,12 +282,15 @@ void CaseReader::settle_frames() {
 
 std::vector<fs::path> CaseReader::files_of(const Section& section, const std::string& key) {
   std::vector<std::string> patterns;
-  if (std::string one; section.has(key) && section.value(key).is_string()) section.get(key, one), patterns.push_back(one);
+  if (std::string one; section.has(key) && section.value(key).is_string())
+    section.get(key, one), patterns.push_back(one);
   section.get(key, patterns);
   std::vector<fs::path> all;
   for (const auto& pattern : patterns) {
     const auto files = matching_files(folder_, pattern);
-    if (files.empty()) mistake(section.path(key), fmt::format("no file \"{}\"", pattern), (key == "images" ? key : "files") + " that exist");
+    if (files.empty())
+      mistake(section.path(key), fmt::format("no file \"{}\"", pattern),
+              (key == "images" ? key : "files") + " that exist");
     all.insert(all.end(), files.begin(), files.end());
   }
   return all;
@@ -304,10 +326,14 @@ bool CaseReader::exists(const fs::path& path) {
 bool CaseReader::on_curves() const { return root_.has("experiments") && !root_.has("cameras") && !root_.has("fields"); }
 
 bool CaseReader::is_refused(const std::string& path) const {
-  const auto inside = [](const std::string& inner, const std::string& outer) { return inner.starts_with(outer) && (inner.size() == outer.size() || inner[outer.size()] == '.' || inner[outer.size()] == '['); };
+  const auto inside = [](const std::string& inner, const std::string& outer) {
+    return inner.starts_with(outer) &&
+           (inner.size() == outer.size() || inner[outer.size()] == '.' || inner[outer.size()] == '[');
+  };
   return std::any_of(mistakes_.begin(), mistakes_.end(), [&](const PlacedMistake& one) {
     if (one.path.empty()) return false;
-    return inside(path, one.path) || (path.find('.') != std::string::npos && inside(one.path, path) && one.path.find_first_of(".[", path.size() + 1) == std::string::npos);
+    return inside(path, one.path) || (path.find('.') != std::string::npos && inside(one.path, path) &&
+                                      one.path.find_first_of(".[", path.size() + 1) == std::string::npos);
   });
 }
 

@@ -39,28 +39,38 @@ void CaseReader::check_pinholes() {
     const auto& camera = case_.cameras[i];
     if (camera.model != "pinhole") {
       for (const char* key : {"calibration", "index", "view", "frame"})
-        if (sections[i].has(key)) mistake(sections[i].path(key), "given for a telecentric camera", "only with model: pinhole");
+        if (sections[i].has(key))
+          mistake(sections[i].path(key), "given for a telecentric camera", "only with model: pinhole");
       continue;
     }
     for (const char* key : {"place", "pixel_size"})
-      if (sections[i].has(key)) mistake(sections[i].path(key), "given for a pinhole camera", "only with model: telecentric (specimen.place places the specimen)");
+      if (sections[i].has(key))
+        mistake(sections[i].path(key), "given for a pinhole camera",
+                "only with model: telecentric (specimen.place places the specimen)");
     if (camera.view && camera.images.empty()) continue;  // of a virtual test: it needs nothing else
     if (camera.calibration.empty())
       mistake(sections[i].path("calibration"), "not given", "a calibration file (VIC-3D, DICe, MatchID, OpenCV)");
     else if (!exists(camera.calibration))
-      mistake(sections[i].path("calibration"), fmt::format("no such file: {}", camera.calibration.string()), "a calibration file");
+      mistake(sections[i].path("calibration"), fmt::format("no such file: {}", camera.calibration.string()),
+              "a calibration file");
     if (camera.frame == "specimen") continue;
     names += (names.empty() ? "" : ", ") + camera.name;
     if (!face.empty() && camera.face != face)
-      mistake(sections[i].path("face"), camera.face, "the face of the other pinhole cameras, " + face + ": specimen.place places one rig (or frame: specimen)");
+      mistake(
+          sections[i].path("face"), camera.face,
+          "the face of the other pinhole cameras, " + face + ": specimen.place places one rig (or frame: specimen)");
     face = camera.face;
-    found = found || !case_.specimen.place || case_.specimen.place->camera.empty() || case_.specimen.place->camera == camera.name;
+    found = found || !case_.specimen.place || case_.specimen.place->camera.empty() ||
+            case_.specimen.place->camera == camera.name;
   }
   if (names.empty()) {
-    if (case_.specimen.place) mistake("specimen.place", "given without a pinhole camera", "only with cameras of model: pinhole that have a calibration in the rig's frame");
+    if (case_.specimen.place)
+      mistake("specimen.place", "given without a pinhole camera",
+              "only with cameras of model: pinhole that have a calibration in the rig's frame");
     return;
   }
-  if (!case_.specimen.place) mistake("specimen.place", "not given", "{points: …}: where the specimen lies in front of the pinhole cameras");
+  if (!case_.specimen.place)
+    mistake("specimen.place", "not given", "{points: …}: where the specimen lies in front of the pinhole cameras");
   if (!found) mistake("specimen.place.camera", case_.specimen.place->camera, "one of " + names);
 }
 
@@ -89,7 +99,8 @@ void CaseReader::read_cameras() {
       if (value.is_number()) camera.calibration_sd[number] = value;
     section.get("calibration", camera.calibration);
     int before = 0;  // cameras of the same file
-    for (const auto& other : case_.cameras) before += !camera.calibration.empty() && other.calibration == camera.calibration;
+    for (const auto& other : case_.cameras)
+      before += !camera.calibration.empty() && other.calibration == camera.calibration;
     camera.index = std::max(0, before - 1);
     section.get("index", camera.index);
     section.get("pixel_size", camera.pixel_size);
@@ -216,7 +227,8 @@ void CaseReader::check_images(const Section& section, const CameraCase& camera) 
   if (found.empty())
     for (std::size_t i = 1; i < camera.images.size(); ++i)
       if (same_content(camera.images[i - 1], camera.images[i]))
-        case_.doubts.push_back(fmt::format("{} and {} are the same picture: was a frame written twice?", camera.images[i - 1].string(), camera.images[i].filename().string()));
+        case_.doubts.push_back(fmt::format("{} and {} are the same picture: was a frame written twice?",
+                                           camera.images[i - 1].string(), camera.images[i].filename().string()));
   check_number_of_images(section, camera);
   if (!case_.loads.records.empty()) {
     std::set<int> recorded;
@@ -225,7 +237,8 @@ void CaseReader::check_images(const Section& section, const CameraCase& camera) 
       if (!recorded.contains(camera.frames[i]))
         found.push_back({case_.loads.file.string(),
                          fmt::format("no row for frame {} ({})", camera.frames[i], camera.images[i].string()),
-                         case_.loads.frame_times ? "images that were taken while the record ran (frame_times)" : "a row for each image"});
+                         case_.loads.frame_times ? "images that were taken while the record ran (frame_times)"
+                                                 : "a row for each image"});
   }
   if (found.size() > most_image_mistakes) {
     const auto more = found.size() - most_image_mistakes;
@@ -237,7 +250,8 @@ void CaseReader::check_images(const Section& section, const CameraCase& camera) 
 
 void CaseReader::check_number_of_images(const Section& section, const CameraCase& camera) {
   const auto images = camera.images.size(), rows = case_.loads.records.size();
-  if (section.has("frames") || section.value("images") == "from_loads" || case_.loads.frame_times || images >= rows) return;
+  if (section.has("frames") || section.value("images") == "from_loads" || case_.loads.frame_times || images >= rows)
+    return;
   mistake(section.path("images"), fmt::format("{} images", images),
           fmt::format("{}, one for each row of {}; else say which they are: frames: from_names, or a list", rows,
                       case_.loads.file.string()));
@@ -277,7 +291,9 @@ void CaseReader::read_fields() {
   for (std::size_t i = 0; i < n; ++i) fields.frames.push_back(static_cast<int>(i) + 1);
   if (section.has("frames")) {
     const Frames declared = frames_of(section, "frames", std::nullopt);
-    if (declared.size() != n && !declared.empty()) mistake(section.path("frames"), fmt::format("{} frames", declared.size()), fmt::format("{}, one for each file", n));
+    if (declared.size() != n && !declared.empty())
+      mistake(section.path("frames"), fmt::format("{} frames", declared.size()),
+              fmt::format("{}, one for each file", n));
     if (declared.size() == n) fields.frames = declared;
   }
   if (section.has("at_rest")) fields.at_rest = frames_of(section, "at_rest", fields.frames);
@@ -286,7 +302,12 @@ void CaseReader::read_fields() {
   for (const auto& record : case_.loads.records) recorded.insert(record.frame);
   for (std::size_t i = 0; i < n; ++i)
     if (!recorded.contains(fields.frames[i]))
-      mistakes_.push_back({document_.line(section.path("files")), {case_.loads.file.string(), fmt::format("no row for frame {} ({})", fields.frames[i], fields.files[i].string()), case_.loads.frame_times ? "fields of frames that were taken while the record ran (frame_times)" : "a row for each field"}});
+      mistakes_.push_back(
+          {document_.line(section.path("files")),
+           {case_.loads.file.string(),
+            fmt::format("no row for frame {} ({})", fields.frames[i], fields.files[i].string()),
+            case_.loads.frame_times ? "fields of frames that were taken while the record ran (frame_times)"
+                                    : "a row for each field"}});
 }
 
 }  // namespace imic3d::io

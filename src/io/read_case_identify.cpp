@@ -33,7 +33,8 @@ void CaseReader::read_simulate() {
   const auto section = root_.group("simulate");
   auto& simulate = case_.simulate.emplace();
   section.get("control", simulate.control);
-  if (case_.specimen.element == "hex8r") mistake("specimen.element", "hex8r in a simulation without images", "hex8, hex8s, hex20");
+  if (case_.specimen.element == "hex8r")
+    mistake("specimen.element", "hex8r in a simulation without images", "hex8, hex8s, hex20");
   section.get("value", simulate.value);
   section.get("clamped", simulate.clamped);
   section.get("centred", simulate.centred);
@@ -46,8 +47,7 @@ void CaseReader::read_simulate() {
   if (std::adjacent_find(simulate.time.begin(), simulate.time.end(), std::greater_equal<>()) != simulate.time.end())
     mistake(section.path("time"), "times that do not ascend", "ascending times");
   if (!simulate.value.empty() && simulate.value.front() != 0.0)
-    mistake(section.path("value"), fmt::format("{} at frame 0", simulate.value.front()),
-            "0 at frame 0, the reference");
+    mistake(section.path("value"), fmt::format("{} at frame 0", simulate.value.front()), "0 at frame 0, the reference");
 }
 
 void CaseReader::read_identify() {
@@ -55,22 +55,28 @@ void CaseReader::read_identify() {
   const auto section = root_.group("identify");
   auto& identify = case_.identify;
   for (const char* key : {"functional", "alpha", "boundary_smoothing", "driving", "steps_per_frame", "held_out"})
-    if (on_curves() && section.has(key)) mistake(section.path(key), "given for experiments", "only with images or displacement fields");
+    if (on_curves() && section.has(key))
+      mistake(section.path(key), "given for experiments", "only with images or displacement fields");
   section.get("functional", identify.functional);
   section.get("alpha", identify.alpha);
   const bool gap = identify.functional == "equilibrium_gap";
   if (identify.alpha > 0.0 && identify.functional != "force_driven" && !gap)
     mistake(section.path("alpha"), fmt::format("{} with functional: {}", identify.alpha, identify.functional),
             "functional: force_driven or equilibrium_gap, or alpha: 0");
-  if (gap && identify.alpha == 0.0) mistake(section.path("alpha"), "not given, or 0, with functional: equilibrium_gap", "above 0, e.g. 1e-3");
+  if (gap && identify.alpha == 0.0)
+    mistake(section.path("alpha"), "not given, or 0, with functional: equilibrium_gap", "above 0, e.g. 1e-3");
   if (case_.specimen.element == "hex8r" && identify.alpha == 0.0)
-    mistake(section.path("alpha"), "not given, or 0, with specimen.element: hex8r", "above 0, e.g. 1e-2, or element: hex8s");
+    mistake(section.path("alpha"), "not given, or 0, with specimen.element: hex8r",
+            "above 0, e.g. 1e-2, or element: hex8s");
   if (gap && !case_.specimen.plane_stress())
     mistake(section.path("functional"), "equilibrium_gap in 3D", "specimen.kinematics: plane_stress");
-  if (gap && case_.material.law != "elastic") mistake(section.path("functional"), "equilibrium_gap with law: " + case_.material.law, "law: elastic");
+  if (gap && case_.material.law != "elastic")
+    mistake(section.path("functional"), "equilibrium_gap with law: " + case_.material.law, "law: elastic");
   section.get("groups", identify.groups);
-  // Where the images pull in equilibrium the iterations for the derivatives may not converge; simulations side by side are perturbed ones.
-  identify.sensitivities = case_.specimen.element == "hex8s" || identify.alpha > 0.0 || identify.groups > 1 ? "perturbed" : "direct";
+  // Where the images pull in equilibrium the iterations for the derivatives may not converge; simulations side by side
+  // are perturbed ones.
+  identify.sensitivities =
+      case_.specimen.element == "hex8s" || identify.alpha > 0.0 || identify.groups > 1 ? "perturbed" : "direct";
   section.get("sensitivities", identify.sensitivities);
   if (case_.specimen.element == "hex8s" && identify.sensitivities == "direct")
     mistake(section.path("sensitivities"), "direct with specimen.element: hex8s", "perturbed, or element: hex8, hex20");
@@ -82,7 +88,8 @@ void CaseReader::read_identify() {
   if (std::string driving; section.has("driving")) {
     section.get("driving", driving);
     identify.driving = (folder_ / driving).lexically_normal();
-    if (!std::filesystem::exists(identify.driving)) mistake(section.path("driving"), identify.driving.string(), "results.h5 of `imic3d dic`");
+    if (!std::filesystem::exists(identify.driving))
+      mistake(section.path("driving"), identify.driving.string(), "results.h5 of `imic3d dic`");
   }
   section.get("steps_per_frame", identify.steps_per_frame);
   if (section.has("held_out")) identify.held_out = frames_of(section, "held_out", case_.frames);
@@ -107,7 +114,8 @@ void CaseReader::read_identify() {
     }
     stage.frames = case_.frames;
     if (on_curves() && stage_section.has("frames")) {
-      mistake(stage_section.path("frames"), "given for experiments", "from, until and held_out of an experiment say which rows are fitted");
+      mistake(stage_section.path("frames"), "given for experiments",
+              "from, until and held_out of an experiment say which rows are fitted");
       continue;
     }
     if (stage_section.has("frames")) stage.frames = frames_of(stage_section, "frames", case_.frames);
@@ -131,27 +139,32 @@ void CaseReader::read_loop() {
   section.get("leave_out", loop.leave_out);
   const auto prior = section.group("prior");
   for (const auto& [name, deviation] : prior.json().items()) {
-    if (!case_.material.parameters.contains(name)) mistake(prior.path(name), "no parameter of this name", "a parameter of the material");
+    if (!case_.material.parameters.contains(name))
+      mistake(prior.path(name), "no parameter of this name", "a parameter of the material");
     if (deviation.is_number()) loop.prior[name] = deviation;
   }
 }
 
 void CaseReader::read_effects() {
   const auto section = root_.group("effects");
-  const auto possible = checks_.effects ? checks_.effects(case_.cameras) : std::map<std::string, std::vector<std::string>>();
+  const auto possible =
+      checks_.effects ? checks_.effects(case_.cameras) : std::map<std::string, std::vector<std::string>>();
   std::vector<std::string> known;
   for (const auto& [effect, quantities] : possible) known.push_back(effect);
-  const auto is_known = [&](const std::string& path, const char* what, const std::string& name, const std::vector<std::string>& names) {
+  const auto is_known = [&](const std::string& path, const char* what, const std::string& name,
+                            const std::vector<std::string>& names) {
     if (possible.empty() || std::find(names.begin(), names.end(), name) != names.end()) return true;
     const auto near = nearest(name, names);
-    mistake(path, fmt::format("no {} \"{}\"{}", what, name, near.empty() ? "" : ", near to " + near), fmt::format("{}", fmt::join(names, ", ")));
+    mistake(path, fmt::format("no {} \"{}\"{}", what, name, near.empty() ? "" : ", near to " + near),
+            fmt::format("{}", fmt::join(names, ", ")));
     return false;
   };
   for (const auto& [effect, declared] : section.json().items()) {
     if (!is_known(section.path(effect), "effect", effect, known)) continue;
     const auto quantities = section.group(effect);
     for (const auto& [quantity, value] : quantities.json().items()) {
-      if (!possible.empty() && !is_known(quantities.path(quantity), "quantity", quantity, possible.at(effect))) continue;
+      if (!possible.empty() && !is_known(quantities.path(quantity), "quantity", quantity, possible.at(effect)))
+        continue;
       auto& one = case_.effects[effect][quantity];
       if (value.is_number()) one.value = value.get<double>();
       if (!value.is_object()) continue;
@@ -161,9 +174,11 @@ void CaseReader::read_effects() {
       details.get("upper", one.upper);
       details.get("free", one.free);
       if (one.lower && one.upper && !(*one.lower < *one.upper))
-        mistake(quantities.path(quantity), fmt::format("lower {}, upper {}", *one.lower, *one.upper), "lower below upper");
+        mistake(quantities.path(quantity), fmt::format("lower {}, upper {}", *one.lower, *one.upper),
+                "lower below upper");
       else if (!one.value && !one.free)
-        mistake(quantities.path(quantity), "neither a value nor free: true", "a number, or {value, lower, upper, free}");
+        mistake(quantities.path(quantity), "neither a value nor free: true",
+                "a number, or {value, lower, upper, free}");
     }
   }
 }
@@ -184,7 +199,8 @@ void CaseReader::read_virtual() {
   section.get("directory", test.directory);
   section.get("declared_mesh", test.declared_mesh);
   if (section.has("declared_mesh") && !exists(test.declared_mesh))
-    mistake(section.path("declared_mesh"), fmt::format("no such file: {}", test.declared_mesh.string()), "a .msh or .inp file");
+    mistake(section.path("declared_mesh"), fmt::format("no such file: {}", test.declared_mesh.string()),
+            "a .msh or .inp file");
   if (test.texture && !exists(*test.texture))
     mistake(section.path("texture"), fmt::format("no such file: {}", test.texture->string()), "an image file");
 }

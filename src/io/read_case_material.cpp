@@ -16,7 +16,8 @@ namespace imic3d::io {
 namespace {
 
 double pascals(const std::string& unit) {
-  static const std::map<std::string, double> values{{"Pa", 1.0}, {"kPa", 1e3}, {"MPa", 1e6}, {"GPa", 1e9}, {"psi", 6894.757293168}, {"ksi", 6894757.293168}};
+  static const std::map<std::string, double> values{
+      {"Pa", 1.0}, {"kPa", 1e3}, {"MPa", 1e6}, {"GPa", 1e9}, {"psi", 6894.757293168}, {"ksi", 6894757.293168}};
   const auto it = values.find(unit);
   return it == values.end() ? 1.0 : it->second;
 }
@@ -46,7 +47,8 @@ void CaseReader::read_material() {
     material.parameters[name] = parameter;
   }
   check_table(section);
-  const bool is_known = !is_refused(section.path("law")) && !is_refused(section.path("hardening")) && !is_refused(section.path("effects"));
+  const bool is_known = !is_refused(section.path("law")) && !is_refused(section.path("hardening")) &&
+                        !is_refused(section.path("effects"));
   if (checks_.parameters_of && is_known) check_parameters(parameters);
   for (const auto& [name, parameter] : material.parameters) check_bounds(parameters.path(name), parameter);
 }
@@ -99,10 +101,10 @@ void CaseReader::check_bounds(const std::string& path, const ParameterCase& para
     mistake(path, fmt::format("lower {}, upper {}", *parameter.lower, *parameter.upper), "lower below upper");
   } else if ((parameter.lower && parameter.value < *parameter.lower) ||
              (parameter.upper && parameter.value > *parameter.upper)) {
-    mistake(path, fmt::format("value {}", parameter.value),
-            fmt::format("a value between its bounds{}{}",
-                        parameter.lower ? fmt::format(", from {}", *parameter.lower) : "",
-                        parameter.upper ? fmt::format(", up to {}", *parameter.upper) : ""));
+    mistake(
+        path, fmt::format("value {}", parameter.value),
+        fmt::format("a value between its bounds{}{}", parameter.lower ? fmt::format(", from {}", *parameter.lower) : "",
+                    parameter.upper ? fmt::format(", up to {}", *parameter.upper) : ""));
   }
 }
 
@@ -129,8 +131,10 @@ void CaseReader::read_experiments() {
     experiment.engineering_stress = stress_kind == "engineering";
     experiment.until_maximum = until == "maximum_force";
     experiment.stress_scale = pascals(unit) / pascals(stress_unit(case_.units));
-    if (!experiment.columns.time.empty() && experiment.rate) mistake(section.path("rate"), "given beside time", "one of the two");
-    if (!experiment.name.empty() && std::any_of(case_.experiments.begin(), case_.experiments.end() - 1, [&](const auto& other) { return other.name == experiment.name; }))
+    if (!experiment.columns.time.empty() && experiment.rate)
+      mistake(section.path("rate"), "given beside time", "one of the two");
+    if (!experiment.name.empty() && std::any_of(case_.experiments.begin(), case_.experiments.end() - 1,
+                                                [&](const auto& other) { return other.name == experiment.name; }))
       mistake(section.path("name"), experiment.name, "a name that no other experiment has");
     read_curves(section, experiment);
     if (section.has("held_out") && section.value("held_out").is_string()) {

@@ -51,8 +51,12 @@ class Report {
     const auto names = file_.read_texts("identification/parameters"), units = file_.read_texts("identification/units");
     const auto initial = file_.read("identification/initial"), values = file_.read("identification/values"),
                deviation = file_.read("identification/standard_deviation");
-    const auto on_bound = file_.has("identification/on_bound") ? file_.read_integers("identification/on_bound") : std::vector<int>(names.size(), 0);
-    const auto at_once = [&](const char* what) { return file_.has("identification/at_once/change") ? file_.read(std::string("identification/at_once/") + what) : std::vector<double>(names.size(), std::nan("")); };
+    const auto on_bound = file_.has("identification/on_bound") ? file_.read_integers("identification/on_bound")
+                                                               : std::vector<int>(names.size(), 0);
+    const auto at_once = [&](const char* what) {
+      return file_.has("identification/at_once/change") ? file_.read(std::string("identification/at_once/") + what)
+                                                        : std::vector<double>(names.size(), std::nan(""));
+    };
     const auto change = at_once("change"), deviation_then = at_once("standard_deviation");
     const bool in_turn = std::any_of(change.begin(), change.end(), [](double value) { return std::isfinite(value); });
     out_ += fmt::format(
@@ -65,12 +69,23 @@ class Report {
       finished = finished || std::isfinite(values[i]);
       out_ += fmt::format(
           "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td>{}<td>{}</td><td class=\"left\">{}</td></tr>\n",
-          escaped(names[i]), shown_with(values[i], deviation[i]), on_bound[i] > 0 ? "on its bound" : free ? shown(deviation[i], 2) : std::isinf(deviation[i]) ? "not determined" : "fixed",
+          escaped(names[i]), shown_with(values[i], deviation[i]),
+          on_bound[i] > 0            ? "on its bound"
+          : free                     ? shown(deviation[i], 2)
+          : std::isinf(deviation[i]) ? "not determined"
+                                     : "fixed",
           free && on_bound[i] <= 0 ? shown(100 * deviation[i] / std::abs(values[i]), 2) + " %" : "",
-          !in_turn ? "" : std::isfinite(change[i]) ? fmt::format("<td>{} ± {}</td>", shown_with(change[i], deviation_then[i]), shown(deviation_then[i], 2)) : "<td></td>", shown(initial[i]), escaped(units[i]));
+          !in_turn ? ""
+          : std::isfinite(change[i])
+              ? fmt::format("<td>{} ± {}</td>", shown_with(change[i], deviation_then[i]), shown(deviation_then[i], 2))
+              : "<td></td>",
+          shown(initial[i]), escaped(units[i]));
     }
     out_ += "</table>\n";
-    if (in_turn) out_ += "<p class=\"note\">Stages found the parameters one after another: standard deviations are those of each as if the others were known.</p>\n";
+    if (in_turn)
+      out_ +=
+          "<p class=\"note\">Stages found the parameters one after another: standard deviations are those of each as "
+          "if the others were known.</p>\n";
     if (!finished) out_ += "<p>The identification was not finished; see the parameters by iteration.</p>\n";
   }
 
@@ -90,7 +105,11 @@ class Report {
     add("force, measured − predicted (rms over the frames)", "force_rms_difference");
     add("residual of the identified model (rms)", "residual_rms_model");
     add("residual of pure DIC (rms)", "residual_rms_dic");
-    if (!rows.empty()) out_ += "<h2>How well it fits</h2>\n<table>\n<tr><th></th><th>all frames</th><th>fitted</th><th>held out</th><th></th></tr>\n" + rows + "</table>\n";
+    if (!rows.empty())
+      out_ +=
+          "<h2>How well it fits</h2>\n<table>\n<tr><th></th><th>all frames</th><th>fitted</th><th>held "
+          "out</th><th></th></tr>\n" +
+          rows + "</table>\n";
   }
 
   void curves() {

@@ -38,7 +38,8 @@ std::string system_error() {
 
 [[noreturn]] void failed(const std::string& what) {
   if (const auto reason = system_error(); !reason.empty())
-    throw InputError("HDF5", fmt::format("cannot {} ({})", what, reason), "files that can be read and written, and free space for them");
+    throw InputError("HDF5", fmt::format("cannot {} ({})", what, reason),
+                     "files that can be read and written, and free space for them");
   throw std::runtime_error("HDF5: cannot " + what);
 }
 
@@ -121,7 +122,8 @@ void to_disk(const std::filesystem::path& path) {
   const int error = errno;
   if (file >= 0) ::close(file);
   if (!done && !std::filesystem::is_directory(path))
-    throw InputError(path.string(), fmt::format("cannot be written ({})", std::strerror(error)), "a place with enough free space");
+    throw InputError(path.string(), fmt::format("cannot be written ({})", std::strerror(error)),
+                     "a place with enough free space");
 }
 
 std::size_t product(const std::vector<std::size_t>& shape, std::size_t first = 0) {
@@ -253,7 +255,8 @@ void ResultsFile::store(const std::string& name, const std::vector<std::size_t>&
   if (values.size() != product(shape)) throw std::invalid_argument("ResultsFile: wrong size of " + name);
   const Handle data = impl_->create(name, H5T_STD_I32LE, shape, unit, description);
   if (!values.empty())
-    must(H5Dwrite(data, H5T_NATIVE_INT, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data()), fmt::format("write {} in {}", name, impl_->path.string()));
+    must(H5Dwrite(data, H5T_NATIVE_INT, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data()),
+         fmt::format("write {} in {}", name, impl_->path.string()));
 }
 
 void ResultsFile::store_text(const std::string& name, const std::string& text, const std::string& description) {
@@ -261,7 +264,8 @@ void ResultsFile::store_text(const std::string& name, const std::string& text, c
   const Handle data = impl_->create(name, type, {}, "", description);
   std::string padded = text;
   padded.resize(std::max<std::size_t>(text.size(), 1));
-  must(H5Dwrite(data, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, padded.data()), fmt::format("write {} in {}", name, impl_->path.string()));
+  must(H5Dwrite(data, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, padded.data()),
+       fmt::format("write {} in {}", name, impl_->path.string()));
 }
 
 void ResultsFile::store_texts(const std::string& name, const std::vector<std::string>& texts,
@@ -272,7 +276,9 @@ void ResultsFile::store_texts(const std::string& name, const std::vector<std::st
   for (const auto& text : texts) packed += text + std::string(length - text.size(), '\0');
   const Handle type = string_type(length);
   const Handle data = impl_->create(name, type, {texts.size()}, "", description);
-  if (!texts.empty()) must(H5Dwrite(data, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, packed.data()), fmt::format("write {} in {}", name, impl_->path.string()));
+  if (!texts.empty())
+    must(H5Dwrite(data, type, H5S_ALL, H5S_ALL, H5P_DEFAULT, packed.data()),
+         fmt::format("write {} in {}", name, impl_->path.string()));
 }
 
 void ResultsFile::start() {
@@ -291,7 +297,8 @@ void ResultsFile::write(const std::string& name, std::span<const double> values)
   const Handle data = impl_->dataset(name);
   if (values.size() != product(Impl::shape_of(data))) throw std::invalid_argument("ResultsFile: wrong size of " + name);
   if (values.empty()) return;
-  must(H5Dwrite(data, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data()), fmt::format("write {} in {}", name, impl_->path.string()));
+  must(H5Dwrite(data, H5T_NATIVE_DOUBLE, H5S_ALL, H5S_ALL, H5P_DEFAULT, values.data()),
+       fmt::format("write {} in {}", name, impl_->path.string()));
 }
 
 void ResultsFile::write(const std::string& name, std::size_t index, std::span<const double> values) {
@@ -302,7 +309,8 @@ void ResultsFile::write(const std::string& name, std::size_t index, std::span<co
     throw std::invalid_argument(
         fmt::format("ResultsFile: {} numbers for a row of {} with {}", values.size(), name, product(shape, 1)));
   if (values.empty()) return;
-  must(H5Dwrite(data, H5T_NATIVE_DOUBLE, memory, space, H5P_DEFAULT, values.data()), fmt::format("write {} in {}", name, impl_->path.string()));
+  must(H5Dwrite(data, H5T_NATIVE_DOUBLE, memory, space, H5P_DEFAULT, values.data()),
+       fmt::format("write {} in {}", name, impl_->path.string()));
 }
 
 void ResultsFile::mark_done(const std::string& group, std::size_t frame, bool whole) {

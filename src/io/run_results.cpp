@@ -28,7 +28,8 @@ void store_mesh(ResultsFile& file, const std::string& group, const mesh::Mesh& m
   file.store(group + "/cells", shape(mesh.cells), flat(mesh.cells), "-", "nodes of the cells [cell, corner]");
   if (const int count = mesh::corners_per_cell(mesh.type); count < mesh.cells.cols()) {
     const mesh::Cells corners = mesh.cells.leftCols(count);
-    file.store(group + "/corners", shape(corners), flat(corners), "-", "corners of the cells [cell, corner], for viewers");
+    file.store(group + "/corners", shape(corners), flat(corners), "-",
+               "corners of the cells [cell, corner], for viewers");
   }
   if (mesh.front.size() > 0)
     file.store(group + "/front", shape(mesh.front), flat(mesh.front), "-", "faces that the camera sees [face, corner]");
@@ -94,7 +95,8 @@ void declare_correlation(ResultsFile& file, const Case& test, const RunPlan& pla
                  fmt::format("rms of f - g(x + u) per element, {} [frame, cell]", what));
   }
   file.declare_frames_done("residual", frames);
-  file.declare("residual/noise", {1}, "grey level", "standard deviation of the noise in the smoothed images, of which the residuals are");
+  file.declare("residual/noise", {1}, "grey level",
+               "standard deviation of the noise in the smoothed images, of which the residuals are");
 }
 
 void declare_identification(ResultsFile& file, const Case& test, const RunPlan& plan) {
@@ -113,13 +115,21 @@ void declare_identification(ResultsFile& file, const Case& test, const RunPlan& 
   file.store_texts(group + "units", units, "units of the parameters");
   file.store(group + "initial", {n}, initial, unit, "values in the case file");
   file.declare(group + "values", {n}, unit, "identified values");
-  file.declare(group + "standard_deviation", {n}, unit, "standard deviation; NaN where a parameter was not free, infinite where it is not determined");
+  file.declare(group + "standard_deviation", {n}, unit,
+               "standard deviation; NaN where a parameter was not free, infinite where it is not determined");
   file.declare(group + "covariance", {n, n}, unit, "covariance (Eq. 14)");
-  file.declare(group + "on_bound", {n}, "-", "1 where a free parameter ended on a bound: its standard deviation says nothing", Storage::integer);
-  file.declare(group + "at_once/change", {n}, unit, "of parameters that stages found one after another, if all were free at once (one step of Eq. 10); else NaN");
-  file.declare(group + "at_once/standard_deviation", {n}, unit, "standard deviation if all were free at once; else NaN");
-  file.declare(group + "refined_mesh/change", {n}, unit, "change on a mesh that is refined once (one step of Eq. 10); NaN: not found");
-  file.declare(group + "in_space/change", {n}, unit, "change if the specimen were simulated in space, not in plane stress (one step of Eq. 10); NaN: not found");
+  file.declare(group + "on_bound", {n}, "-",
+               "1 where a free parameter ended on a bound: its standard deviation says nothing", Storage::integer);
+  file.declare(
+      group + "at_once/change", {n}, unit,
+      "of parameters that stages found one after another, if all were free at once (one step of Eq. 10); else NaN");
+  file.declare(group + "at_once/standard_deviation", {n}, unit,
+               "standard deviation if all were free at once; else NaN");
+  file.declare(group + "refined_mesh/change", {n}, unit,
+               "change on a mesh that is refined once (one step of Eq. 10); NaN: not found");
+  file.declare(
+      group + "in_space/change", {n}, unit,
+      "change if the specimen were simulated in space, not in plane stress (one step of Eq. 10); NaN: not found");
   file.declare(group + "iterations/count", {1}, "-", "number of rows that are written", Storage::integer);
   file.declare(group + "iterations/stage", {most}, "-", "stage of the iteration, from 0", Storage::integer);
   file.declare(group + "iterations/iteration", {most}, "-", "number within the stage, 0: the start", Storage::integer);
@@ -202,7 +212,8 @@ void write_iteration(ResultsFile& file, int stage, int iteration, std::span<cons
   file.write(group + "count", 0, {&count, 1});  // last, so that a row that counts is whole
 }
 
-void write_identified(ResultsFile& file, std::span<const double> values, std::span<const double> covariance, const std::set<int>& on_bound) {
+void write_identified(ResultsFile& file, std::span<const double> values, std::span<const double> covariance,
+                      const std::set<int>& on_bound) {
   const auto n = values.size();
   if (covariance.size() != n * n) throw std::invalid_argument("write_identified: covariance is not [P x P]");
   std::vector<double> deviation(n);
@@ -220,6 +231,8 @@ void write_freed_at_once(ResultsFile& file, std::span<const double> changes, std
   file.write("identification/at_once/standard_deviation", deviations);
 }
 
-void write_change(ResultsFile& file, const std::string& by, std::span<const double> changes) { file.write("identification/" + by + "/change", changes); }
+void write_change(ResultsFile& file, const std::string& by, std::span<const double> changes) {
+  file.write("identification/" + by + "/change", changes);
+}
 
 }  // namespace imic3d::io

@@ -169,7 +169,8 @@ class Describer {
   }
 
   void mistake(const std::string& path, std::string found, std::string allowed_values) {
-    mistakes_.push_back({document_.line(path), {document_.place(path), std::move(found), std::move(allowed_values)}, path});
+    mistakes_.push_back(
+        {document_.line(path), {document_.place(path), std::move(found), std::move(allowed_values)}, path});
   }
 
   const YamlDocument& document_;

@@ -48,9 +48,11 @@ json parameters(const ResultsFile& file) {
   for (std::size_t i = 0; i < names.size(); ++i)
     if (std::isinf(deviation[i])) table[names[i]]["determined"] = false;
   if (file.has("identification/at_once/change")) {
-    const auto change = file.read("identification/at_once/change"), then = file.read("identification/at_once/standard_deviation");
+    const auto change = file.read("identification/at_once/change"),
+               then = file.read("identification/at_once/standard_deviation");
     for (std::size_t i = 0; i < names.size(); ++i)
-      if (std::isfinite(change[i])) table[names[i]]["at_once"] = {{"change", change[i]}, {"standard_deviation", then[i]}};
+      if (std::isfinite(change[i]))
+        table[names[i]]["at_once"] = {{"change", change[i]}, {"standard_deviation", then[i]}};
   }
   for (const std::string by : {"refined_mesh", "in_space"})
     if (file.has("identification/" + by + "/change"))
@@ -59,7 +61,8 @@ json parameters(const ResultsFile& file) {
         ++i;
       }
   if (file.has("identification/on_bound"))
-    for (std::size_t i = 0; const auto mark : file.read_integers("identification/on_bound")) table[names[i++]]["on_bound"] = mark > 0;
+    for (std::size_t i = 0; const auto mark : file.read_integers("identification/on_bound"))
+      table[names[i++]]["on_bound"] = mark > 0;
   return table;
 }
 
@@ -80,7 +83,9 @@ json iterations(const ResultsFile& file) {
 json quantity(double value, const std::string& unit) { return {{"value", number_or_null(value)}, {"unit", unit}}; }
 
 json case_summary(const ResultsFile& file) {
-  json result = {{"title", file.read_text("case/title")}, {"case_file", file.read_text("case/file")}, {"case_text", file.read_text("case/text")}};
+  json result = {{"title", file.read_text("case/title")},
+                 {"case_file", file.read_text("case/file")},
+                 {"case_text", file.read_text("case/text")}};
   for (const auto& name : file.names())
     if (name.starts_with("program/")) result["program"][name.substr(8)] = file.read_text(name);
   return result;
@@ -109,7 +114,8 @@ json summary(const ResultsFile& file) {
       return values;
     };
     if (result.contains("force_rms_difference"))
-      result[key]["force_rms_difference"] = quantity(rms_difference(of_kind(measured), predicted), file.unit("frames/force_measured"));
+      result[key]["force_rms_difference"] =
+          quantity(rms_difference(of_kind(measured), predicted), file.unit("frames/force_measured"));
     if (result.contains("residual_rms_dic")) {
       result[key]["residual_rms_dic"] = quantity(rms(of_kind(file.read("residual/rms_dic"))), "grey level");
       result[key]["residual_rms_model"] = quantity(rms(of_kind(file.read("residual/rms_model"))), "grey level");
@@ -139,7 +145,9 @@ void write_text_file(const std::filesystem::path& path, const std::string& text)
   if (whole && !error) return;
   std::error_code ignored;
   std::filesystem::remove(temporary, ignored);
-  throw InputError(path.string(), fmt::format("cannot be written ({})", error ? error.message() : std::strerror(reason)), "a place where results can be written");
+  throw InputError(path.string(),
+                   fmt::format("cannot be written ({})", error ? error.message() : std::strerror(reason)),
+                   "a place where results can be written");
 }
 
 void write_json(const std::filesystem::path& path, const json& value) { write_text_file(path, value.dump(2) + "\n"); }

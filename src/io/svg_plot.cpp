@@ -37,20 +37,11 @@ std::string escaped(const std::string& text) {
   std::string safe;
   for (char c : text) {
     switch (c) {
-      case '&':
-        safe += "&amp;";
-        break;
-      case '<':
-        safe += "&lt;";
-        break;
-      case '>':
-        safe += "&gt;";
-        break;
-      case '"':
-        safe += "&quot;";
-        break;
-      default:
-        safe += c;
+      case '&': safe += "&amp;"; break;
+      case '<': safe += "&lt;"; break;
+      case '>': safe += "&gt;"; break;
+      case '"': safe += "&quot;"; break;
+      default: safe += c;
     }
   }
   return safe;
@@ -89,7 +80,8 @@ std::string svg(const Plot& plot) {
   out += fmt::format("<text class=\"plot-title\" x=\"{}\" y=\"14\">{}</text>\n", left, escaped(plot.title));
   for (const auto& [from, to] : plot.shaded) {
     const double begin = std::clamp(px(from), left, right), end = std::clamp(px(to), left, right);
-    out += fmt::format("<rect class=\"shaded\" x=\"{:.1f}\" y=\"{}\" width=\"{:.1f}\" height=\"{}\"/>\n", begin, top, end - begin, bottom - top);
+    out += fmt::format("<rect class=\"shaded\" x=\"{:.1f}\" y=\"{}\" width=\"{:.1f}\" height=\"{}\"/>\n", begin, top,
+                       end - begin, bottom - top);
   }
   for (const auto& band : plot.bands) {
     std::string path, back;
@@ -98,7 +90,9 @@ std::string svg(const Plot& plot) {
       path += fmt::format("{}{:.1f} {:.1f}", path.empty() ? "M" : " L", px(band.x[i]), py(band.upper[i]));
       back.insert(0, fmt::format(" L{:.1f} {:.1f}", px(band.x[i]), py(band.lower[i])));
     }
-    if (!path.empty()) out += fmt::format("<path class=\"band\" d=\"{}{} Z\" fill=\"{}\" fill-opacity=\"0.8\"/>\n", path, back, band.colour);
+    if (!path.empty())
+      out += fmt::format("<path class=\"band\" d=\"{}{} Z\" fill=\"{}\" fill-opacity=\"0.8\"/>\n", path, back,
+                         band.colour);
   }
   const auto x_ticks = round_ticks(x.lower, x.upper, plot.width < 300 ? 3 : 6), y_ticks = round_ticks(y.lower, y.upper);
   for (double value : x_ticks)
@@ -140,7 +134,8 @@ std::string svg(const Plot& plot) {
   double at = right - 8;
   const auto add_to_legend = [&](const std::string& label, const std::string& colour) {
     if (label.empty()) return;
-    out += fmt::format("<text class=\"tick\" x=\"{}\" y=\"{}\" text-anchor=\"end\">{}</text>", at, top - 8, escaped(label));
+    out += fmt::format("<text class=\"tick\" x=\"{}\" y=\"{}\" text-anchor=\"end\">{}</text>", at, top - 8,
+                       escaped(label));
     at -= 6.3 * static_cast<double>(label.size()) + 12;
     out += fmt::format("<circle cx=\"{}\" cy=\"{}\" r=\"4\" fill=\"{}\"/>\n", at, top - 12, colour);
     at -= 14;

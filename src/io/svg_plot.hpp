@@ -28,7 +28,7 @@ struct Plot {
   std::vector<Curve> curves;
   std::vector<Band> bands{};
   std::vector<std::pair<double, double>> shaded{};  ///< stretches of x, from top to bottom
-  int width = 520, height = 320;  ///< [px]
+  int width = 520, height = 320;                    ///< [px]
 };
 
 /// The plot as one <svg> element with axes, round ticks and a legend.

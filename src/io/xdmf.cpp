@@ -11,7 +11,8 @@ namespace {
 /// Writes the XML of one results file. Heavy data stay in the HDF5 file; a frame is a slab of its dataset.
 class XdmfWriter {
  public:
-  explicit XdmfWriter(const ResultsFile& file) : file_(file), numbers_(file.read_integers(file.has("loop/frames") ? "loop/frames" : "frames/number")) {}
+  explicit XdmfWriter(const ResultsFile& file)
+      : file_(file), numbers_(file.read_integers(file.has("loop/frames") ? "loop/frames" : "frames/number")) {}
 
   std::string text() {
     out_ =
@@ -41,8 +42,10 @@ class XdmfWriter {
   /// What imic3d loop leaves of the displacement of a face.
   void left_by_loop(const std::string& face) {
     if (!file_.has(face + "loop/before/displacement")) return;
-    std::vector<Attribute> attributes = {{"left_before", face + "loop/before/displacement", "Vector", "Node"}, {"left_after", face + "loop/after/displacement", "Vector", "Node"}};
-    if (file_.has(face + "loop/remainder/map")) attributes.push_back({"remainder", face + "loop/remainder/map", "Scalar", "Node"});
+    std::vector<Attribute> attributes = {{"left_before", face + "loop/before/displacement", "Vector", "Node"},
+                                         {"left_after", face + "loop/after/displacement", "Vector", "Node"}};
+    if (file_.has(face + "loop/remainder/map"))
+      attributes.push_back({"remainder", face + "loop/remainder/map", "Scalar", "Node"});
     series(face.empty() ? "surface" : face.substr(0, face.size() - 1), face + "surface", attributes);
   }
 

@@ -8,8 +8,8 @@
 #include <charconv>
 #include <cmath>
 #include <fstream>
-#include <string_view>
 #include <sstream>
+#include <string_view>
 
 namespace imic3d::io {
 
@@ -150,7 +150,8 @@ class Skip : public YAML::EventHandler {
   void OnMapEnd() override {}
 };
 
-/// Whether anything follows the first document. YAML::LoadAll would go on for ever where a text begins with a comma, which is no document and is never passed.
+/// Whether anything follows the first document. YAML::LoadAll would go on for ever where a text begins with a comma,
+/// which is no document and is never passed.
 bool several_documents(const std::string& text) {
   std::istringstream stream(text);
   YAML::Parser parser(stream);
@@ -163,12 +164,18 @@ std::size_t first_foreign_byte(std::string_view text) {
   for (std::size_t i = 0; i < text.size();) {
     const auto byte = [&](std::size_t k) { return i + k < text.size() ? static_cast<unsigned char>(text[i + k]) : 0U; };
     const unsigned lead = byte(0), next = byte(1);
-    const std::size_t length = lead < 0x80 ? 1 : lead >= 0xC2 && lead < 0xE0 ? 2 : lead >= 0xE0 && lead < 0xF0 ? 3 : lead >= 0xF0 && lead < 0xF5 ? 4 : 0;
+    const std::size_t length = lead < 0x80                   ? 1
+                               : lead >= 0xC2 && lead < 0xE0 ? 2
+                               : lead >= 0xE0 && lead < 0xF0 ? 3
+                               : lead >= 0xF0 && lead < 0xF5 ? 4
+                                                             : 0;
     if (length == 0) return i;
     for (std::size_t k = 1; k < length; ++k)
       if (byte(k) < 0x80 || byte(k) > 0xBF) return i;
     // Longer than need be, surrogates, beyond U+10FFFF.
-    if ((lead == 0xE0 && next < 0xA0) || (lead == 0xED && next > 0x9F) || (lead == 0xF0 && next < 0x90) || (lead == 0xF4 && next > 0x8F)) return i;
+    if ((lead == 0xE0 && next < 0xA0) || (lead == 0xED && next > 0x9F) || (lead == 0xF0 && next < 0x90) ||
+        (lead == 0xF4 && next > 0x8F))
+      return i;
     i += length;
   }
   return text.size();
@@ -204,7 +211,9 @@ YamlDocument read_yaml(const std::filesystem::path& file) {
   document.file = file;
   document.text.assign(std::istreambuf_iterator<char>(stream), {});
   if (const auto foreign = first_foreign_byte(document.text); foreign < document.text.size())
-    throw InputError(fmt::format("{}:{}", file.string(), 1 + std::count(document.text.begin(), document.text.begin() + static_cast<std::ptrdiff_t>(foreign), '\n')),
+    throw InputError(fmt::format("{}:{}", file.string(),
+                                 1 + std::count(document.text.begin(),
+                                                document.text.begin() + static_cast<std::ptrdiff_t>(foreign), '\n')),
                      fmt::format("byte 0x{:02x}", static_cast<unsigned char>(document.text[foreign])), "text in UTF-8");
   YAML::Node root;
   bool several = false;

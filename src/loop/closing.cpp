@@ -8,10 +8,10 @@
 #include <tuple>
 #include <utility>
 
-#include "imic3d/core/error.hpp"
-#include "imic3d/loop/effect.hpp"
 #include "appraisal.hpp"
 #include "ground.hpp"
+#include "imic3d/core/error.hpp"
+#include "imic3d/loop/effect.hpp"
 #include "plausibility.hpp"
 #include "remainder.hpp"
 #include "sentence.hpp"
@@ -81,7 +81,9 @@ class Loop {
   void search(Model& at) {
     while (true) {
       if (!significant(at)) {
-        report_.verdict = report_.named.empty() ? Verdict::nothing_found : without_size(experiment_, at) ? Verdict::unexplained : Verdict::attributed;
+        report_.verdict = report_.named.empty()           ? Verdict::nothing_found
+                          : without_size(experiment_, at) ? Verdict::unexplained
+                                                          : Verdict::attributed;
         return;
       }
       if (static_cast<int>(at.added.size()) >= options_.additions) {
@@ -122,7 +124,9 @@ class Loop {
       if (experiment_.parameters()[j].free) free.push_back(static_cast<int>(j));
     for (int k : added)
       for (int j : candidate(k).parameters)
-        if (std::find(free.begin(), free.end(), j) == free.end() && std::find(idle.begin(), idle.end(), j) == idle.end()) free.push_back(j);
+        if (std::find(free.begin(), free.end(), j) == free.end() &&
+            std::find(idle.begin(), idle.end(), j) == idle.end())
+          free.push_back(j);
     return free;
   }
 
@@ -151,9 +155,11 @@ class Loop {
       }
     }
     if (best.values.empty()) throw ConvergenceError(failure);
-    // What the mesh and the correlation err by is learned at the first parameters, unless it was near them, and again at those that it leads to.
+    // What the mesh and the correlation err by is learned at the first parameters, unless it was near them, and again
+    // at those that it leads to.
     for (int pass = 0; pass < 2; ++pass) {
-      if (const auto known = experiment_.learned(); known && !known->at.empty() && !moved_far(known->at, best)) break;  // scatter of bars, which is put back with no model, is learned again
+      if (const auto known = experiment_.learned(); known && !known->at.empty() && !moved_far(known->at, best))
+        break;  // scatter of bars, which is put back with no model, is learned again
       const std::vector<double> at = best.values;
       try {
         experiment_.learn_bias(at);
@@ -168,12 +174,14 @@ class Loop {
     say(fmt::format("null ensemble: {} + {} draws of the noise", options_.draws, experiment_.draws(options_.draws)));
     report_.declared.ground = ground_of(experiment_, best.values, options_.draws);
     report_.declared.fit = fit(experiment_, report_.declared.ground->weight, rows_, free, best.values);
-    if (!std::isfinite(report_.declared.fit.cost)) throw ConvergenceError("the residual of the declared model is no number in units of its noise");
+    if (!std::isfinite(report_.declared.fit.cost))
+      throw ConvergenceError("the residual of the declared model is no number in units of its noise");
     appraisal_.judge(report_.declared);
     announce(report_.declared, "declared model");
   }
 
-  /// Whether what was learned at `values` is to be learned again: it goes with the motion, and what is learned of it is doubted by far more than a fiftieth.
+  /// Whether what was learned at `values` is to be learned again: it goes with the motion, and what is learned of it is
+  /// doubted by far more than a fiftieth.
   static bool moved_far(const std::vector<double>& values, const Fit& fit) {
     return std::any_of(fit.free.begin(), fit.free.end(), [&](int j) {
       const double was = values[static_cast<std::size_t>(j)], now = fit.values[static_cast<std::size_t>(j)];
@@ -184,18 +192,27 @@ class Loop {
   double chi(const Fit& fit) const { return std::sqrt(fit.cost / static_cast<double>(rows_.size())); }
   double chi_held_out(const Fit& fit) const {
     const auto& rows = appraisal_.held_out_rows();
-    return Eigen::VectorXd(fit.residual(rows)).norm() / std::sqrt(static_cast<double>(std::max<std::size_t>(1, rows.size())));
+    return Eigen::VectorXd(fit.residual(rows)).norm() /
+           std::sqrt(static_cast<double>(std::max<std::size_t>(1, rows.size())));
   }
-  /// Square of the residual. Frames that are fitted leave places or moments alike between which a held-out frame lies: that one tells them apart.
-  double cost(const Fit& fit, bool held_out_too) const { return fit.cost + (held_out_too ? Eigen::VectorXd(fit.residual(appraisal_.held_out_rows())).squaredNorm() : 0.0); }
+  /// Square of the residual. Frames that are fitted leave places or moments alike between which a held-out frame lies:
+  /// that one tells them apart.
+  double cost(const Fit& fit, bool held_out_too) const {
+    return fit.cost + (held_out_too ? Eigen::VectorXd(fit.residual(appraisal_.held_out_rows())).squaredNorm() : 0.0);
+  }
 
-  /// Identifies a model from `start`. What acts somewhere stays there, and has its size alone, unless setting it free takes more off chi^2 than chance would (10 a number): of a moment between
-  /// two frames that are fitted these say no more, and it would go astray.
+  /// Identifies a model from `start`. What acts somewhere stays there, and has its size alone, unless setting it free
+  /// takes more off chi^2 than chance would (10 a number): of a moment between two frames that are fitted these say no
+  /// more, and it would go astray.
   Fit identified(const Weight& weight, const Model& model, const std::vector<double>& start) const {
     const std::vector<int> free = free_of(model.added, model.idle);
     std::vector<int> held = free;
     for (int k : model.added)
-      if (!candidate(k).elsewhere.empty()) std::erase_if(held, [&](int j) { return experiment_.parameters()[static_cast<std::size_t>(j)].info.shape && std::count(candidate(k).parameters.begin(), candidate(k).parameters.end(), j) > 0; });
+      if (!candidate(k).elsewhere.empty())
+        std::erase_if(held, [&](int j) {
+          return experiment_.parameters()[static_cast<std::size_t>(j)].info.shape &&
+                 std::count(candidate(k).parameters.begin(), candidate(k).parameters.end(), j) > 0;
+        });
     if (held.size() == free.size()) return fit(experiment_, weight, rows_, free, start);
     const Fit there = fit(experiment_, weight, rows_, held, start);
     Fit all = fit(experiment_, weight, rows_, free, there.values);
@@ -205,7 +222,8 @@ class Loop {
     return all;
   }
 
-  /// A model that is another one than that under which the ground was laid: what it errs by, and what noise leaves, is found anew.
+  /// A model that is another one than that under which the ground was laid: what it errs by, and what noise leaves, is
+  /// found anew.
   void settle(Model& model) const {
     experiment_.learn_bias(model.fit.values);
     const Weight weight = model.ground->weight;
@@ -217,32 +235,43 @@ class Loop {
   }
 
   void announce(const Model& model, const std::string& what) const {
-    say(fmt::format("{}: chi {:.3f} (null {:.3f}), held out {:.3f} (null {:.3f}), images {:.3f}, force {:.3f}; energy {:+.1f} sd (limit {:.1f})", what, model.misfit.fitted, model.misfit.null_fitted,
-                    model.misfit.held_out, model.misfit.null_held_out, model.misfit.images, model.misfit.force, model.scores.omnibus, model.scores.omnibus_threshold));
-    for (const auto& one : model.misfit.cameras) say(fmt::format("    {} under the parameters of the others: chi {:.3f} (null {:.3f})", experiment_.channel_name(one.channel), one.chi, one.null));
+    say(fmt::format(
+        "{}: chi {:.3f} (null {:.3f}), held out {:.3f} (null {:.3f}), images {:.3f}, force {:.3f}; energy {:+.1f} sd "
+        "(limit {:.1f})",
+        what, model.misfit.fitted, model.misfit.null_fitted, model.misfit.held_out, model.misfit.null_held_out,
+        model.misfit.images, model.misfit.force, model.scores.omnibus, model.scores.omnibus_threshold));
+    for (const auto& one : model.misfit.cameras)
+      say(fmt::format("    {} under the parameters of the others: chi {:.3f} (null {:.3f})",
+                      experiment_.channel_name(one.channel), one.chi, one.null));
     std::vector<std::size_t> order(model.others.size());
     for (std::size_t i = 0; i < order.size(); ++i) order[i] = i;
-    std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return model.scores.candidates[a].z > model.scores.candidates[b].z; });
+    std::sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) {
+      return model.scores.candidates[a].z > model.scores.candidates[b].z;
+    });
     for (std::size_t i = 0; i < std::min<std::size_t>(5, order.size()); ++i) {
       const auto& s = model.scores.candidates[order[i]];
-      say(fmt::format("    {:24} z {:6.2f} (limit {:.2f})  kappa {:.3f}  size {:.3g} +- {:.2g}{}", candidate(model.others[order[i]]).name, s.z, model.scores.threshold, s.visibility,
-                      s.size[0], s.deviation[0], s.contradicted ? "; not so in the held-out frames" : ""));
+      say(fmt::format("    {:24} z {:6.2f} (limit {:.2f})  kappa {:.3f}  size {:.3g} +- {:.2g}{}",
+                      candidate(model.others[order[i]]).name, s.z, model.scores.threshold, s.visibility, s.size[0],
+                      s.deviation[0], s.contradicted ? "; not so in the held-out frames" : ""));
     }
   }
 
   bool shaped(int k) const {
     const auto& its = candidate(k).parameters;
-    return std::any_of(its.begin(), its.end(), [&](int j) { return experiment_.parameters()[static_cast<std::size_t>(j)].info.shape; });
+    return std::any_of(its.begin(), its.end(),
+                       [&](int j) { return experiment_.parameters()[static_cast<std::size_t>(j)].info.shape; });
   }
   /// The declared values of the parameters that the declared model has free.
   void as_declared(std::vector<double>& values) const {
     for (int j : free_of({}))
-      if (const Parameter& p = experiment_.parameters()[static_cast<std::size_t>(j)]; !p.info.null_value) values[static_cast<std::size_t>(j)] = p.value;
+      if (const Parameter& p = experiment_.parameters()[static_cast<std::size_t>(j)]; !p.info.null_value)
+        values[static_cast<std::size_t>(j)] = p.value;
   }
   static bool far(const Model& at) { return at.misfit.fitted > 2.0 * at.misfit.null_fitted; }
 
-  /// Where an effect that acts somewhere is identified from: the three places whose marks explain most, of what is fitted and what is held out, with the sizes that they ask for; where the misfit is large the best one
-  /// with the declared parameters too, which what is missing has bent.
+  /// Where an effect that acts somewhere is identified from: the three places whose marks explain most, of what is
+  /// fitted and what is held out, with the sizes that they ask for; where the misfit is large the best one with the
+  /// declared parameters too, which what is missing has bent.
   std::vector<std::vector<double>> elsewhere(const Model& at, std::size_t i) const {
     const Candidate& its = candidate(at.others[i]);
     const Score& score = at.scores.candidates[i];
@@ -259,7 +288,9 @@ class Loop {
         const auto& info = experiment_.parameters()[static_cast<std::size_t>(j)].info;
         auto& value = start[static_cast<std::size_t>(j)];
         const double margin = 0.05 * (info.upper - info.lower);
-        value = info.shape ? its.elsewhere[static_cast<std::size_t>(order[k])][shape++] : std::clamp(value + score.size_there(size++, order[k]), info.lower + margin, info.upper - margin);
+        value = info.shape
+                    ? its.elsewhere[static_cast<std::size_t>(order[k])][shape++]
+                    : std::clamp(value + score.size_there(size++, order[k]), info.lower + margin, info.upper - margin);
       }
     }
     if (far(at) && !starts.empty()) as_declared(starts.emplace_back(starts.front()));
@@ -267,11 +298,15 @@ class Loop {
   }
 
   /// An effect without a shape, of the law or of the path on which it yields, looked for where the misfit is large.
-  bool from_afar(const Model& at, int k) const { return (candidate(k).link == Link::material || candidate(k).changes_path) && !shaped(k) && far(at); }
+  bool from_afar(const Model& at, int k) const {
+    return (candidate(k).link == Link::material || candidate(k).changes_path) && !shaped(k) && far(at);
+  }
 
-  /// Of two large effects together each has a size that the parts of the test disagree about while the other is missing, and one that is like both may have none. Where the search ends unexplained those that the parts
-  /// disagree about, and that help more than what was added first, have a round beside them, `rivals` of them at most. Where another one suffices there, the search is taken up from that one, if it helps alone: the set is then
-  /// of all that the first may be.
+  /// Of two large effects together each has a size that the parts of the test disagree about while the other is
+  /// missing, and one that is like both may have none. Where the search ends unexplained those that the parts disagree
+  /// about, and that help more than what was added first, have a round beside them, `rivals` of them at most. Where
+  /// another one suffices there, the search is taken up from that one, if it helps alone: the set is then of all that
+  /// the first may be.
   void look_ahead(Model& at) {
     if (options_.additions < 2) return;
     const Model& declared = report_.declared;
@@ -279,12 +314,15 @@ class Loop {
     const Trial* best = choose(first, declared);
     std::vector<const Trial*> torn;
     for (const Trial& trial : first.trials)
-      if (trial.disagrees && helps(trial, declared) && (best == nullptr || trial.model.fit.cost < best->model.fit.cost)) torn.push_back(&trial);
-    std::sort(torn.begin(), torn.end(), [](const Trial* a, const Trial* b) { return a->model.fit.cost < b->model.fit.cost; });
+      if (trial.disagrees && helps(trial, declared) && (best == nullptr || trial.model.fit.cost < best->model.fit.cost))
+        torn.push_back(&trial);
+    std::sort(torn.begin(), torn.end(),
+              [](const Trial* a, const Trial* b) { return a->model.fit.cost < b->model.fit.cost; });
     if (torn.size() > static_cast<std::size_t>(options_.rivals)) torn.resize(static_cast<std::size_t>(options_.rivals));
     const auto beside = [&](const Trial& trial) {
       std::pair both(trial.model, Round{});
-      say(fmt::format("beside {}, about whose size parts of the test may disagree for another effect's sake:", candidate(trial.candidate).name));
+      say(fmt::format("beside {}, about whose size parts of the test may disagree for another effect's sake:",
+                      candidate(trial.candidate).name));
       try {
         experiment_.put_back(both.first.ground->learned);
         if (!both.first.traced) appraisal_.trace(both.first);
@@ -297,9 +335,14 @@ class Loop {
     for (const Trial* trial : torn) {
       auto [model, round] = beside(*trial);
       if (round.set.empty()) continue;
-      const auto other = std::find_if(first.trials.begin(), first.trials.end(), [&](const Trial& one) { return one.candidate == round.set.front() && (one.plausible || one.disagrees); });
+      const auto other = std::find_if(first.trials.begin(), first.trials.end(), [&](const Trial& one) {
+        return one.candidate == round.set.front() && (one.plausible || one.disagrees);
+      });
       if (other != first.trials.end())
-        if (auto turned = beside(*other); turned.second.set.size() >= round.set.size() && std::count(turned.second.set.begin(), turned.second.set.end(), trial->candidate) > 0) std::tie(model, round) = std::move(turned);
+        if (auto turned = beside(*other);
+            turned.second.set.size() >= round.set.size() &&
+            std::count(turned.second.set.begin(), turned.second.set.end(), trial->candidate) > 0)
+          std::tie(model, round) = std::move(turned);
       report_.rounds.resize(1);
       report_.rounds.front().kept = true;
       report_.named = {model.added.back()};
@@ -313,17 +356,25 @@ class Loop {
   /// `all`: those that do not belong to the best ones have their turn, too, where none of these suffices.
   Round try_candidates(const Model& at, bool all = true) {
     const std::vector<Score>& scores = at.scores.candidates;
-    const auto is_in = [](const std::vector<std::size_t>& list, std::size_t i) { return std::find(list.begin(), list.end(), i) != list.end(); };
+    const auto is_in = [](const std::vector<std::size_t>& list, std::size_t i) {
+      return std::find(list.begin(), list.end(), i) != list.end();
+    };
     std::vector<std::size_t> waiting, doubtful;
     for (std::size_t i = 0; i < at.others.size(); ++i)
       if (stands_out(at, scores[i])) waiting.push_back(i);
     for (std::size_t i = 0; i < at.others.size(); ++i)
-      if (!stands_out(at, scores[i]) && (waiting.empty() ? beyond_limit(at, scores[i]) : scores[i].z > at.scores.threshold)) doubtful.push_back(i);
-    for (auto* list : {&waiting, &doubtful}) std::sort(list->begin(), list->end(), [&](std::size_t a, std::size_t b) { return scores[a].z > scores[b].z; });
-    // As many as are asked for, and all that are as good as the best within their noise, and within a twentieth: marks are tangents, which err by some percent.
+      if (!stands_out(at, scores[i]) &&
+          (waiting.empty() ? beyond_limit(at, scores[i]) : scores[i].z > at.scores.threshold))
+        doubtful.push_back(i);
+    for (auto* list : {&waiting, &doubtful})
+      std::sort(list->begin(), list->end(), [&](std::size_t a, std::size_t b) { return scores[a].z > scores[b].z; });
+    // As many as are asked for, and all that are as good as the best within their noise, and within a twentieth: marks
+    // are tangents, which err by some percent.
     const auto taken_from = [&](std::vector<std::size_t>& list) {
       std::size_t count = std::min(list.size(), static_cast<std::size_t>(options_.rivals));
-      while (count < list.size() && scores[list[count]].z >= scores[list.front()].z - std::max(1.0, scores[list.front()].z / 20.0)) ++count;
+      while (count < list.size() &&
+             scores[list[count]].z >= scores[list.front()].z - std::max(1.0, scores[list.front()].z / 20.0))
+        ++count;
       const auto end = list.begin() + static_cast<std::ptrdiff_t>(count);
       const std::vector<std::size_t> taken(list.begin(), end);
       list.erase(list.begin(), end);
@@ -331,30 +382,38 @@ class Loop {
     };
     const std::vector<std::size_t> seen = taken_from(waiting);
     doubtful = taken_from(doubtful);
-    // Far from the truth the linear score says nothing of an effect whose mark changes with its size: it may be that of a negative one.
+    // Far from the truth the linear score says nothing of an effect whose mark changes with its size: it may be that of
+    // a negative one.
     std::vector<std::size_t> afar;
     for (std::size_t i = 0; i < at.others.size(); ++i)
       if (from_afar(at, at.others[i]) && scores[i].visible() && !is_in(seen, i)) afar.push_back(i);
     std::erase_if(waiting, [&](std::size_t i) { return is_in(afar, i); });
-    // An invisible effect, or one that the held-out frames speak against, whose score is as large as those of all others, within their noise, may be what is there: it is named where it suffices, after those.
-    std::erase_if(doubtful, [&](std::size_t i) { return is_in(afar, i) || (!seen.empty() && scores[i].z < scores[seen.front()].z - 1.0); });
+    // An invisible effect, or one that the held-out frames speak against, whose score is as large as those of all
+    // others, within their noise, may be what is there: it is named where it suffices, after those.
+    std::erase_if(doubtful, [&](std::size_t i) {
+      return is_in(afar, i) || (!seen.empty() && scores[i].z < scores[seen.front()].z - 1.0);
+    });
 
     Round round;
     for (std::size_t i : seen) try_out(round, at, i, true);
     for (std::size_t i : afar) {
       // Only the large misfit asks for it: not where the test itself, its record or its cameras explain all of it.
-      if (std::any_of(round.set.begin(), round.set.end(), [&](int k) { return candidate(k).link != Link::material; })) break;
+      if (std::any_of(round.set.begin(), round.set.end(), [&](int k) { return candidate(k).link != Link::material; }))
+        break;
       try_out(round, at, i, true);
     }
     for (std::size_t i : doubtful) try_out(round, at, i, false);
-    // Of two effects together a third that is like both may have the larger score, and help nothing: before no known effect explains it, all beyond the limit have their turn.
-    // So have, before one that does not suffice is added, those whose score is at least half of the largest: the ones before them may only be like what is there.
+    // Of two effects together a third that is like both may have the larger score, and help nothing: before no known
+    // effect explains it, all beyond the limit have their turn. So have, before one that does not suffice is added,
+    // those whose score is at least half of the largest: the ones before them may only be like what is there.
     const auto near_the_largest = [&](std::size_t i) { return scores[i].z > 0.5 * scores[seen.front()].z; };
-    while (all && !waiting.empty() && (choose(round, at) == nullptr || (round.set.empty() && near_the_largest(waiting.front()))))
+    while (all && !waiting.empty() &&
+           (choose(round, at) == nullptr || (round.set.empty() && near_the_largest(waiting.front()))))
       for (std::size_t i : taken_from(waiting)) try_out(round, at, i, true);
     // The earlier link first where the data do not tell, invisible effects behind.
     const auto place = [&](int k) {
-      const auto trial = std::find_if(round.trials.begin(), round.trials.end(), [k](const Trial& one) { return one.candidate == k; });
+      const auto trial =
+          std::find_if(round.trials.begin(), round.trials.end(), [k](const Trial& one) { return one.candidate == k; });
       return std::pair(!trial->visible, candidate(k).link);
     };
     std::stable_sort(round.set.begin(), round.set.end(), [&](int a, int b) { return place(a) < place(b); });
@@ -362,24 +421,32 @@ class Loop {
     return round;
   }
 
-  /// Where a candidate without places is identified from: from the size that the score predicts (next to the null value where a shape decides what it is, for three of its values), with the declared parameters
-  /// too where what is missing bends these, and from the null value.
+  /// Where a candidate without places is identified from: from the size that the score predicts (next to the null value
+  /// where a shape decides what it is, for three of its values), with the declared parameters too where what is missing
+  /// bends these, and from the null value.
   std::vector<std::vector<double>> starts_of(const Model& at, std::size_t i) const {
     const auto& its = candidate(at.others[i]).parameters;
     const bool with_shape = shaped(at.others[i]);
     std::vector<std::vector<double>> starts = elsewhere(at, i);
-    for (double factor : !starts.empty() ? std::vector<double>{} : with_shape ? std::vector<double>{1.0, 8.0, 0.125} : std::vector<double>{1.0}) {
+    for (double factor : !starts.empty() ? std::vector<double>{}
+                         : with_shape    ? std::vector<double>{1.0, 8.0, 0.125}
+                                         : std::vector<double>{1.0}) {
       std::vector<double>& start = starts.emplace_back(at.fit.values);
       for (std::size_t k = 0; k < its.size(); ++k) {
         const auto j = static_cast<std::size_t>(its[k]);
         const Parameter& p = experiment_.parameters()[j];
-        const double margin = std::isfinite(p.info.upper - p.info.lower) ? 0.05 * (p.info.upper - p.info.lower) : p.step;
+        const double margin =
+            std::isfinite(p.info.upper - p.info.lower) ? 0.05 * (p.info.upper - p.info.lower) : p.step;
         const double size = with_shape ? p.step : at.scores.candidates[i].size[static_cast<Eigen::Index>(k)];
-        const double wanted = !p.info.shape ? start[j] + size : start[j] != 0.0 ? factor * start[j] : factor < 1.0 ? 0.0 : factor * p.info.scale / 8.0;
+        const double wanted = !p.info.shape     ? start[j] + size
+                              : start[j] != 0.0 ? factor * start[j]
+                              : factor < 1.0    ? 0.0
+                                                : factor * p.info.scale / 8.0;
         start[j] = std::clamp(wanted, p.info.lower + margin, p.info.upper - margin);
       }
     }
-    // What is missing bends the declared parameters, and no way may lead from there to where it is: from their declared values too.
+    // What is missing bends the declared parameters, and no way may lead from there to where it is: from their declared
+    // values too.
     for (double factor : from_afar(at, at.others[i]) ? std::vector<double>{1.0, 3.0} : std::vector<double>{}) {
       std::vector<double> start = starts.front();
       as_declared(start);
@@ -403,16 +470,19 @@ class Loop {
     trial.visible = visible;
     trial.model.added = at.added, trial.model.idle = at.idle;
     trial.model.added.push_back(trial.candidate);
-    const bool several_ways = shaped(trial.candidate) || from_afar(at, trial.candidate), somewhere = !candidate(trial.candidate).elsewhere.empty();
+    const bool several_ways = shaped(trial.candidate) || from_afar(at, trial.candidate),
+               somewhere = !candidate(trial.candidate).elsewhere.empty();
     bool fitted = false;
     const auto starts = starts_of(at, i);
     for (std::size_t n = 0; n < starts.size(); ++n) {
       try {
         Fit one = identified(at.ground->weight, trial.model, starts[n]);
-        say(fmt::format("    {}, start {} of up to {}: chi {:.3f} after {} iterations", candidate(trial.candidate).name, n + 1, starts.size(), chi(one), one.iterations));
+        say(fmt::format("    {}, start {} of up to {}: chi {:.3f} after {} iterations", candidate(trial.candidate).name,
+                        n + 1, starts.size(), chi(one), one.iterations));
         if (!fitted || cost(one, somewhere) < cost(trial.model.fit, somewhere)) trial.model.fit = std::move(one);
         fitted = true;
-        const bool down_to_noise = chi(trial.model.fit) < at.misfit.null_fitted && !(somewhere && chi_held_out(trial.model.fit) > at.misfit.null_held_out);
+        const bool down_to_noise = chi(trial.model.fit) < at.misfit.null_fitted &&
+                                   !(somewhere && chi_held_out(trial.model.fit) > at.misfit.null_held_out);
         if (trial.model.fit.converged && trial.model.fit.cost < at.fit.cost && (!several_ways || down_to_noise)) break;
       } catch (const ConvergenceError& error) {
         trial.model.message = error.what();
@@ -459,8 +529,10 @@ class Loop {
     }
   }
 
-  /// Of an effect that suffices one of the sizes that the data do not tell beside its others goes to its null value, if the effect suffices and is plausible then. A uniform tension tells R_33 and dilatancy by
-  /// the width; R_22 and friction are the yield stress by another name there, and would take it anywhere. A shape goes to its usual value, unless chi^2 grows by more than chance then.
+  /// Of an effect that suffices one of the sizes that the data do not tell beside its others goes to its null value, if
+  /// the effect suffices and is plausible then. A uniform tension tells R_33 and dilatancy by the width; R_22 and
+  /// friction are the yield stress by another name there, and would take it anywhere. A shape goes to its usual value,
+  /// unless chi^2 grows by more than chance then.
   bool leave_out_untold(Trial& trial, const Model& at) {
     for (const int j : appraisal_.untold(trial.model, trial.candidate)) {
       const auto& info = experiment_.parameters()[static_cast<std::size_t>(j)].info;
@@ -470,7 +542,8 @@ class Loop {
       less.model.idle.push_back(j);
       std::vector<double> start = trial.model.fit.values;
       if (!info.shape) start[static_cast<std::size_t>(j)] = info.null_value.value_or(0.0);
-      for (const int k : info.shape ? candidate(trial.candidate).parameters : std::vector<int>{}) start[static_cast<std::size_t>(k)] = at.fit.values[static_cast<std::size_t>(k)];
+      for (const int k : info.shape ? candidate(trial.candidate).parameters : std::vector<int>{})
+        start[static_cast<std::size_t>(k)] = at.fit.values[static_cast<std::size_t>(k)];
       say(fmt::format("    {} {}, which is not told", info.shape ? "with a fixed" : "without", info.name));
       try {
         less.model.fit = identified(less.model.ground->weight, less.model, start);
@@ -497,13 +570,17 @@ class Loop {
       without.ground = at.ground;
       without.added = at.added;
       without.added.erase(without.added.begin() + static_cast<std::ptrdiff_t>(i));
-      std::copy_if(at.idle.begin(), at.idle.end(), std::back_inserter(without.idle), [&](int j) { return std::count(candidate(needless).parameters.begin(), candidate(needless).parameters.end(), j) == 0; });
+      std::copy_if(at.idle.begin(), at.idle.end(), std::back_inserter(without.idle), [&](int j) {
+        return std::count(candidate(needless).parameters.begin(), candidate(needless).parameters.end(), j) == 0;
+      });
       std::vector<double> start = at.fit.values;
-      for (int j : candidate(needless).parameters) start[static_cast<std::size_t>(j)] = experiment_.parameters()[static_cast<std::size_t>(j)].value;
+      for (int j : candidate(needless).parameters)
+        start[static_cast<std::size_t>(j)] = experiment_.parameters()[static_cast<std::size_t>(j)].value;
       const auto suffices = [&] {
         appraisal_.judge(without);
         announce(without, "without " + candidate(needless).name);
-        return !significant(without) && without.misfit.held_out <= std::max(1.02 * at.misfit.held_out, at.misfit.null_held_out);
+        return !significant(without) &&
+               without.misfit.held_out <= std::max(1.02 * at.misfit.held_out, at.misfit.null_held_out);
       };
       bool enough = false;
       try {
@@ -529,7 +606,8 @@ class Loop {
   bool helps(const Trial& trial, const Model& at) const {
     const auto excess = [](double chi, double null) { return std::max(0.0, chi * chi - null * null); };
     const Misfit &now = trial.model.misfit, &was = at.misfit;
-    return trial.visible && excess(now.held_out, now.null_held_out) <= 0.8 * excess(was.held_out, was.null_held_out) && excess(now.fitted, now.null_fitted) <= 0.8 * excess(was.fitted, was.null_fitted) &&
+    return trial.visible && excess(now.held_out, now.null_held_out) <= 0.8 * excess(was.held_out, was.null_held_out) &&
+           excess(now.fitted, now.null_fitted) <= 0.8 * excess(was.fitted, was.null_fitted) &&
            trial.model.fit.cost < at.fit.cost;
   }
 
@@ -558,7 +636,8 @@ class Loop {
   void find_remainder() {
     const auto leftover = [&](const Model& model) { return leftover_of(model, appraisal_.left_of_null(model)); };
     const Leftover after = leftover(report_.final);
-    report_.remainder = report_.named.empty() ? remainder_of(experiment_, after, after) : remainder_of(experiment_, leftover(report_.declared), after);
+    report_.remainder = report_.named.empty() ? remainder_of(experiment_, after, after)
+                                              : remainder_of(experiment_, leftover(report_.declared), after);
   }
 
   Experiment& experiment_;
@@ -573,7 +652,8 @@ class Loop {
 
 }  // namespace
 
-Report close_loop(Experiment& experiment, const LoopOptions& options, const std::function<void(const std::string&)>& say) {
+Report close_loop(Experiment& experiment, const LoopOptions& options,
+                  const std::function<void(const std::string&)>& say) {
   return Loop(experiment, options, say).run();
 }
 

@@ -20,10 +20,25 @@ namespace id = identification;
 
 std::pair<Candidate, Parameter> gain_of(const std::string& group, int parameter) {
   const std::string name = "gain of " + group;
-  return {{.name = name, .link = Link::record, .parameters = {parameter},
-           .sentence = "the bars of " + group + " carry more or less than the others, by a factor: another batch, section or load cell",
-           .confused_with = "whatever sets these tests apart, such as their rate", .separated_by = "bars of one batch on one machine under both conditions", .after = {}},
-          {.info = {.name = name, .unit = "-", .description = "stress of these bars over that of the others", .lower = 0.5, .upper = 2.0, .null_value = 1.0, .scale = 0.02}, .value = 1.0, .step = 1e-3, .prior = 0.0, .free = false}};
+  return {{.name = name,
+           .link = Link::record,
+           .parameters = {parameter},
+           .sentence = "the bars of " + group +
+                       " carry more or less than the others, by a factor: another batch, section or load cell",
+           .confused_with = "whatever sets these tests apart, such as their rate",
+           .separated_by = "bars of one batch on one machine under both conditions",
+           .after = {}},
+          {.info = {.name = name,
+                    .unit = "-",
+                    .description = "stress of these bars over that of the others",
+                    .lower = 0.5,
+                    .upper = 2.0,
+                    .null_value = 1.0,
+                    .scale = 0.02},
+           .value = 1.0,
+           .step = 1e-3,
+           .prior = 0.0,
+           .free = false}};
 }
 
 namespace {
@@ -33,14 +48,17 @@ double lowest_rate(const std::vector<id::Curve>& curves) {
   for (const auto& curve : curves) {
     const Eigen::VectorXd &strain = curve.history.strain, &time = curve.history.time;
     const Eigen::Index steps = strain.size() - 1;
-    const double rate = steps > 0 && time[steps] > time[0] ? (strain.tail(steps) - strain.head(steps)).cwiseAbs().sum() / (time[steps] - time[0]) : 0.0;
+    const double rate = steps > 0 && time[steps] > time[0]
+                            ? (strain.tail(steps) - strain.head(steps)).cwiseAbs().sum() / (time[steps] - time[0])
+                            : 0.0;
     if (rate > 0.0 && (lowest == 0.0 || rate < lowest)) lowest = rate;
   }
   return lowest;
 }
 }  // namespace
 
-CurveExperiment::CurveExperiment(Communicator world, std::vector<id::Curve> curves, CurveModel model, const CurveLoopOptions& options)
+CurveExperiment::CurveExperiment(Communicator world, std::vector<id::Curve> curves, CurveModel model,
+                                 const CurveLoopOptions& options)
     : world_(world), curves_(std::move(curves)), model_(std::move(model)) {
   const double rate = lowest_rate(curves_);
   for (std::size_t j = 0; j < model_.values.size(); ++j) {
@@ -50,8 +68,13 @@ CurveExperiment::CurveExperiment(Communicator world, std::vector<id::Curve> curv
       continue;
     }
     const double value = model_.values[j];
-    parameters_.push_back({.info = info, .value = value, .step = 1e-4 * (value != 0.0 ? std::abs(value) : info.scale > 0.0 ? info.scale : 1.0),
-                           .prior = model_.priors[j], .free = model_.free[j] != 0});
+    parameters_.push_back({.info = info,
+                           .value = value,
+                           .step = 1e-4 * (value != 0.0       ? std::abs(value)
+                                           : info.scale > 0.0 ? info.scale
+                                                              : 1.0),
+                           .prior = model_.priors[j],
+                           .free = model_.free[j] != 0});
   }
   std::size_t shortest = 0;
   for (std::size_t k = 0; k < curves_.size(); ++k) {
@@ -64,16 +87,29 @@ CurveExperiment::CurveExperiment(Communicator world, std::vector<id::Curve> curv
   }
   std::vector<std::string> keys;
   for (auto& effect : effects()) {
-    if (!effect->acts_on_curves() || std::none_of(scenes_.begin(), scenes_.end(), [&](const Scene& scene) { return effect->applies(scene); })) continue;
+    if (!effect->acts_on_curves() ||
+        std::none_of(scenes_.begin(), scenes_.end(), [&](const Scene& scene) { return effect->applies(scene); }))
+      continue;
     const auto description = effect->describe(scenes_[shortest]);
-    Candidate candidate{description.name, description.link, {}, description.sentence, description.confused_with, description.separated_by, {}};
+    Candidate candidate{description.name,          description.link,         {}, description.sentence,
+                        description.confused_with, description.separated_by, {}};
     candidate.changes_path = description.changes_path;
     keys.push_back(key_of(description.name));
     first_.push_back(parameters_.size());
     for (const auto& q : description.quantities) {
       const int place = static_cast<int>(parameters_.size());
-      parameters_.push_back({.info = {.name = q.name, .unit = model_.unit(q.unit == "force" ? "stress" : q.unit), .description = q.description, .lower = q.lower, .upper = q.upper, .null_value = q.null, .shape = q.shape, .scale = q.shape ? q.scale : std::abs(q.size - q.null)},
-                             .value = q.null, .step = q.step, .prior = 0.0, .free = false});
+      parameters_.push_back({.info = {.name = q.name,
+                                      .unit = model_.unit(q.unit == "force" ? "stress" : q.unit),
+                                      .description = q.description,
+                                      .lower = q.lower,
+                                      .upper = q.upper,
+                                      .null_value = q.null,
+                                      .shape = q.shape,
+                                      .scale = q.shape ? q.scale : std::abs(q.size - q.null)},
+                             .value = q.null,
+                             .step = q.step,
+                             .prior = 0.0,
+                             .free = false});
       if (!declare(parameters_.back(), keys.back(), model_.effects)) candidate.parameters.push_back(place);
     }
     if (!candidate.parameters.empty()) candidates_.push_back(std::move(candidate));
@@ -81,7 +117,9 @@ CurveExperiment::CurveExperiment(Communicator world, std::vector<id::Curve> curv
   }
   for (const auto& one : model_.effects)
     if (std::find(keys.begin(), keys.end(), one.effect) == keys.end())
-      throw InputError("effects." + one.effect, "declared for stress-strain curves, on which it does not act or of which too little is known", fmt::format("one of {}", fmt::join(keys, ", ")));
+      throw InputError("effects." + one.effect,
+                       "declared for stress-strain curves, on which it does not act or of which too little is known",
+                       fmt::format("one of {}", fmt::join(keys, ", ")));
   first_.push_back(parameters_.size());
   std::vector<std::string> groups;
   for (const auto& curve : curves_)
@@ -118,8 +156,14 @@ Eigen::VectorXd way_of(const Eigen::VectorXd& y, double play = 0.0) {
 
 /// With the turns that lie between two rows as rows; `rows`: which ones are those of `history`.
 material::BarHistory with_turns(const material::BarHistory& history, std::vector<Eigen::Index>* rows = nullptr) {
-  const Eigen::Index between = std::count_if(history.turns.begin(), history.turns.end(), [](const auto& turn) { return turn.between; }), count = history.strain.size();
-  material::BarHistory all{.time = Eigen::VectorXd(count + between), .strain = Eigen::VectorXd(count + between), .direction = history.direction, .turns = {}, .compliance = history.compliance};
+  const Eigen::Index between = std::count_if(history.turns.begin(), history.turns.end(),
+                                             [](const auto&turn) { return turn.between; }),
+                     count = history.strain.size();
+  material::BarHistory all{.time = Eigen::VectorXd(count + between),
+                           .strain = Eigen::VectorXd(count + between),
+                           .direction = history.direction,
+                           .turns = {},
+                           .compliance = history.compliance};
   auto turn = history.turns.begin();
   Eigen::Index at = 0;
   const auto pass = [&](double time, double strain) { all.time[at] = time, all.strain[at++] = strain; };
@@ -147,7 +191,8 @@ void CurveExperiment::pass_turns() {
     Passed& passed = passed_.emplace_back(scenes_[k], std::vector<Eigen::Index>());
     const material::BarHistory all = with_turns(curves_[k].history, &passed.rows);
     passed.scene.time = all.time, passed.scene.elongation = all.strain;
-    passed.scene.force = all.time.unaryExpr([&](double time) { return interpolated(scenes_[k].time, scenes_[k].force, time); });
+    passed.scene.force =
+        all.time.unaryExpr([&](double time) { return interpolated(scenes_[k].time, scenes_[k].force, time); });
   }
 }
 
@@ -158,14 +203,17 @@ void CurveExperiment::make_bins(const CurveLoopOptions& options) {
     double largest = 0.0;          // stress, of all bars
   };
   std::map<std::string, Group> groups;
-  const auto judged = [](const id::Curve& curve, Eigen::Index row) { return curve.use[static_cast<std::size_t>(row)] != id::Curve::not_judged; };
+  const auto judged = [](const id::Curve& curve, Eigen::Index row) {
+    return curve.use[static_cast<std::size_t>(row)] != id::Curve::not_judged;
+  };
   for (const auto& curve : curves_) {
     Group& group = groups[curve.group];
     ++group.bars, group.largest = std::max(group.largest, curve.stress.cwiseAbs().maxCoeff());
     const Eigen::VectorXd strain = way_of(curve.history.strain);
     if (group.strain.size() > 0 && strain.tail(1)[0] <= group.strain.tail(1)[0]) continue;
     const Eigen::VectorXd stress = way_of(curve.stress, 4.0 * id::point_noise(curve));
-    group.strain = strain, group.both = 0.5 * (strain / std::max(1e-300, strain.tail(1)[0]) + stress / std::max(1e-300, stress.tail(1)[0]));
+    group.strain = strain,
+    group.both = 0.5 * (strain / std::max(1e-300, strain.tail(1)[0]) + stress / std::max(1e-300, stress.tail(1)[0]));
     group.both /= std::max(1e-300, group.both.tail(1)[0]);
   }
   std::vector<double> of_points;
@@ -181,8 +229,10 @@ void CurveExperiment::make_bins(const CurveLoopOptions& options) {
       if (!judged(curve, row)) continue;
       const double x = interpolated(group.strain, group.both, along[row]);
       const bool held = curve.use[static_cast<std::size_t>(row)] == id::Curve::held_out;
-      const int number = count > 1 ? std::min(options.bins - 1, static_cast<int>(x * options.bins)) : static_cast<int>(row);
-      const bool same = static_cast<Eigen::Index>(bins_.size()) > first && bins_.back().number == number && bins_.back().held_out == held;
+      const int number =
+          count > 1 ? std::min(options.bins - 1, static_cast<int>(x * options.bins)) : static_cast<int>(row);
+      const bool same = static_cast<Eigen::Index>(bins_.size()) > first && bins_.back().number == number &&
+                        bins_.back().held_out == held;
       if (!same) bins_.push_back({static_cast<int>(k), number, 0.0, 0.0, {}, held});
       bins_.back().rows.push_back(row);
       bins_.back().x += x;
@@ -196,7 +246,8 @@ void CurveExperiment::make_bins(const CurveLoopOptions& options) {
       Bin& bin = bins_[static_cast<std::size_t>(i)];
       bin.x /= static_cast<double>(bin.rows.size()), bin.stress /= static_cast<double>(bin.rows.size());
       of_points.push_back(noise / std::sqrt(static_cast<double>(bin.rows.size())));
-      const bool next = i == first || (count == 1 && in_frame >= options.numbers_per_frame) || bin.held_out != bins_[static_cast<std::size_t>(i) - 1].held_out;
+      const bool next = i == first || (count == 1 && in_frame >= options.numbers_per_frame) ||
+                        bin.held_out != bins_[static_cast<std::size_t>(i) - 1].held_out;
       if (next) ++frame, in_frame = 0;
       ++in_frame;
       data_.push_back({frame, force_channel});
@@ -215,21 +266,27 @@ std::vector<int> CurveExperiment::frame_numbers() const {
 }
 
 std::string CurveExperiment::frame_name(int frame) const {
-  const auto at = std::find_if(data_.begin(), data_.end(), [&](const Datum& d) { return d.frame == frame; }) - data_.begin();
+  const auto at =
+      std::find_if(data_.begin(), data_.end(), [&](const Datum& d) { return d.frame == frame; }) - data_.begin();
   auto last = static_cast<std::size_t>(at);
   while (last + 1 < data_.size() && data_[last + 1].frame == frame) ++last;
   const Bin &from = bins_[static_cast<std::size_t>(at)], &to = bins_[last];
   const auto& curve = curves_[static_cast<std::size_t>(from.curve)];
-  return curve.name + " (" + curve.group + "), rows " + std::to_string(from.rows.front()) + "-" + std::to_string(to.rows.back());
+  return curve.name + " (" + curve.group + "), rows " + std::to_string(from.rows.front()) + "-" +
+         std::to_string(to.rows.back());
 }
 
 int CurveExperiment::curve_of(int frame) const {
-  return bins_[static_cast<std::size_t>(std::find_if(data_.begin(), data_.end(), [&](const Datum& d) { return d.frame == frame; }) - data_.begin())].curve;
+  return bins_[static_cast<std::size_t>(
+                   std::find_if(data_.begin(), data_.end(), [&](const Datum& d) { return d.frame == frame; }) -
+                   data_.begin())]
+      .curve;
 }
 
 bool CurveExperiment::cut_into_pieces(int curve) const {
   const auto [first, size] = bars_[static_cast<std::size_t>(curve)];
-  return size > 0 && data_[static_cast<std::size_t>(first)].frame != data_[static_cast<std::size_t>(first + size) - 1].frame;
+  return size > 0 &&
+         data_[static_cast<std::size_t>(first)].frame != data_[static_cast<std::size_t>(first + size) - 1].frame;
 }
 
 std::vector<int> CurveExperiment::held_out() const {
@@ -240,7 +297,8 @@ std::vector<int> CurveExperiment::held_out() const {
   std::map<std::string, int> seen;
   for (const auto& [first, size] : bars_) {
     const auto& bin = bins_[static_cast<std::size_t>(first)];
-    if (size > 0 && !cut_into_pieces(bin.curve) && seen[curves_[static_cast<std::size_t>(bin.curve)].group]++ % 4 == 2) held.push_back(data_[static_cast<std::size_t>(first)].frame);
+    if (size > 0 && !cut_into_pieces(bin.curve) && seen[curves_[static_cast<std::size_t>(bin.curve)].group]++ % 4 == 2)
+      held.push_back(data_[static_cast<std::size_t>(first)].frame);
   }
   return held;
 }
@@ -255,12 +313,15 @@ CurveExperiment::Law CurveExperiment::law_of(const std::vector<double>& values) 
   auto& there = result.effects;
   for (std::size_t j = 0; j < model_.values.size(); ++j) {
     const auto& info = model_.information[j];
-    if (model_.declared[j] == 0 && !info.shape && values[j] != *info.null_value && std::find(there.begin(), there.end(), info.effect) == there.end()) there.push_back(info.effect);
+    if (model_.declared[j] == 0 && !info.shape && values[j] != *info.null_value &&
+        std::find(there.begin(), there.end(), info.effect) == there.end())
+      there.push_back(info.effect);
   }
   result.law = model_.extended(there);
   for (const auto& info : result.law->parameters()) {
     const auto same = [&](const Parameter& p) { return p.info.name == info.name; };
-    result.places.push_back(static_cast<std::size_t>(std::find_if(parameters_.begin(), parameters_.end(), same) - parameters_.begin()));
+    result.places.push_back(
+        static_cast<std::size_t>(std::find_if(parameters_.begin(), parameters_.end(), same) - parameters_.begin()));
     result.values.push_back(values[result.places.back()]);
   }
   return result;
@@ -284,7 +345,8 @@ material::BarHistory CurveExperiment::true_history(std::size_t curve, const std:
   const Eigen::VectorXd& recorded = curves_[curve].history.strain;
   history.strain = true_strain(curve, values);
   history.compliance = compliance(values);
-  // What a gauge errs by at a turn goes on from the row before it and one that is as far from that as the turn: in a hold the strain stands still from row to row.
+  // What a gauge errs by at a turn goes on from the row before it and one that is as far from that as the turn: in a
+  // hold the strain stands still from row to row.
   const Eigen::VectorXd shift = history.strain - recorded;
   for (auto& turn : history.turns) {
     const Eigen::Index last = std::max<Eigen::Index>(0, turn.row - 1);
@@ -292,12 +354,14 @@ material::BarHistory CurveExperiment::true_history(std::size_t curve, const std:
     Eigen::Index before = last - 1;
     while (before >= 0 && std::abs(recorded[last] - recorded[before]) < 0.5 * std::abs(further)) --before;
     turn.strain += shift[last];
-    if (before >= 0 && recorded[last] != recorded[before]) turn.strain += further * (shift[last] - shift[before]) / (recorded[last] - recorded[before]);
+    if (before >= 0 && recorded[last] != recorded[before])
+      turn.strain += further * (shift[last] - shift[before]) / (recorded[last] - recorded[before]);
   }
   return history;
 }
 
-Eigen::MatrixXd CurveExperiment::follow(std::size_t curve, const Law& law, const material::BarHistory& history, std::span<const int> free) const {
+Eigen::MatrixXd CurveExperiment::follow(std::size_t curve, const Law& law, const material::BarHistory& history,
+                                        std::span<const int> free) const {
   const id::Curve& one = curves_[curve];
   const material::BarHistory passed = with_turns(history);
   const auto response = material::pull_bar(*law.law, law.values, passed, free);
@@ -309,9 +373,11 @@ Eigen::MatrixXd CurveExperiment::follow(std::size_t curve, const Law& law, const
   return all;
 }
 
-Eigen::VectorXd CurveExperiment::recorded(std::size_t curve, const std::vector<double>& values, Eigen::VectorXd stress) const {
+Eigen::VectorXd CurveExperiment::recorded(std::size_t curve, const std::vector<double>& values,
+                                          Eigen::VectorXd stress) const {
   for (std::size_t e = 0; e < effects_.size(); ++e) stress *= effects_[e]->thickness(values_of(e, values));
-  for (std::size_t e = 0; e < effects_.size(); ++e) effects_[e]->record(values_of(e, values), passed_[curve].scene, stress);
+  for (std::size_t e = 0; e < effects_.size(); ++e)
+    effects_[e]->record(values_of(e, values), passed_[curve].scene, stress);
   for (const auto& [group, j] : group_gains_)
     if (curves_[curve].group == group) stress *= values[j];
   return stress(passed_[curve].rows);
@@ -370,9 +436,10 @@ std::vector<Eigen::VectorXd> CurveExperiment::residuals(const std::vector<std::v
   return result;
 }
 
-/// Sets that differ in numbers of the law, or in what is recorded only, are taken along the derivatives of the law's paths; the others are
-/// computed. The bars are shared by the ranks.
-std::vector<Eigen::VectorXd> CurveExperiment::residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) {
+/// Sets that differ in numbers of the law, or in what is recorded only, are taken along the derivatives of the law's
+/// paths; the others are computed. The bars are shared by the ranks.
+std::vector<Eigen::VectorXd> CurveExperiment::residuals_near(const std::vector<double>& values,
+                                                             std::vector<std::vector<double>> sets) {
   const Law law = law_of(values);
   std::vector<int> free;  // parameters of the law that some near set moves
   std::vector<std::vector<std::pair<Eigen::Index, double>>> moves(sets.size());
@@ -394,11 +461,13 @@ std::vector<Eigen::VectorXd> CurveExperiment::residuals_near(const std::vector<d
   }
   std::vector<Eigen::MatrixXd> paths(curves_.size());
   std::vector<double> good(curves_.size(), 0.0);
-  for (std::size_t k = 0; k < curves_.size(); ++k) paths[k].setZero(passed_[k].scene.time.size(), 1 + static_cast<Eigen::Index>(free.size()));
+  for (std::size_t k = 0; k < curves_.size(); ++k)
+    paths[k].setZero(passed_[k].scene.time.size(), 1 + static_cast<Eigen::Index>(free.size()));
   collectively(world_, [&] {
     for (std::size_t k = 0; k < curves_.size(); ++k) {
       if (static_cast<int>(k) % world_.size() != world_.rank()) continue;
-      if (auto path = follow(k, law, true_history(k, values), free); path.size() > 0) paths[k] = std::move(path), good[k] = 1.0;
+      if (auto path = follow(k, law, true_history(k, values), free); path.size() > 0)
+        paths[k] = std::move(path), good[k] = 1.0;
     }
   });
   for (auto& path : paths) world_.sum(std::span(path.data(), static_cast<std::size_t>(path.size())));
@@ -430,14 +499,18 @@ std::string CurveExperiment::obstacle(const std::vector<double>& values) const {
   for (std::size_t k = 0; k < curves_.size(); ++k) {
     const id::Curve& curve = curves_[k];
     const auto reached = material::pull_bar(*law.law, law.values, true_history(k, values)).rows;
-    if (reached < curve.stress.size()) return fmt::format("{} ({}): the law cannot follow beyond row {}", curve.name, curve.group, reached);
+    if (reached < curve.stress.size())
+      return fmt::format("{} ({}): the law cannot follow beyond row {}", curve.name, curve.group, reached);
   }
   return {};
 }
 
 double CurveExperiment::round_off() const {
   double square = 0.0;
-  for (std::size_t i = 0; i < bins_.size(); ++i) square += std::pow(1e-6 * curves_[static_cast<std::size_t>(bins_[i].curve)].stress(bins_[i].rows).mean() / scatter_.noise[static_cast<Eigen::Index>(i)], 2);
+  for (std::size_t i = 0; i < bins_.size(); ++i)
+    square += std::pow(1e-6 * curves_[static_cast<std::size_t>(bins_[i].curve)].stress(bins_[i].rows).mean() /
+                           scatter_.noise[static_cast<Eigen::Index>(i)],
+                       2);
   return std::sqrt(square);
 }
 
@@ -452,17 +525,19 @@ void CurveExperiment::learn_bias(const std::vector<double>& values) {
     const auto [first, size] = bars_[k];
     if (repeated_.contains(curves_[k].group)) continue;
     const Eigen::VectorXd slope = id::slopes(curves_[k].history, predicted[k], law.values.front());
-    for (Eigen::Index i = first; i < first + size; ++i) slope_[i] = slope[bins_[static_cast<std::size_t>(i)].rows.front()];
+    for (Eigen::Index i = first; i < first + size; ++i)
+      slope_[i] = slope[bins_[static_cast<std::size_t>(i)].rows.front()];
   }
   const Eigen::VectorXd raw = binned(predicted);
   turns_.assign(curves_.size(), {});
   for (std::size_t k = 0; k < bars_.size(); ++k) {
     const auto [first, size] = bars_[k];
     if (repeated_.contains(curves_[k].group) || size == 0) continue;
-    turns_[k] = id::memory_of_turns(true_history(k, values), points_of(k, raw).strain, predicted[k], [&](const material::BarHistory& history) -> Eigen::VectorXd {
-      const auto stress = follow(k, law, history);
-      return stress.size() > 0 ? recorded(k, values, stress.col(0)) : Eigen::VectorXd();
-    });
+    turns_[k] = id::memory_of_turns(true_history(k, values), points_of(k, raw).strain, predicted[k],
+                                    [&](const material::BarHistory& history) -> Eigen::VectorXd {
+                                      const auto stress = follow(k, law, history);
+                                      return stress.size() > 0 ? recorded(k, values, stress.col(0)) : Eigen::VectorXd();
+                                    });
     std::vector<Eigen::Index> rows;
     for (Eigen::Index i = first; i < first + size; ++i) rows.push_back(bins_[static_cast<std::size_t>(i)].rows.front());
     turns_[k].slopes = Eigen::MatrixXd(turns_[k].slopes(rows, Eigen::all));

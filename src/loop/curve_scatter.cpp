@@ -16,7 +16,8 @@ namespace id = identification;
 
 namespace {
 
-/// How little a bar's cubic says where the stress is so small a part of the largest: nothing at zero, all from one half on.
+/// How little a bar's cubic says where the stress is so small a part of the largest: nothing at zero, all from one half
+/// on.
 double unknown(double stress) { return std::pow(std::max(0.0, 1.0 - 2.0 * stress), 2); }
 
 }  // namespace
@@ -48,7 +49,9 @@ std::vector<Whitening> CurveExperiment::whitening_of(const Scatter& scatter) con
   return all;
 }
 
-bool CurveExperiment::noise_is_estimated(std::size_t curve) const { return curves_[curve].estimated && !repeated_.contains(curves_[curve].group); }
+bool CurveExperiment::noise_is_estimated(std::size_t curve) const {
+  return curves_[curve].estimated && !repeated_.contains(curves_[curve].group);
+}
 
 double CurveExperiment::bin_noise(int curve) const {
   const auto [first, size] = bars_[static_cast<std::size_t>(curve)];
@@ -62,9 +65,12 @@ Eigen::VectorXd CurveExperiment::freedom() const {
 }
 
 Eigen::VectorXd CurveExperiment::known_noise() const {
-  Eigen::VectorXd all = Eigen::VectorXd::Constant(static_cast<Eigen::Index>(bins_.size()), std::numeric_limits<double>::infinity());
+  Eigen::VectorXd all =
+      Eigen::VectorXd::Constant(static_cast<Eigen::Index>(bins_.size()), std::numeric_limits<double>::infinity());
   for (std::size_t k = 0; k < bars_.size(); ++k)
-    if (noise_is_estimated(k)) all.segment(bars_[k].first, bars_[k].second).setConstant(std::max(3.0, id::freedom_of_point_noise(bars_[k].second)));
+    if (noise_is_estimated(k))
+      all.segment(bars_[k].first, bars_[k].second)
+          .setConstant(std::max(3.0, id::freedom_of_point_noise(bars_[k].second)));
   return all;
 }
 
@@ -75,12 +81,14 @@ void CurveExperiment::find_repetitions() {
   for (std::size_t k = 0; k < bars_.size(); ++k) {
     if (bars_[k].second == 0) continue;
     ++members[curves_[k].group];
-    for (Eigen::Index i = bars_[k].first; i < bars_[k].first + bars_[k].second; ++i) ++bars_with[curves_[k].group][bins_[static_cast<std::size_t>(i)].number];
+    for (Eigen::Index i = bars_[k].first; i < bars_[k].first + bars_[k].second; ++i)
+      ++bars_with[curves_[k].group][bins_[static_cast<std::size_t>(i)].number];
   }
   for (std::size_t k = 0; k < bars_.size(); ++k) {
     Repeated bar{.curve = k, .rows = {}, .numbers = {}, .B = {}};
     for (Eigen::Index i = bars_[k].first; i < bars_[k].first + bars_[k].second; ++i)
-      if (bars_with[curves_[k].group][bins_[static_cast<std::size_t>(i)].number] > 1) bar.rows.push_back(i), bar.numbers.push_back(bins_[static_cast<std::size_t>(i)].number);
+      if (bars_with[curves_[k].group][bins_[static_cast<std::size_t>(i)].number] > 1)
+        bar.rows.push_back(i), bar.numbers.push_back(bins_[static_cast<std::size_t>(i)].number);
     if (bar.rows.empty()) continue;
     std::vector<Eigen::Index> own;
     for (Eigen::Index i : bar.rows) own.push_back(i - bars_[k].first);
@@ -93,14 +101,22 @@ void CurveExperiment::find_repetitions() {
 id::PointNoise CurveExperiment::points_of(std::size_t curve, const Eigen::VectorXd& raw) const {
   const auto [first, size] = bars_[curve];
   Eigen::VectorXd strain(size);  // every row that is judged is a bin
-  for (Eigen::Index i = 0; i < size; ++i) strain[i] = curves_[curve].history.strain[bins_[static_cast<std::size_t>(first + i)].rows.front()];
-  return id::point_noise(strain, raw.segment(first, size), slope_.segment(first, size), curves_[curve].estimated ? 0.0 : curves_[curve].deviation, curves_[curve].strain_noise);
+  for (Eigen::Index i = 0; i < size; ++i)
+    strain[i] = curves_[curve].history.strain[bins_[static_cast<std::size_t>(first + i)].rows.front()];
+  return id::point_noise(strain, raw.segment(first, size), slope_.segment(first, size),
+                         curves_[curve].estimated ? 0.0 : curves_[curve].deviation, curves_[curve].strain_noise);
 }
 
-/// Random-effects model of the deviations from the groups' means, by expectation-maximisation: bars that end early are in it with
-/// what they have. What is left of the cubics in a bin has one variance in a group; the noise of the points comes on top. `raw`: measured - predicted [N].
+/// Random-effects model of the deviations from the groups' means, by expectation-maximisation: bars that end early are
+/// in it with what they have. What is left of the cubics in a bin has one variance in a group; the noise of the points
+/// comes on top. `raw`: measured - predicted [N].
 CurveExperiment::Scatter CurveExperiment::scatter_of(const Eigen::VectorXd& raw) const {
-  Scatter result{.covariance = {}, .noise = of_points_, .freedom = known_noise(), .turns = std::vector<Eigen::MatrixXd>(bars_.size()), .deviations = {}, .coefficients = {}};
+  Scatter result{.covariance = {},
+                 .noise = of_points_,
+                 .freedom = known_noise(),
+                 .turns = std::vector<Eigen::MatrixXd>(bars_.size()),
+                 .deviations = {},
+                 .coefficients = {}};
   for (std::size_t k = 0; k < bars_.size(); ++k) {
     const auto [first, size] = bars_[k];
     if (repeated_.contains(curves_[k].group) || size < 3) continue;
@@ -117,7 +133,8 @@ CurveExperiment::Scatter CurveExperiment::scatter_of(const Eigen::VectorXd& raw)
   for (const auto& [group, bars] : repeated_) {
     std::map<int, std::pair<double, int>> means;  // of a bin: sum, bars
     for (const auto& bar : bars)
-      for (std::size_t i = 0; i < bar.rows.size(); ++i) means[bar.numbers[i]].first += raw[bar.rows[i]], ++means[bar.numbers[i]].second;
+      for (std::size_t i = 0; i < bar.rows.size(); ++i)
+        means[bar.numbers[i]].first += raw[bar.rows[i]], ++means[bar.numbers[i]].second;
     for (const auto& bar : bars) {
       Eigen::VectorXd deviation(static_cast<Eigen::Index>(bar.rows.size()));
       for (std::size_t i = 0; i < bar.rows.size(); ++i) {
@@ -151,7 +168,8 @@ CurveExperiment::Scatter CurveExperiment::scatter_of(const Eigen::VectorXd& raw)
         const Eigen::VectorXd c = V * (weighted.transpose() * deviation);
         next += c * c.transpose() + V;
         bars_seen += 1.0;
-        const Eigen::ArrayXd uncertain = (bars[k].B * V).cwiseProduct(bars[k].B).rowwise().sum(), share = variance[group] / total;
+        const Eigen::ArrayXd uncertain = (bars[k].B * V).cwiseProduct(bars[k].B).rowwise().sum(),
+                             share = variance[group] / total;
         left += (share.square() * ((deviation - bars[k].B * c).array().square() + uncertain) + share * points).sum();
         all += total.sum();
         numbers += static_cast<double>(deviation.size());
@@ -167,7 +185,8 @@ CurveExperiment::Scatter CurveExperiment::scatter_of(const Eigen::VectorXd& raw)
   }
   result.covariance = D;
   for (std::size_t i = 0; i < bins_.size(); ++i)
-    if (const auto its = variance.find(curves_[static_cast<std::size_t>(bins_[i].curve)].group); its != variance.end()) {
+    if (const auto its = variance.find(curves_[static_cast<std::size_t>(bins_[i].curve)].group);
+        its != variance.end()) {
       const auto row = static_cast<Eigen::Index>(i);
       double& noise = result.noise[row];
       noise = std::sqrt(noise * noise + its->second);
@@ -179,15 +198,19 @@ CurveExperiment::Scatter CurveExperiment::scatter_of(const Eigen::VectorXd& raw)
   return result;
 }
 
-/// Coefficients whose variance is that of the bars, and so estimated from them: tr D (D + (B^T S^-1 B)^-1)^-1, S the variance of the bins, the mean of all bars. What the noise of the bins makes of a
-/// coefficient is known from many of them.
+/// Coefficients whose variance is that of the bars, and so estimated from them: tr D (D + (B^T S^-1 B)^-1)^-1, S the
+/// variance of the bins, the mean of all bars. What the noise of the bins makes of a coefficient is known from many of
+/// them.
 double CurveExperiment::coefficients_that_differ() const {
   if (scatter_.covariance.size() == 0) return degree + 1;
   double sum = 0.0, bars_seen = 0.0;
   for (const auto& [group, bars] : repeated_)
     for (const auto& bar : bars) {
       const Eigen::MatrixXd& D = scatter_.covariance;
-      const Eigen::MatrixXd signal = D * (bar.B.transpose() * scatter_.noise(bar.rows).array().square().inverse().matrix().asDiagonal() * bar.B), unity = Eigen::MatrixXd::Identity(degree + 1, degree + 1);
+      const Eigen::MatrixXd signal =
+                                D * (bar.B.transpose() *
+                                     scatter_.noise(bar.rows).array().square().inverse().matrix().asDiagonal() * bar.B),
+                            unity = Eigen::MatrixXd::Identity(degree + 1, degree + 1);
       sum += (unity + signal).partialPivLu().solve(signal).trace();
       bars_seen += 1.0;
     }
@@ -199,14 +222,16 @@ double CurveExperiment::correlation_beyond_cubics(const std::string& group) cons
   const auto& bars = repeated_.at(group);
   double product = 0.0, square = 0.0;
   for (std::size_t k = 0; k < bars.size(); ++k) {
-    const Eigen::VectorXd left = (scatter_.deviations.at(group)[k] - bars[k].B * scatter_.coefficients.at(group)[k]).cwiseQuotient(scatter_.noise(bars[k].rows));
+    const Eigen::VectorXd left = (scatter_.deviations.at(group)[k] - bars[k].B * scatter_.coefficients.at(group)[k])
+                                     .cwiseQuotient(scatter_.noise(bars[k].rows));
     product += left.head(left.size() - 1).dot(left.tail(left.size() - 1)), square += left.squaredNorm();
   }
   return std::clamp(product / std::max(1e-300, square), 0.0, 1.0);
 }
 
-/// One half of their covariance is that of the model, the other that of the deviations themselves, whatever their course: what cubics leave of them goes together from bin
-/// to bin as far as it does in the bars, and is white otherwise.
+/// One half of their covariance is that of the model, the other that of the deviations themselves, whatever their
+/// course: what cubics leave of them goes together from bin to bin as far as it does in the bars, and is white
+/// otherwise.
 Eigen::MatrixXd CurveExperiment::bars_like_these(int draws, double grown, unsigned seed) const {
   std::mt19937_64 random(seed);
   std::normal_distribution<double> normal;
@@ -215,14 +240,16 @@ Eigen::MatrixXd CurveExperiment::bars_like_these(int draws, double grown, unsign
     for (double& x : g) x = normal(random);
     return g;
   };
-  const Eigen::MatrixXd root = scatter_.covariance.size() > 0 ? Eigen::MatrixXd(grown * cholesky(scatter_.covariance)) : Eigen::MatrixXd();
+  const Eigen::MatrixXd root =
+      scatter_.covariance.size() > 0 ? Eigen::MatrixXd(grown * cholesky(scatter_.covariance)) : Eigen::MatrixXd();
   Eigen::MatrixXd result(static_cast<Eigen::Index>(bins_.size()), draws);
   for (auto raw : result.colwise()) {
     for (std::size_t k = 0; k < bars_.size(); ++k) {
       const auto [first, size] = bars_[k];
       raw.segment(first, size) = scatter_.noise.segment(first, size).cwiseProduct(drawn(size));
       if (root.size() > 0) raw.segment(first, size) += basis(first, size) * (root * drawn(root.cols()));
-      if (const auto& turns = scatter_.turns[k]; turns.size() > 0) raw.segment(first, size) += turns * drawn(turns.cols());
+      if (const auto& turns = scatter_.turns[k]; turns.size() > 0)
+        raw.segment(first, size) += turns * drawn(turns.cols());
     }
     if (scatter_.deviations.empty()) continue;  // nothing is learned yet
     for (const auto& [group, bars] : repeated_) {
@@ -230,7 +257,9 @@ Eigen::MatrixXd CurveExperiment::bars_like_these(int draws, double grown, unsign
       const auto& coefficients = scatter_.coefficients.at(group);
       const double together = std::sqrt(correlation_beyond_cubics(group)), apart = std::sqrt(1.0 - together * together);
       for (const auto& bar : bars) {
-        const auto shares = [&drawn, count = static_cast<double>(bars.size())]() -> Eigen::VectorXd { return drawn(static_cast<Eigen::Index>(count)) / std::sqrt(count); };
+        const auto shares = [&drawn, count = static_cast<double>(bars.size())]() -> Eigen::VectorXd {
+          return drawn(static_cast<Eigen::Index>(count)) / std::sqrt(count);
+        };
         const Eigen::VectorXd share = shares();
         for (std::size_t i = 0; i < bar.rows.size(); ++i) {
           double sum = 0.0;
@@ -239,7 +268,8 @@ Eigen::MatrixXd CurveExperiment::bars_like_these(int draws, double grown, unsign
             const auto at = std::lower_bound(bars[k].numbers.begin(), bars[k].numbers.end(), bar.numbers[i]);
             const bool has = at != bars[k].numbers.end() && *at == bar.numbers[i];
             const auto j = static_cast<Eigen::Index>(k);
-            const double cubic = bar.B.row(static_cast<Eigen::Index>(i)).dot(coefficients[k]), left = has ? deviations[k][at - bars[k].numbers.begin()] - cubic : 0.0;
+            const double cubic = bar.B.row(static_cast<Eigen::Index>(i)).dot(coefficients[k]),
+                         left = has ? deviations[k][at - bars[k].numbers.begin()] - cubic : 0.0;
             sum += share[j] * (cubic + together * left) + own[j] * apart * left;
           }
           raw[bar.rows[i]] = std::sqrt(0.5) * (raw[bar.rows[i]] + grown * sum);
@@ -252,8 +282,9 @@ Eigen::MatrixXd CurveExperiment::bars_like_these(int draws, double grown, unsign
 
 int CurveExperiment::draws(int asked) const { return std::max(asked, 2000); }
 
-/// A score that is weighed with a covariance of p coefficients, itself estimated with n degrees of freedom, varies by n/(n - p - 1) (n - 1)/(n - p) more than that
-/// covariance says (S a Wishart matrix: s^T S^-1 d/sqrt(s^T S^-1 s)); its tails are those of Student's t with n - p + 1. One that is weighed with the noise of the points: t of their freedom.
+/// A score that is weighed with a covariance of p coefficients, itself estimated with n degrees of freedom, varies by
+/// n/(n - p - 1) (n - 1)/(n - p) more than that covariance says (S a Wishart matrix: s^T S^-1 d/sqrt(s^T S^-1 s)); its
+/// tails are those of Student's t with n - p + 1. One that is weighed with the noise of the points: t of their freedom.
 Eigen::MatrixXd CurveExperiment::noise(const std::vector<double>&, int draws) {
   if (repeated_.empty()) {
     Eigen::MatrixXd result = bars_like_these(draws, 1.0, 3);

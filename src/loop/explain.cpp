@@ -9,8 +9,8 @@
 
 namespace imic3d::loop {
 
-Explanation explain(const Eigen::VectorXd& difference, const Eigen::MatrixXd& covariance, const std::vector<EffectSize>& sizes, const Bias& bias,
-                    int most) {
+Explanation explain(const Eigen::VectorXd& difference, const Eigen::MatrixXd& covariance,
+                    const std::vector<EffectSize>& sizes, const Bias& bias, int most) {
   const auto p = difference.size();
   const auto k = static_cast<Eigen::Index>(sizes.size());
   const Eigen::MatrixXd whitened_by = inverse_cholesky(covariance);

@@ -12,11 +12,11 @@
 #include <optional>
 #include <random>
 
+#include "declared.hpp"
+#include "field_series.hpp"
 #include "imic3d/core/error.hpp"
 #include "imic3d/loop/law_effects.hpp"
 #include "imic3d/loop/statistics.hpp"
-#include "declared.hpp"
-#include "field_series.hpp"
 
 namespace imic3d::loop {
 
@@ -56,12 +56,14 @@ Eigen::MatrixXd rigid_motions(const FieldFace& face) {
   return R;
 }
 
-/// Refuses a measured force [frames] that has, beyond its noise, another sign than the declared model's, or is a hundred times larger or smaller: no identification leads from there.
+/// Refuses a measured force [frames] that has, beyond its noise, another sign than the declared model's, or is a
+/// hundred times larger or smaller: no identification leads from there.
 void check_force(const Eigen::VectorXd& measured, double noise, const Eigen::VectorXd& reaction) {
   if (!std::isfinite(noise) || reaction.squaredNorm() == 0.0) return;
   const double ratio = measured.dot(reaction) / reaction.squaredNorm(), doubt = 3.0 * noise / reaction.norm();
   if (ratio + doubt < 0.01 || ratio - doubt > 100.0)
-    throw InputError("loads.force", fmt::format("{:.3g} times the forces that the declared parameters give", ratio), "0.01 to 100 times: force, length and material in the units of the case file, tension positive");
+    throw InputError("loads.force", fmt::format("{:.3g} times the forces that the declared parameters give", ratio),
+                     "0.01 to 100 times: force, length and material in the units of the case file, tension positive");
 }
 
 }  // namespace
@@ -71,23 +73,31 @@ FieldExperiment::FieldExperiment(Communicator world, FieldData data, DeclaredMod
   std::optional<Candidate> of_poissons_ratio;
   for (std::size_t j = 0; j < model_.values.size(); ++j) {
     const double value = model_.values[j];
-    parameters_.push_back({.info = model_.information[j], .value = value, .step = 1e-3 * (value != 0.0 ? std::abs(value) : 1.0),
-                           .prior = model_.priors[j], .free = model_.free[j] != 0});
+    parameters_.push_back({.info = model_.information[j],
+                           .value = value,
+                           .step = 1e-3 * (value != 0.0 ? std::abs(value) : 1.0),
+                           .prior = model_.priors[j],
+                           .free = model_.free[j] != 0});
     if (model_.information[j].name == "nu" && !model_.free[j]) of_poissons_ratio = poissons_ratio(static_cast<int>(j));
   }
   for (const auto& info : model_.lacking) parameters_.push_back(at_null(info));
-  candidates_ = law_candidates(model_.lacking, std::vector<char>(model_.lacking.size(), 0), static_cast<int>(model_.values.size()));
+  candidates_ = law_candidates(model_.lacking, std::vector<char>(model_.lacking.size(), 0),
+                               static_cast<int>(model_.values.size()));
   if (of_poissons_ratio) candidates_.push_back(*of_poissons_ratio);
-  bias_ = std::make_shared<Bias>(std::vector<double>(), Eigen::MatrixXd::Zero(measured_.displacement.rows(), measured_.displacement.cols()), Eigen::VectorXd::Zero(measured_.force.size()));
+  bias_ = std::make_shared<Bias>(std::vector<double>(),
+                                 Eigen::MatrixXd::Zero(measured_.displacement.rows(), measured_.displacement.cols()),
+                                 Eigen::VectorXd::Zero(measured_.force.size()));
   make_scene();
   make_candidates();
   M_ = blocks(measured_.faces, [](const FieldFace& face) { return face.M; });
   const auto frames = measured_.force.size();
   for (std::size_t k = 0; k < faces_.size(); ++k) {
     const FieldFace& face = measured_.faces[k];
-    faces_[k].modes = SurfaceModes(face.surface, face.M, options.modes * face.components / 2, faces_.size() > 1 || face.components == 3 ? rigid_motions(face) : Eigen::MatrixXd());
+    faces_[k].modes = SurfaceModes(face.surface, face.M, options.modes * face.components / 2,
+                                   faces_.size() > 1 || face.components == 3 ? rigid_motions(face) : Eigen::MatrixXd());
     Eigen::MatrixXd covariance = Eigen::MatrixXd::Constant(frames, frames, 1.0 / measured_.references);
-    covariance.diagonal() += face.frame_noise.size() > 0 ? Eigen::VectorXd(face.frame_noise.cwiseAbs2()) : Eigen::VectorXd::Ones(frames);
+    covariance.diagonal() +=
+        face.frame_noise.size() > 0 ? Eigen::VectorXd(face.frame_noise.cwiseAbs2()) : Eigen::VectorXd::Ones(frames);
     faces_[k].over_time = whitening(covariance, measured_.held_out);
   }
   for (Eigen::Index t = 0; t < frames; ++t) {
@@ -99,22 +109,34 @@ FieldExperiment::FieldExperiment(Communicator world, FieldData data, DeclaredMod
 
 FieldExperiment::~FieldExperiment() = default;
 
-/// Effects as candidates, but for what the model declares of them; those of cameras once for each face, and where several cameras see it in space once for each
-/// of them.
+/// Effects as candidates, but for what the model declares of them; those of cameras once for each face, and where
+/// several cameras see it in space once for each of them.
 void FieldExperiment::make_candidates() {
   std::vector<Candidate> ordered;
   std::vector<std::string> keys;
-  const auto add = [&](const std::shared_ptr<const Effect>& effect, int face, const std::string& which, const std::string& where) {
+  const auto add = [&](const std::shared_ptr<const Effect>& effect, int face, const std::string& which,
+                       const std::string& where) {
     const Scene& scene = faces_[static_cast<std::size_t>(std::max(0, face))].scene;
     if (!effect->applies(scene)) return;
     const auto description = effect->describe(scene);
-    Candidate candidate{which + description.name, description.link, {}, description.sentence + where, description.confused_with, description.separated_by, {}};
+    Candidate candidate{which + description.name,  description.link,         {}, description.sentence + where,
+                        description.confused_with, description.separated_by, {}};
     keys.push_back(key_of(candidate.name));
     first_.push_back(parameters_.size());
     for (const auto& q : description.quantities) {
       const int place = static_cast<int>(parameters_.size());
-      parameters_.push_back({.info = {.name = q.name, .unit = model_.unit ? model_.unit(q.unit) : q.unit, .description = q.description, .lower = q.lower, .upper = q.upper, .null_value = q.null, .shape = q.shape, .scale = q.shape ? q.scale : std::abs(q.size - q.null)},
-                             .value = q.null, .step = q.step, .prior = 0.0, .free = false});
+      parameters_.push_back({.info = {.name = q.name,
+                                      .unit = model_.unit ? model_.unit(q.unit) : q.unit,
+                                      .description = q.description,
+                                      .lower = q.lower,
+                                      .upper = q.upper,
+                                      .null_value = q.null,
+                                      .shape = q.shape,
+                                      .scale = q.shape ? q.scale : std::abs(q.size - q.null)},
+                             .value = q.null,
+                             .step = q.step,
+                             .prior = 0.0,
+                             .free = false});
       const auto* declared = declare(parameters_.back(), keys.back(), model_.effects);
       if (declared != nullptr) {
         Parameter& known = parameters_.back();
@@ -128,13 +150,16 @@ void FieldExperiment::make_candidates() {
       }
       Parameter& its = parameters_.back();
       its.info.name = key_of(which) + q.name;
-      if (const Eigen::VectorXd& read = measured_.force_at_rest; q.read_at_rest && read.size() > 0 && its.prior == 0.0 && (its.free || declared == nullptr))
+      if (const Eigen::VectorXd& read = measured_.force_at_rest;
+          q.read_at_rest && read.size() > 0 && its.prior == 0.0 && (its.free || declared == nullptr))
         its.reading = read.mean(), its.prior = measured_.force_noise / std::sqrt(static_cast<double>(read.size()));
     }
     if (candidate.parameters.size() == description.quantities.size()) candidate.elsewhere = description.elsewhere;
     candidate.changes_path = description.changes_path;
     // What says how an effect acts, not how much, is none by itself.
-    if (std::any_of(candidate.parameters.begin(), candidate.parameters.end(), [&](int j) { return !parameters_[static_cast<std::size_t>(j)].info.shape; })) ordered.push_back(std::move(candidate));
+    if (std::any_of(candidate.parameters.begin(), candidate.parameters.end(),
+                    [&](int j) { return !parameters_[static_cast<std::size_t>(j)].info.shape; }))
+      ordered.push_back(std::move(candidate));
     effects_.push_back(effect);
     face_of_.push_back(face);
   };
@@ -149,20 +174,25 @@ void FieldExperiment::make_candidates() {
       add(effect, static_cast<int>(k), alone ? "" : face.name + " ", alone ? "" : ", on the " + face.name + " face");
       if (effect->of_one_of_several())
         for (std::size_t c = 0; c < face.sights.size(); ++c)
-          add(of_one_camera(effect, face.sights, c, face.surface, faces_[k].scene), static_cast<int>(k), face.sights[c].camera + " ", ", of the camera " + face.sights[c].camera);
+          add(of_one_camera(effect, face.sights, c, face.surface, faces_[k].scene), static_cast<int>(k),
+              face.sights[c].camera + " ", ", of the camera " + face.sights[c].camera);
     }
   }
   for (const auto& one : model_.effects)
     if (std::find(keys.begin(), keys.end(), one.effect) == keys.end())
-      throw InputError("effects." + one.effect, "declared for a specimen that lacks what it acts on, or for cameras that it lacks", fmt::format("one of {}", fmt::join(keys, ", ")));
+      throw InputError("effects." + one.effect,
+                       "declared for a specimen that lacks what it acts on, or for cameras that it lacks",
+                       fmt::format("one of {}", fmt::join(keys, ", ")));
   candidates_.insert(candidates_.end(), ordered.begin(), ordered.end());
-  std::stable_sort(candidates_.begin(), candidates_.end(), [](const auto& a, const auto& b) { return a.link < b.link; });
+  std::stable_sort(candidates_.begin(), candidates_.end(),
+                   [](const auto& a, const auto& b) { return a.link < b.link; });
 }
 
 void FieldExperiment::make_scene() {
   Scene scene;
   scene.thickness = model_.thickness;
-  scene.time = measured_.time, scene.force = measured_.force, scene.start_time = measured_.start_time, scene.reference_time = measured_.reference_time;
+  scene.time = measured_.time, scene.force = measured_.force, scene.start_time = measured_.start_time,
+  scene.reference_time = measured_.reference_time;
   scene.images = measured_.images;
   for (std::size_t j = 0; j < model_.values.size(); ++j)
     if (model_.information[j].name == "nu") scene.poisson = model_.values[j];
@@ -173,8 +203,11 @@ void FieldExperiment::make_scene() {
   scene.half = !scene.plane && declared.specimen.section_factor != 1.0;
   scene.elongation = elongation_of(declared.specimen, declared.to_variant * measured_.driving);
   if (!scene.half && !scene.plane) {
-    const double depth = declared.specimen.volume.nodes.col(2).maxCoeff() - declared.specimen.volume.nodes.col(2).minCoeff();
-    scene.driven_depth = measured_.faces.size() == 2 ? 0.5 * depth : measured_.faces.front().name == "back" ? depth : 0.0;
+    const double depth =
+        declared.specimen.volume.nodes.col(2).maxCoeff() - declared.specimen.volume.nodes.col(2).minCoeff();
+    scene.driven_depth = measured_.faces.size() == 2              ? 0.5 * depth
+                         : measured_.faces.front().name == "back" ? depth
+                                                                  : 0.0;
   }
   Eigen::Index first = 0;
   for (const auto& face : measured_.faces) {
@@ -186,20 +219,26 @@ void FieldExperiment::make_scene() {
     first += face.unknowns();
   }
   const auto paths = simulate({Simulation{model_.values, {}, measured_.driving, {}}});
-  if (paths.front().R.size() == 0) throw ConvergenceError("the declared model cannot follow the measured displacement of the ends");
+  if (paths.front().R.size() == 0)
+    throw ConvergenceError("the declared model cannot follow the measured displacement of the ends");
   motion_ = paths.front().U;
   smooth_ends_ = motion_;
-  for (int k = 0; k < 10; ++k) smooth_ends_ = measured_.smooth(std::move(smooth_ends_));  // of waves of which it leaves three quarters a twentieth stays
+  for (int k = 0; k < 10; ++k)
+    smooth_ends_ =
+        measured_.smooth(std::move(smooth_ends_));  // of waves of which it leaves three quarters a twentieth stays
   check_force(measured_.force, measured_.force_noise, paths.front().R);
   // The elastic field: that of the last of the first loaded frames whose reaction is below 0.3 of the largest.
   const Eigen::VectorXd& reaction = paths.front().R;
   const double largest = reaction.cwiseAbs().maxCoeff();
   Eigen::Index frame = 0;
   while (frame + 1 < reaction.size() && std::abs(reaction[frame]) < 0.05 * largest) ++frame;
-  while (frame + 1 < reaction.size() && std::abs(reaction[frame + 1]) >= std::abs(reaction[frame]) && std::abs(reaction[frame + 1]) < 0.3 * largest) ++frame;
+  while (frame + 1 < reaction.size() && std::abs(reaction[frame + 1]) >= std::abs(reaction[frame]) &&
+         std::abs(reaction[frame + 1]) < 0.3 * largest)
+    ++frame;
   for (std::size_t k = 0; k < faces_.size(); ++k) {
     const Eigen::VectorXd own = motion_.col(frame).segment(faces_[k].first, measured_.faces[k].unknowns());
-    faces_[k].scene.elastic = largest > 0.0 ? Eigen::VectorXd(own / reaction[frame]) : Eigen::VectorXd::Zero(own.size());
+    faces_[k].scene.elastic =
+        largest > 0.0 ? Eigen::VectorXd(own / reaction[frame]) : Eigen::VectorXd::Zero(own.size());
   }
 }
 
@@ -209,10 +248,12 @@ std::span<const double> FieldExperiment::values_of(std::size_t effect, const std
 }
 
 bool FieldExperiment::takes_simulations(int parameter) const {
-  const auto effect = std::upper_bound(first_.begin(), first_.end(), static_cast<std::size_t>(parameter)) - first_.begin() - 1;
+  const auto effect =
+      std::upper_bound(first_.begin(), first_.end(), static_cast<std::size_t>(parameter)) - first_.begin() - 1;
   if (effect < 0) return false;
   const Effect& its = *effects_[static_cast<std::size_t>(effect)];
-  return its.changes_simulation(scene_of(static_cast<std::size_t>(effect))) && !(its.acts_on_section() && differentiable_);
+  return its.changes_simulation(scene_of(static_cast<std::size_t>(effect))) &&
+         !(its.acts_on_section() && differentiable_);
 }
 
 Eigen::VectorXd FieldExperiment::whitened(const Eigen::MatrixXd& displacement, const Eigen::VectorXd& force) const {
@@ -234,7 +275,8 @@ Eigen::VectorXd FieldExperiment::displacement_of(const Eigen::VectorXd& frame) c
   Eigen::Index row = 0;
   for (std::size_t k = 0; k < faces_.size(); ++k) {
     const auto count = static_cast<Eigen::Index>(faces_[k].modes.sides().size());
-    all.segment(faces_[k].first, measured_.faces[k].unknowns()) = measured_.noise * faces_[k].modes.displacement(frame.segment(row, count));
+    all.segment(faces_[k].first, measured_.faces[k].unknowns()) =
+        measured_.noise * faces_[k].modes.displacement(frame.segment(row, count));
     row += count;
   }
   return all;
@@ -247,7 +289,8 @@ Eigen::VectorXd FieldExperiment::lengths_of(const Eigen::VectorXd& displacement)
     const Eigen::VectorXd own = displacement.segment(faces_[k].first, face.unknowns());
     const auto nodes = face.surface.nodes.rows();
     all.conservativeResize(all.size() + nodes);
-    all.tail(nodes) = face.components == 2 ? Experiment::lengths_of(own) : Eigen::VectorXd(own.reshaped(3, nodes).colwise().norm().transpose());
+    all.tail(nodes) = face.components == 2 ? Experiment::lengths_of(own)
+                                           : Eigen::VectorXd(own.reshaped(3, nodes).colwise().norm().transpose());
   }
   return all;
 }
@@ -260,7 +303,8 @@ std::vector<Eigen::VectorXd> FieldExperiment::residuals(const std::vector<std::v
 }
 
 Eigen::VectorXd FieldExperiment::residual_of(const Prediction& p) const {
-  return whitened(measured_.displacement - bias_->displacement - p.displacement, measured_.force - bias_->force - p.force);
+  return whitened(measured_.displacement - bias_->displacement - p.displacement,
+                  measured_.force - bias_->force - p.force);
 }
 
 std::pair<Eigen::MatrixXd, Eigen::VectorXd> FieldExperiment::unwhitened(const std::vector<double>& values) {
@@ -269,7 +313,8 @@ std::pair<Eigen::MatrixXd, Eigen::VectorXd> FieldExperiment::unwhitened(const st
   return {measured_.displacement - bias_->displacement - p.displacement, measured_.force - bias_->force - p.force};
 }
 
-FieldExperiment::SyntheticTests FieldExperiment::synthetic_tests(const std::vector<double>& values, const Eigen::MatrixXd& driving_as_seen) {
+FieldExperiment::SyntheticTests FieldExperiment::synthetic_tests(const std::vector<double>& values,
+                                                                 const Eigen::MatrixXd& driving_as_seen) {
   const auto one = [&](const Eigen::MatrixXd& driving, const Numerics& numerics) {
     Simulation made = simulation_of(values, true_motion(values, driving));
     made.variant.numerics = numerics;
@@ -277,8 +322,10 @@ FieldExperiment::SyntheticTests FieldExperiment::synthetic_tests(const std::vect
     return made;
   };
   std::vector<Simulation> wanted;
-  for (int refined = refinements(); refined > 0; --refined) wanted.push_back(one(driving_as_seen, {.refinements = refined, .increments_factor = more_increments()}));
-  for (const int increments : {1, again, 1}) wanted.push_back(one(measured_.driving, {.increments_factor = increments * more_increments()}));
+  for (int refined = refinements(); refined > 0; --refined)
+    wanted.push_back(one(driving_as_seen, {.refinements = refined, .increments_factor = more_increments()}));
+  for (const int increments : {1, again, 1})
+    wanted.push_back(one(measured_.driving, {.increments_factor = increments * more_increments()}));
   wanted.back().straight = true;
   for (const double part : {thin, 1.0})
     if (scene().plane) wanted.push_back(one(driving_as_seen, {.in_space = true, .of_thickness = part}));
@@ -297,16 +344,18 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
   if (!measured_.correlate) return;
   const auto followed = [&](const Eigen::MatrixXd& driving) {
     auto p = predict({values}, {&driving}).front();
-    if (p.force.size() == 0) throw ConvergenceError("the model cannot follow the displacement of the synthetic test's ends");
+    if (p.force.size() == 0)
+      throw ConvergenceError("the model cannot follow the displacement of the synthetic test's ends");
     return p;
   };
-  // The noise of the ends would be taken off the residual a second time, in the null it would not: simulated and smoothed again, little of it is left. More often, and
-  // the synthetic test would lack what smoothing takes away.
+  // The noise of the ends would be taken off the residual a second time, in the null it would not: simulated and
+  // smoothed again, little of it is left. More often, and the synthetic test would lack what smoothing takes away.
   const auto nominal = followed(measured_.driving);
   const Eigen::MatrixXd driving = measured_.smooth(nominal.displacement);
   const auto [refined, few, many, straight, flat, in_space] = synthetic_tests(values, driving);
   const auto left = [&](const Series& made) {
-    if (made.R.size() == 0) throw ConvergenceError("the model on a finer mesh cannot follow the measured displacement of the ends");
+    if (made.R.size() == 0)
+      throw ConvergenceError("the model on a finer mesh cannot follow the measured displacement of the ends");
     const Prediction seen = observed(values, {measured_.correlate(made.specimen, made.surface), made.R});
     const auto p = followed(measured_.smooth(seen.displacement));
     return Prediction{seen.displacement - p.displacement, seen.force - p.force};
@@ -320,9 +369,11 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
   Prediction bias = left(refined[0]);
   if (refinements() > 1) {
     // What further refinements would show, each a share q of the one before.
-    const Prediction coarser = left(refined[1]), last{bias.displacement - coarser.displacement, bias.force - coarser.force};
+    const Prediction coarser = left(refined[1]),
+                     last{bias.displacement - coarser.displacement, bias.force - coarser.force};
     const Eigen::VectorXd first = of_noise(coarser);
-    const double q = std::clamp(first.dot(of_noise(last)) / std::max(1e-300, first.squaredNorm()), 0.0, 0.7), beyond = q / (1.0 - q);
+    const double q = std::clamp(first.dot(of_noise(last)) / std::max(1e-300, first.squaredNorm()), 0.0, 0.7),
+                 beyond = q / (1.0 - q);
     doubt_too(0.1 * of_noise(bias));  // synthetic images are not real ones
     bias.displacement += beyond * last.displacement, bias.force += beyond * last.force;
     doubt_too(beyond * of_noise(last));
@@ -330,7 +381,8 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
     doubt_too(of_noise(bias));
   }
   if (few.R.size() > 0 && many.R.size() > 0) {
-    constexpr double all = again / (again - 1.0);  // what infinitely many increments would show: the error goes with their length
+    constexpr double all =
+        again / (again - 1.0);  // what infinitely many increments would show: the error goes with their length
     const Prediction of_few = observed(values, {few.U, few.R}), of_many = observed(values, {many.U, many.R});
     const Prediction more{all * (of_many.displacement - of_few.displacement), all * (of_many.force - of_few.force)};
     bias.displacement += more.displacement, bias.force += more.force;
@@ -358,11 +410,15 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
   for (const auto& p : predict(with, std::vector<const Eigen::MatrixXd*>(with.size(), &measured_.driving)))
     if (p.force.size() > 0) doubt_too(whitened(p.displacement - nominal.displacement, p.force - nominal.force));
   for (std::size_t k = 0; k < effects_.size(); ++k)
-    if (const Eigen::VectorXd unknown = effects_[k]->unknown_in_record(values_of(k, values), scene_of(k)); unknown.size() > 0)
+    if (const Eigen::VectorXd unknown = effects_[k]->unknown_in_record(values_of(k, values), scene_of(k));
+        unknown.size() > 0)
       for (Eigen::Index t = 0; t < unknown.size(); ++t)  // of each frame for itself
-        if (unknown[t] > 0.1 * measured_.force_noise) doubt_too(whitened(Eigen::MatrixXd::Zero(nominal.displacement.rows(), nominal.displacement.cols()), unknown[t] * Eigen::VectorXd::Unit(unknown.size(), t)));
+        if (unknown[t] > 0.1 * measured_.force_noise)
+          doubt_too(whitened(Eigen::MatrixXd::Zero(nominal.displacement.rows(), nominal.displacement.cols()),
+                             unknown[t] * Eigen::VectorXd::Unit(unknown.size(), t)));
   for (const auto& column : theory_in_doubt(values)) doubt_too(column);
-  const double share = std::pow(std::min(1.0, scene().thickness / scene().span(1 - scene().axis) / uneven_thickness), 2);  // of what ends of thick specimens do at depth
+  const double share = std::pow(std::min(1.0, scene().thickness / scene().span(1 - scene().axis) / uneven_thickness),
+                                2);  // of what ends of thick specimens do at depth
   if (learned.in_space.size() > 0) {
     for (std::size_t k = 0; k < in_space.dU.size(); ++k) doubt_too(share * whitened(in_space.dU[k], in_space.dR[k]));
   } else if (differentiable_ && !scene().plane) {
@@ -386,19 +442,22 @@ std::vector<Eigen::VectorXd> FieldExperiment::theory_in_doubt(const std::vector<
   const auto residual = residuals_near(values, sets);
   std::vector<Eigen::VectorXd> columns;
   for (std::size_t k = 0; k < sets.size(); ++k)
-    if (residual[0].size() > 0 && residual[1 + k].size() > 0) columns.push_back(in_steps[k] * (residual[1 + k] - residual[0]));
+    if (residual[0].size() > 0 && residual[1 + k].size() > 0)
+      columns.push_back(in_steps[k] * (residual[1 + k] - residual[0]));
   return columns;
 }
 
 std::vector<Eigen::MatrixXd> FieldExperiment::learned_numbers() const {
   if (!measured_.correlate) return {};
-  return {bias_->displacement, bias_->force, bias_->doubt, Eigen::MatrixXd::Constant(1, 1, static_cast<double>(bias_->of_numerics)), bias_->in_space};
+  return {bias_->displacement, bias_->force, bias_->doubt,
+          Eigen::MatrixXd::Constant(1, 1, static_cast<double>(bias_->of_numerics)), bias_->in_space};
 }
 
 void FieldExperiment::learn_again(const std::vector<double>& values, const std::vector<Eigen::MatrixXd>& numbers) {
   if (!measured_.correlate) return;
   Bias learned(values, numbers.at(0), numbers.at(1));
-  learned.doubt = numbers.at(2), learned.of_numerics = static_cast<Eigen::Index>(numbers.at(3)(0, 0)), learned.in_space = numbers.at(4);
+  learned.doubt = numbers.at(2), learned.of_numerics = static_cast<Eigen::Index>(numbers.at(3)(0, 0)),
+  learned.in_space = numbers.at(4);
   bias_ = std::make_shared<Bias>(std::move(learned));
 }
 
@@ -407,19 +466,23 @@ std::vector<std::pair<std::size_t, double>> FieldExperiment::always_there() cons
   for (std::size_t k = 0; k < effects_.size(); ++k) {
     const auto name = effects_[k]->describe(scene_of(k)).name;
     if (name == "misalignment" && !scene().plane && faces_.size() == 1) there.emplace_back(first_[k], 0.005);
-    if (name == "sub-pixel interpolation") there.emplace_back(first_[k], 0.001), there.emplace_back(first_[k] + 1, 0.001);
+    if (name == "sub-pixel interpolation")
+      there.emplace_back(first_[k], 0.001), there.emplace_back(first_[k] + 1, 0.001);
   }
   return there;
 }
 
 Experiment::Doubt FieldExperiment::doubt() const {
-  if (bias_->doubt.cols() == 0) return {Eigen::VectorXd::Zero(static_cast<Eigen::Index>(data_.size())), Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(data_.size()), 1)};
+  if (bias_->doubt.cols() == 0)
+    return {Eigen::VectorXd::Zero(static_cast<Eigen::Index>(data_.size())),
+            Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(data_.size()), 1)};
   return {0.2 * bias_->doubt.leftCols(bias_->of_numerics).rowwise().norm(), bias_->doubt};
 }
 
-/// Sets that differ from `values` in numbers of the law, in what drives the ends or in the section are taken along the derivatives of one series; the others
-/// are simulated.
-std::vector<Eigen::VectorXd> FieldExperiment::residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) {
+/// Sets that differ from `values` in numbers of the law, in what drives the ends or in the section are taken along the
+/// derivatives of one series; the others are simulated.
+std::vector<Eigen::VectorXd> FieldExperiment::residuals_near(const std::vector<double>& values,
+                                                             std::vector<std::vector<double>> sets) {
   if (!differentiable_) return Experiment::residuals_near(values, std::move(sets));
   const Eigen::MatrixXd driving = true_motion(values, measured_.driving);
   const auto here = simulations_of(values, driving);
@@ -428,10 +491,11 @@ std::vector<Eigen::VectorXd> FieldExperiment::residuals_near(const std::vector<d
   std::vector<std::size_t> far;
   for (std::size_t s = 0; s < sets.size(); ++s) {
     const auto there = simulations_of(sets[s], true_motion(sets[s], measured_.driving));
-    const bool near = std::equal(there.begin(), there.end(), here.begin(), here.end(), [&](const auto& a, const auto& b) {
-      const Simulation one = with_section(a.second, values), other = with_section(b.second, values);
-      return a.first == b.first && one.variant == other.variant && one.loading == other.loading;
-    });
+    const bool near =
+        std::equal(there.begin(), there.end(), here.begin(), here.end(), [&](const auto& a, const auto& b) {
+          const Simulation one = with_section(a.second, values), other = with_section(b.second, values);
+          return a.first == b.first && one.variant == other.variant && one.loading == other.loading;
+        });
     if (!near) {
       far.push_back(s);
       continue;
@@ -440,7 +504,8 @@ std::vector<Eigen::VectorXd> FieldExperiment::residuals_near(const std::vector<d
     for (std::size_t j = 0; j < base.law.size(); ++j) {
       if (one.law[j] == base.law[j]) continue;
       const auto same = [&](const Tangent& t) { return t.parameter == static_cast<int>(j); };
-      const auto found = static_cast<std::size_t>(std::find_if(tangents.begin(), tangents.end(), same) - tangents.begin());
+      const auto found =
+          static_cast<std::size_t>(std::find_if(tangents.begin(), tangents.end(), same) - tangents.begin());
       if (found == tangents.size()) tangents.push_back({.parameter = static_cast<int>(j)});
       moves[s].emplace_back(found, one.law[j] - base.law[j]);
     }
@@ -464,13 +529,15 @@ std::vector<Eigen::VectorXd> FieldExperiment::residuals_near(const std::vector<d
   for (std::size_t s = 0; s < sets.size(); ++s) {
     if (std::binary_search(far.begin(), far.end(), s)) continue;
     Prediction moved = nominal;
-    for (const auto& [k, length] : moves[s]) moved.displacement += length * derivatives[k].displacement, moved.force += length * derivatives[k].force;
+    for (const auto& [k, length] : moves[s])
+      moved.displacement += length * derivatives[k].displacement, moved.force += length * derivatives[k].force;
     result[1 + s] = residual_of(observed(sets[s], std::move(moved)));
   }
   return result;
 }
 
-std::vector<Eigen::VectorXd> FieldExperiment::residuals_disturbed(const std::vector<double>& values, std::vector<std::vector<double>> sets, double times) {
+std::vector<Eigen::VectorXd> FieldExperiment::residuals_disturbed(const std::vector<double>& values,
+                                                                  std::vector<std::vector<double>> sets, double times) {
   if (disturbance_.size() == 0) {
     std::mt19937_64 random(17);
     disturbance_ = measured_.smooth(drawn_fields(Eigen::SimplicialLLT<Eigen::SparseMatrix<double>>(M_), random).first);
@@ -488,12 +555,15 @@ std::vector<Eigen::VectorXd> FieldExperiment::residuals_disturbed(const std::vec
   return result;
 }
 
-std::vector<FieldExperiment::Prediction> FieldExperiment::responses(const std::vector<double>& values, const std::vector<Eigen::MatrixXd>& changes) {
+std::vector<FieldExperiment::Prediction> FieldExperiment::responses(const std::vector<double>& values,
+                                                                    const std::vector<Eigen::MatrixXd>& changes) {
   const Eigen::MatrixXd driving = true_motion(values, measured_.driving);
   std::vector<Tangent> tangents;
-  for (const auto& change : changes) tangents.push_back({.driving = true_motion(values, measured_.driving + change) - driving});
+  for (const auto& change : changes)
+    tangents.push_back({.driving = true_motion(values, measured_.driving + change) - driving});
   auto [nominal, moved] = differentiate(values, tangents);
-  if (nominal.force.size() == 0) throw ConvergenceError("the model cannot follow the measured displacement of the ends");
+  if (nominal.force.size() == 0)
+    throw ConvergenceError("the model cannot follow the measured displacement of the ends");
   const Prediction seen = observed(values, nominal);
   for (auto& one : moved) {
     one.displacement += nominal.displacement, one.force += nominal.force;
@@ -503,19 +573,23 @@ std::vector<FieldExperiment::Prediction> FieldExperiment::responses(const std::v
   return moved;
 }
 
-std::vector<FieldExperiment::Prediction> FieldExperiment::differences(const std::vector<double>& values, const std::vector<Eigen::MatrixXd>& changes) {
+std::vector<FieldExperiment::Prediction> FieldExperiment::differences(const std::vector<double>& values,
+                                                                      const std::vector<Eigen::MatrixXd>& changes) {
   const auto nominal = predict({values}, {&measured_.driving}).front();
-  if (nominal.force.size() == 0) throw ConvergenceError("the model cannot follow the measured displacement of the ends");
+  if (nominal.force.size() == 0)
+    throw ConvergenceError("the model cannot follow the measured displacement of the ends");
   std::vector<Prediction> all;
   constexpr std::size_t together = 16;  // whose fields are held at once
   for (std::size_t first = 0; first < changes.size(); first += together) {
     std::vector<Eigen::MatrixXd> drivings;
-    for (std::size_t k = first; k < std::min(changes.size(), first + together); ++k) drivings.emplace_back(measured_.driving + changes[k]);
+    for (std::size_t k = first; k < std::min(changes.size(), first + together); ++k)
+      drivings.emplace_back(measured_.driving + changes[k]);
     std::vector<const Eigen::MatrixXd*> pointers;
     for (const auto& driving : drivings) pointers.push_back(&driving);
     for (auto& p : predict(std::vector<std::vector<double>>(drivings.size(), values), pointers)) {
       if (p.force.size() == 0)  // out of the solver's reach: as if nothing had moved
-        p = {Eigen::MatrixXd::Zero(measured_.displacement.rows(), measured_.force.size()), Eigen::VectorXd::Zero(measured_.force.size())};
+        p = {Eigen::MatrixXd::Zero(measured_.displacement.rows(), measured_.force.size()),
+             Eigen::VectorXd::Zero(measured_.force.size())};
       else
         p.displacement -= nominal.displacement, p.force -= nominal.force;
       all.push_back(std::move(p));
@@ -526,7 +600,8 @@ std::vector<FieldExperiment::Prediction> FieldExperiment::differences(const std:
 
 namespace {
 /// Fields of covariance M^-1 [unknowns x count]; factor: P M P^T = L L^T.
-Eigen::MatrixXd drawn(const Eigen::SimplicialLLT<Eigen::SparseMatrix<double>>& factor, Eigen::Index count, std::mt19937_64& random) {
+Eigen::MatrixXd drawn(const Eigen::SimplicialLLT<Eigen::SparseMatrix<double>>& factor, Eigen::Index count,
+                      std::mt19937_64& random) {
   std::normal_distribution<double> normal;
   Eigen::MatrixXd white(factor.rows(), count);
   for (double& x : white.reshaped()) x = normal(random);
@@ -534,16 +609,19 @@ Eigen::MatrixXd drawn(const Eigen::SimplicialLLT<Eigen::SparseMatrix<double>>& f
 }
 }  // namespace
 
-std::pair<Eigen::MatrixXd, Eigen::MatrixXd> FieldExperiment::drawn_fields(const Eigen::SimplicialLLT<Eigen::SparseMatrix<double>>& factor, std::mt19937_64& random, Eigen::Index rest) const {
+std::pair<Eigen::MatrixXd, Eigen::MatrixXd> FieldExperiment::drawn_fields(
+    const Eigen::SimplicialLLT<Eigen::SparseMatrix<double>>& factor, std::mt19937_64& random, Eigen::Index rest) const {
   const auto frames = measured_.force.size();
   Eigen::MatrixXd field = measured_.noise * drawn(factor, frames + 1 + rest, random);
   for (std::size_t k = 0; k < faces_.size(); ++k)
-    if (const auto& face = measured_.faces[k]; face.frame_noise.size() > 0) field.block(faces_[k].first, 0, face.unknowns(), frames) *= face.frame_noise.asDiagonal();
+    if (const auto& face = measured_.faces[k]; face.frame_noise.size() > 0)
+      field.block(faces_[k].first, 0, face.unknowns(), frames) *= face.frame_noise.asDiagonal();
   const Eigen::VectorXd reference = field.col(frames) / std::sqrt(static_cast<double>(measured_.references));
   return {field.leftCols(frames).colwise() + reference, field.rightCols(rest).colwise() + reference};
 }
 
-std::optional<FieldExperiment::Prediction> FieldExperiment::second_order_of_noise(const std::vector<double>& values, const Prediction& nominal) {
+std::optional<FieldExperiment::Prediction> FieldExperiment::second_order_of_noise(const std::vector<double>& values,
+                                                                                  const Prediction& nominal) {
   constexpr std::size_t pairs = 4;
   const auto frames = measured_.force.size();
   const Eigen::SimplicialLLT<Eigen::SparseMatrix<double>> factor(M_);
@@ -558,7 +636,8 @@ std::optional<FieldExperiment::Prediction> FieldExperiment::second_order_of_nois
   Prediction mean{Eigen::MatrixXd::Zero(nominal.displacement.rows(), frames), Eigen::VectorXd::Zero(frames)};
   for (const auto& p : predict(std::vector<std::vector<double>>(each.size(), values), each)) {
     if (p.force.size() == 0) return std::nullopt;
-    mean.displacement += (nominal.displacement - p.displacement) / static_cast<double>(each.size()), mean.force += (nominal.force - p.force) / static_cast<double>(each.size());
+    mean.displacement += (nominal.displacement - p.displacement) / static_cast<double>(each.size()),
+        mean.force += (nominal.force - p.force) / static_cast<double>(each.size());
   }
   return mean;
 }
@@ -567,7 +646,8 @@ Eigen::MatrixXd FieldExperiment::noise(const std::vector<double>& values, int dr
   const auto frames = measured_.force.size();
   const Eigen::SimplicialLLT<Eigen::SparseMatrix<double>> factor(M_);
   const Eigen::Index rest = measured_.noise_at_rest ? measured_.at_rest : 0;
-  // Other draws for another test: the same ones would err alike in all, and no rate could be told. The same ones for the same record.
+  // Other draws for another test: the same ones would err alike in all, and no rate could be told. The same ones for
+  // the same record.
   std::uint64_t seed = 7;
   for (double force : measured_.force) seed = 6364136223846793005U * seed + std::bit_cast<std::uint64_t>(force);
   std::mt19937_64 random(seed);

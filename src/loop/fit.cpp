@@ -28,7 +28,9 @@ Weight::Weight(const std::vector<Datum>& data, const Eigen::MatrixXd& null, int 
     double count = 0.0;
     for (int k = -window; k <= window; ++k) {
       const auto other = static_cast<std::ptrdiff_t>(t) + k * each;
-      if (other < 0 || other >= static_cast<std::ptrdiff_t>(frames.size()) || frames[static_cast<std::size_t>(other)].second != rows) continue;
+      if (other < 0 || other >= static_cast<std::ptrdiff_t>(frames.size()) ||
+          frames[static_cast<std::size_t>(other)].second != rows)
+        continue;
       const auto block = null.middleRows(frames[static_cast<std::size_t>(other)].first, rows);
       sum += block * block.transpose();
       count += static_cast<double>(null.cols());
@@ -43,14 +45,18 @@ Weight::Weight(const std::vector<Datum>& data, const Eigen::MatrixXd& null, int 
 Eigen::MatrixXd Weight::operator()(const Eigen::MatrixXd& rows) const {
   if (blocks_.empty()) return rows;
   Eigen::MatrixXd result(rows.rows(), rows.cols());
-  for (const auto& [first, inverse] : blocks_) result.middleRows(first, inverse.rows()) = inverse.triangularView<Eigen::Lower>() * rows.middleRows(first, inverse.rows());
+  for (const auto& [first, inverse] : blocks_)
+    result.middleRows(first, inverse.rows()) =
+        inverse.triangularView<Eigen::Lower>() * rows.middleRows(first, inverse.rows());
   return result;
 }
 
 Eigen::MatrixXd Weight::undone(const Eigen::MatrixXd& rows) const {
   if (blocks_.empty()) return rows;
   Eigen::MatrixXd result(rows.rows(), rows.cols());
-  for (const auto& [first, inverse] : blocks_) result.middleRows(first, inverse.rows()) = inverse.triangularView<Eigen::Lower>().solve(rows.middleRows(first, inverse.rows()));
+  for (const auto& [first, inverse] : blocks_)
+    result.middleRows(first, inverse.rows()) =
+        inverse.triangularView<Eigen::Lower>().solve(rows.middleRows(first, inverse.rows()));
   return result;
 }
 
@@ -64,7 +70,8 @@ std::vector<Eigen::Index> rows_of_frames(const std::vector<Datum>& data, const s
 bool on_bound(const Parameter& parameter, double value) {
   const auto& info = parameter.info;
   if (info.shape) return false;
-  const double margin = info.null_value && std::isfinite(info.upper - info.lower) ? 0.01 * (info.upper - info.lower) : 0.1 * parameter.step;
+  const double margin = info.null_value && std::isfinite(info.upper - info.lower) ? 0.01 * (info.upper - info.lower)
+                                                                                  : 0.1 * parameter.step;
   return value < info.lower + margin || value > info.upper - margin;
 }
 
@@ -82,7 +89,8 @@ struct Linear {
   bool exact = true;  // not carried on by secants
 };
 
-Linear linearise(Experiment& experiment, const Weight& weight, const std::vector<double>& at, const std::vector<int>& parameters) {
+Linear linearise(Experiment& experiment, const Weight& weight, const std::vector<double>& at,
+                 const std::vector<int>& parameters) {
   std::vector<std::vector<double>> sets(parameters.size(), at);
   std::vector<double> moves;
   for (std::size_t j = 0; j < parameters.size(); ++j) {
@@ -96,19 +104,23 @@ Linear linearise(Experiment& experiment, const Weight& weight, const std::vector
   result.residual = weight(residuals.front());
   result.sensitivity.setZero(result.residual.size(), static_cast<Eigen::Index>(parameters.size()));
   for (std::size_t j = 0; j < parameters.size(); ++j)
-    if (residuals[1 + j].size() > 0) result.sensitivity.col(static_cast<Eigen::Index>(j)) = weight((residuals.front() - residuals[1 + j]) / moves[j]);
+    if (residuals[1 + j].size() > 0)
+      result.sensitivity.col(static_cast<Eigen::Index>(j)) = weight((residuals.front() - residuals[1 + j]) / moves[j]);
   return result;
 }
 
-/// The sensitivity carried on over a step to where the residual is known (Broyden 1965), in which each parameter counts by its effect.
+/// The sensitivity carried on over a step to where the residual is known (Broyden 1965), in which each parameter counts
+/// by its effect.
 Linear secant(const Linear& from, const Eigen::VectorXd& step, Eigen::VectorXd residual) {
   Linear to{std::move(residual), from.sensitivity, false};
   const Eigen::VectorXd along = from.sensitivity.colwise().squaredNorm().transpose().cwiseProduct(step);
-  if (const double size = along.dot(step); size > 0.0) to.sensitivity += (from.residual - to.residual - from.sensitivity * step) * along.transpose() / size;
+  if (const double size = along.dot(step); size > 0.0)
+    to.sensitivity += (from.residual - to.residual - from.sensitivity * step) * along.transpose() / size;
   return to;
 }
 
-/// A declared parameter whose bound keeps it from taking more off chi^2 than chance would (10) does not give way to what is missing, and its column is zero: free to go beyond, as E to half of it, it would hide a compliance.
+/// A declared parameter whose bound keeps it from taking more off chi^2 than chance would (10) does not give way to
+/// what is missing, and its column is zero: free to go beyond, as E to half of it, it would hide a compliance.
 void hold_at_bounds(Fit& fit, const std::vector<Eigen::Index>& rows, const std::vector<Parameter>& parameters) {
   const Eigen::MatrixXd J = fit.sensitivity(rows, Eigen::all);
   const Eigen::VectorXd r = fit.residual(rows);
@@ -117,7 +129,8 @@ void hold_at_bounds(Fit& fit, const std::vector<Eigen::Index>& rows, const std::
     const auto& info = parameters[k].info;
     const double pull = J.col(j).dot(r), edge = 1e-6 * (info.upper - info.lower);
     if (info.null_value || !std::isfinite(edge)) continue;
-    if (!(fit.values[k] <= info.lower + edge && pull < 0.0) && !(fit.values[k] >= info.upper - edge && pull > 0.0)) continue;
+    if (!(fit.values[k] <= info.lower + edge && pull < 0.0) && !(fit.values[k] >= info.upper - edge && pull > 0.0))
+      continue;
     if (pull * pull > 10.0 * J.col(j).squaredNorm()) fit.sensitivity.col(j).setZero();
   }
 }
@@ -144,7 +157,8 @@ Eigen::MatrixXd directions_beside(const Eigen::MatrixXd& columns, Eigen::MatrixX
   const Eigen::Index count = places.cols();
   Eigen::Index kept = 0;
   double left = eigen.values.cwiseMax(0.0).sum();
-  for (; kept < std::min<Eigen::Index>(9, count) && left > 0.1 * static_cast<double>(count); ++kept) left -= eigen.values[count - 1 - kept];
+  for (; kept < std::min<Eigen::Index>(9, count) && left > 0.1 * static_cast<double>(count); ++kept)
+    left -= eigen.values[count - 1 - kept];
   return places * eigen.vectors.rightCols(kept);
 }
 
@@ -195,7 +209,8 @@ Asked asked_for(const Experiment& experiment, const std::vector<double>& values,
 
 }  // namespace
 
-std::vector<Mark> marks(Experiment& experiment, const Weight& weight, const std::vector<double>& values, const std::vector<int>& candidates) {
+std::vector<Mark> marks(Experiment& experiment, const Weight& weight, const std::vector<double>& values,
+                        const std::vector<int>& candidates) {
   const auto [sets, columns] = asked_for(experiment, values, candidates);
   const auto& parameters = experiment.parameters();
   const auto place_of = [](int j) { return static_cast<std::size_t>(j); };
@@ -214,7 +229,8 @@ std::vector<Mark> marks(Experiment& experiment, const Weight& weight, const std:
     }
     const auto& candidate = experiment.candidates()[static_cast<std::size_t>(candidates[i])];
     if (candidate.elsewhere.empty()) continue;
-    const auto sizes = std::count_if(candidate.parameters.begin(), candidate.parameters.end(), [&](int j) { return !parameters[place_of(j)].info.shape; });
+    const auto sizes = std::count_if(candidate.parameters.begin(), candidate.parameters.end(),
+                                     [&](int j) { return !parameters[place_of(j)].info.shape; });
     const Eigen::MatrixXd here_and_there = std::move(mark.columns), own = here_and_there.leftCols(sizes);
     mark.elsewhere = here_and_there.rightCols(here_and_there.cols() - sizes);
     const Eigen::MatrixXd others = directions_beside(own, mark.elsewhere);
@@ -224,7 +240,9 @@ std::vector<Mark> marks(Experiment& experiment, const Weight& weight, const std:
   return result;
 }
 
-std::optional<DisturbedMarks> disturbed_marks(Experiment& experiment, const Weight& weight, const std::vector<double>& values, const std::vector<int>& candidates, const std::vector<int>& free, double times) {
+std::optional<DisturbedMarks> disturbed_marks(Experiment& experiment, const Weight& weight,
+                                              const std::vector<double>& values, const std::vector<int>& candidates,
+                                              const std::vector<int>& free, double times) {
   auto [sets, columns] = asked_for(experiment, values, candidates);
   auto& its = columns.emplace_back();  // of the free parameters
   for (int j : free) {
@@ -234,26 +252,29 @@ std::optional<DisturbedMarks> disturbed_marks(Experiment& experiment, const Weig
     its.push_back({sets.size(), step});
   }
   const auto residuals = experiment.residuals_disturbed(values, sets, times);
-  if (residuals.empty() || std::any_of(residuals.begin(), residuals.end(), [](const auto& r) { return r.size() == 0; })) return std::nullopt;
+  if (residuals.empty() || std::any_of(residuals.begin(), residuals.end(), [](const auto& r) { return r.size() == 0; }))
+    return std::nullopt;
   DisturbedMarks result;
   for (const auto& of_one : columns) {
     auto& all = result.columns.emplace_back(residuals.front().size(), static_cast<Eigen::Index>(of_one.size()));
-    for (std::size_t c = 0; c < of_one.size(); ++c) all.col(static_cast<Eigen::Index>(c)) = weight((residuals.front() - residuals[of_one[c].moved]) / of_one[c].step);
+    for (std::size_t c = 0; c < of_one.size(); ++c)
+      all.col(static_cast<Eigen::Index>(c)) = weight((residuals.front() - residuals[of_one[c].moved]) / of_one[c].step);
   }
   result.sensitivity = std::move(result.columns.back());
   result.columns.pop_back();
   return result;
 }
 
-Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::Index>& rows, const std::vector<int>& free, std::vector<double> start,
-        const FitOptions& options) {
+Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::Index>& rows,
+        const std::vector<int>& free, std::vector<double> start, const FitOptions& options) {
   const auto& parameters = experiment.parameters();
   const auto unknowns = static_cast<Eigen::Index>(free.size());
   const auto prior_cost = [&](const std::vector<double>& values) {
     double sum = 0.0;
     for (int j = 0; j < static_cast<int>(parameters.size()); ++j) {
       const Parameter& p = parameters[static_cast<std::size_t>(j)];
-      if (p.prior > 0.0 && (p.reading || std::find(free.begin(), free.end(), j) != free.end())) sum += std::pow((values[static_cast<std::size_t>(j)] - p.expected()) / p.prior, 2);
+      if (p.prior > 0.0 && (p.reading || std::find(free.begin(), free.end(), j) != free.end()))
+        sum += std::pow((values[static_cast<std::size_t>(j)] - p.expected()) / p.prior, 2);
     }
     return sum;
   };
@@ -261,12 +282,15 @@ Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::I
   double damping = 1e-8;  // Levenberg's and Marquardt's
   const bool costly = std::any_of(free.begin(), free.end(), [&](int j) { return experiment.takes_simulations(j); });
   Linear at;
-  int last = options.max_iterations.value_or(experiment.most_iterations()), small = 0;  // small: steps in a row that took hardly anything off of what was expected
+  // small: steps in a row that took hardly anything off of what was expected
+  int last = options.max_iterations.value_or(experiment.most_iterations()), small = 0;
   for (result.iterations = 0; result.iterations <= last; ++result.iterations) {
-    if (at.residual.size() == 0 || (result.iterations == last && !at.exact)) at = linearise(experiment, weight, result.values, free);
+    if (at.residual.size() == 0 || (result.iterations == last && !at.exact))
+      at = linearise(experiment, weight, result.values, free);
     if (at.residual.size() == 0) {
       const std::string obstacle = experiment.obstacle(result.values);
-      throw ConvergenceError("the model cannot be computed where its identification starts" + (obstacle.empty() ? obstacle : ": " + obstacle));
+      throw ConvergenceError("the model cannot be computed where its identification starts" +
+                             (obstacle.empty() ? obstacle : ": " + obstacle));
     }
     result.residual = at.residual;
     result.sensitivity = at.sensitivity;
@@ -282,13 +306,16 @@ Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::I
       const double value = result.values[k], size = std::abs(value);
       if (p.prior > 0.0) H(j, j) += 1.0 / (p.prior * p.prior), b[j] -= (value - p.expected()) / (p.prior * p.prior);
       // A parameter changes by no more than half; a shape may lie anywhere over decades; the size of an effect is free.
-      const double down = p.info.shape ? (size > 0.0 ? 0.7 * size : 0.1 * p.info.scale) : p.info.null_value ? INFINITY : std::max(0.5 * size, 0.1 * std::abs(p.value));
+      const double down = p.info.shape        ? (size > 0.0 ? 0.7 * size : 0.1 * p.info.scale)
+                          : p.info.null_value ? INFINITY
+                                              : std::max(0.5 * size, 0.1 * std::abs(p.value));
       const double up = p.info.shape && size > 0.0 ? 2.0 * size : down;
       low[j] = std::max(-down, p.info.lower - value), high[j] = std::min(up, p.info.upper - value);
     }
     const Eigen::VectorXd full = bounded_step(H, b, low, high, 1e-12);
     const double expected = 2.0 * b.dot(full) - full.dot(H * full);
-    if (expected < std::max(options.tolerance * static_cast<double>(std::max<Eigen::Index>(1, unknowns)), 1e-6 * result.cost)) {
+    if (expected <
+        std::max(options.tolerance * static_cast<double>(std::max<Eigen::Index>(1, unknowns)), 1e-6 * result.cost)) {
       if (!at.exact) {
         at = {};
         continue;
@@ -296,20 +323,24 @@ Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::I
       result.converged = true;
       break;
     }
-    // More and more damped until the residual falls. The first step is taken as a rule: its derivatives are found with it, where they do not
-    // take simulations of their own. Where they do, they are found anew when their secants no longer serve.
+    // More and more damped until the residual falls. The first step is taken as a rule: its derivatives are found with
+    // it, where they do not take simulations of their own. Where they do, they are found anew when their secants no
+    // longer serve.
     bool moved = false;
     for (int trial = 0; trial < 8 && !moved; ++trial) {
       const Eigen::VectorXd step = bounded_step(H, b, low, high, damping);
       std::vector<double> values = result.values;
-      for (Eigen::Index j = 0; j < unknowns; ++j) values[static_cast<std::size_t>(free[static_cast<std::size_t>(j)])] += step[j];
+      for (Eigen::Index j = 0; j < unknowns; ++j)
+        values[static_cast<std::size_t>(free[static_cast<std::size_t>(j)])] += step[j];
       Linear there;
       const bool with_derivatives = trial == 0 && !costly;
       if (with_derivatives)
         there = linearise(experiment, weight, values, free);
       else if (const auto residual = experiment.residuals({values}).front(); residual.size() > 0)
         there = secant(at, step, weight(residual));
-      const double cost = there.residual.size() == 0 ? INFINITY : Eigen::VectorXd(there.residual(rows)).squaredNorm() + prior_cost(values);
+      const double cost = there.residual.size() == 0
+                              ? INFINITY
+                              : Eigen::VectorXd(there.residual(rows)).squaredNorm() + prior_cost(values);
       if (cost < result.cost) {
         const bool as_expected = result.cost - cost > 0.5 * (2.0 * b.dot(step) - step.dot(H * step));
         small = result.cost - cost < std::max(1e-4 * result.cost, 0.01 * expected) ? small + 1 : 0;

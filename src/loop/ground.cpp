@@ -9,9 +9,10 @@ namespace imic3d::loop {
 
 namespace {
 
-/// The learned bias is known to a part only (the synthetic images differ from real ones, the finer mesh errs too): what is
-/// not known of it joins the noise, for each number of a frame and again for all of them together (and for each further thing that is unknown) a random polynomial of second degree in time.
-/// Number by number alone it would cancel over the many numbers that a parameter is found from.
+/// The learned bias is known to a part only (the synthetic images differ from real ones, the finer mesh errs too): what
+/// is not known of it joins the noise, for each number of a frame and again for all of them together (and for each
+/// further thing that is unknown) a random polynomial of second degree in time. Number by number alone it would cancel
+/// over the many numbers that a parameter is found from.
 void doubt_bias(const Experiment& experiment, Eigen::MatrixXd& null) {
   const Experiment::Doubt doubt = experiment.doubt();
   if (doubt.each.size() == 0) return;
@@ -38,7 +39,8 @@ void doubt_bias(const Experiment& experiment, Eigen::MatrixXd& null) {
     for (std::size_t i = 0; i < data.size(); ++i) {
       const double s = clock[static_cast<std::size_t>(data[i].frame)];
       const auto row = static_cast<Eigen::Index>(i);
-      const Eigen::Vector3d both = (doubt.each[row] * c.col(place[i]) + whole * doubt.whole.row(row).transpose()) / size;
+      const Eigen::Vector3d both =
+          (doubt.each[row] * c.col(place[i]) + whole * doubt.whole.row(row).transpose()) / size;
       draw[row] += both[0] + both[1] * s + both[2] * 0.5 * (3.0 * s * s - 1.0);
     }
   }
@@ -54,7 +56,8 @@ std::shared_ptr<const Ground> ground_of(Experiment& experiment, const std::vecto
   Eigen::MatrixXd null = experiment.noise(values, asked + draws);
   doubt_bias(experiment, null);
   Eigen::MatrixXd of_weight = null.leftCols(asked);
-  // Numbers whose noise was estimated from themselves are whitened with that; to weigh them by it once more would be to trust it twice.
+  // Numbers whose noise was estimated from themselves are whitened with that; to weigh them by it once more would be to
+  // trust it twice.
   const Eigen::VectorXd freedom = experiment.freedom();
   for (Eigen::Index i = 0; i < freedom.size(); ++i)
     if (std::isfinite(freedom[i])) of_weight.row(i).setZero();
@@ -62,7 +65,8 @@ std::shared_ptr<const Ground> ground_of(Experiment& experiment, const std::vecto
   ground->weight = Weight(data, of_weight);
   ground->null = ground->weight(null.rightCols(draws));
   ground->squares = ground->weight(experiment.noise_of_squares(values, null.rightCols(asked)));
-  if (std::any_of(data.begin(), data.end(), [](const Datum& d) { return d.channel > 0; })) ground->apart = Weight(data, of_weight, 2, true);
+  if (std::any_of(data.begin(), data.end(), [](const Datum& d) { return d.channel > 0; }))
+    ground->apart = Weight(data, of_weight, 2, true);
   return ground;
 }
 

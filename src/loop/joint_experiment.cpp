@@ -39,14 +39,16 @@ JointExperiment::JointExperiment(std::vector<Test> tests) : tests_(std::move(tes
     first_row_.push_back(static_cast<Eigen::Index>(data_.size()));
   }
   first_frame_.push_back(frame);
-  std::stable_sort(candidates_.begin(), candidates_.end(), [](const auto& a, const auto& b) { return a.link < b.link; });
+  std::stable_sort(candidates_.begin(), candidates_.end(),
+                   [](const auto& a, const auto& b) { return a.link < b.link; });
 }
 
 void JointExperiment::take_parameters(std::size_t test) {
   auto& places = place_.emplace_back();
   for (Parameter p : tests_[test].experiment->parameters()) {
     if (!of_the_law(p)) p.info.name = with_test(p.info.name, tests_[test].name);
-    const auto same = std::find_if(parameters_.begin(), parameters_.end(), [&](const Parameter& other) { return other.info.name == p.info.name; });
+    const auto same = std::find_if(parameters_.begin(), parameters_.end(),
+                                   [&](const Parameter& other) { return other.info.name == p.info.name; });
     places.push_back(static_cast<int>(same - parameters_.begin()));
     const auto usual = [](const Parameter& q) { return q.info.shape && !q.free && q.value == q.info.null_value; };
     if (same == parameters_.end())
@@ -54,7 +56,8 @@ void JointExperiment::take_parameters(std::size_t test) {
     else if (usual(*same) && usual(p)) {
       if (p.value < same->value) *same = std::move(p);  // a reference rate is that of the slowest test
     } else if (same->value != p.value || same->prior != p.prior || same->free != p.free)
-      throw InputError("material.parameters." + p.info.name, fmt::format("{}, {}free, in {}", p.value, p.free ? "" : "not ", tests_[test].name),
+      throw InputError("material.parameters." + p.info.name,
+                       fmt::format("{}, {}free, in {}", p.value, p.free ? "" : "not ", tests_[test].name),
                        fmt::format("{}, {}free, as in {}", same->value, same->free ? "" : "not ", tests_.front().name));
   }
 }
@@ -62,14 +65,19 @@ void JointExperiment::take_parameters(std::size_t test) {
 void JointExperiment::take_candidates(std::size_t test) {
   auto& names = names_.emplace_back();
   for (Candidate candidate : tests_[test].experiment->candidates()) {
-    const bool shared = std::all_of(candidate.parameters.begin(), candidate.parameters.end(), [&](int j) { return of_the_law(tests_[test].experiment->parameters()[static_cast<std::size_t>(j)]); });
+    const bool shared = std::all_of(candidate.parameters.begin(), candidate.parameters.end(), [&](int j) {
+      return of_the_law(tests_[test].experiment->parameters()[static_cast<std::size_t>(j)]);
+    });
     for (int& j : candidate.parameters) j = place_[test][static_cast<std::size_t>(j)];
     if (!shared) {
-      candidate.name = with_test(candidate.name, tests_[test].name), candidate.sentence = tests_[test].name + ": " + candidate.sentence;
+      candidate.name = with_test(candidate.name, tests_[test].name),
+      candidate.sentence = tests_[test].name + ": " + candidate.sentence;
       if (!candidate.after.empty()) candidate.after = with_test(candidate.after, tests_[test].name);
     }
     names.push_back(candidate.name);
-    if (std::none_of(candidates_.begin(), candidates_.end(), [&](const Candidate& other) { return other.name == candidate.name; })) candidates_.push_back(std::move(candidate));
+    if (std::none_of(candidates_.begin(), candidates_.end(),
+                     [&](const Candidate& other) { return other.name == candidate.name; }))
+      candidates_.push_back(std::move(candidate));
   }
 }
 
@@ -79,7 +87,11 @@ std::vector<int> JointExperiment::frame_numbers() const {
   return all;
 }
 
-std::size_t JointExperiment::test_with(int frame) const { return static_cast<std::size_t>(std::upper_bound(first_frame_.begin(), first_frame_.end(), frame) - first_frame_.begin()) - 1; }
+std::size_t JointExperiment::test_with(int frame) const {
+  return static_cast<std::size_t>(std::upper_bound(first_frame_.begin(), first_frame_.end(), frame) -
+                                  first_frame_.begin()) -
+         1;
+}
 
 std::pair<int, int> JointExperiment::test_of(int frame) const {
   const auto test = test_with(frame);
@@ -93,7 +105,9 @@ std::string JointExperiment::frame_name(int frame) const {
 
 std::string JointExperiment::channel_name(int channel) const {
   for (const Test& test : tests_)
-    if (const auto& data = test.experiment->data(); std::any_of(data.begin(), data.end(), [channel](const Datum& d) { return d.channel == channel; })) return test.experiment->channel_name(channel);
+    if (const auto& data = test.experiment->data();
+        std::any_of(data.begin(), data.end(), [channel](const Datum& d) { return d.channel == channel; }))
+      return test.experiment->channel_name(channel);
   return Experiment::channel_name(channel);
 }
 
@@ -106,21 +120,28 @@ std::vector<double> JointExperiment::values_of(std::size_t test, const std::vect
 /// Each test is asked once for each set of its own values.
 std::vector<Eigen::VectorXd> JointExperiment::residuals(const std::vector<std::vector<double>>& sets) {
   if (sets.empty()) return {};
-  return asked(sets.front(), {sets.begin() + 1, sets.end()}, [](Experiment& test, const std::vector<std::vector<double>>& own) { return test.residuals(own); });
+  return asked(sets.front(), {sets.begin() + 1, sets.end()},
+               [](Experiment& test, const std::vector<std::vector<double>>& own) { return test.residuals(own); });
 }
 
-std::vector<Eigen::VectorXd> JointExperiment::residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) {
-  return asked(values, sets, [](Experiment& test, const std::vector<std::vector<double>>& own) { return test.residuals_near(own.front(), {own.begin() + 1, own.end()}); });
+std::vector<Eigen::VectorXd> JointExperiment::residuals_near(const std::vector<double>& values,
+                                                             std::vector<std::vector<double>> sets) {
+  return asked(values, sets, [](Experiment& test, const std::vector<std::vector<double>>& own) {
+    return test.residuals_near(own.front(), {own.begin() + 1, own.end()});
+  });
 }
 
-std::vector<Eigen::VectorXd> JointExperiment::residuals_disturbed(const std::vector<double>& values, std::vector<std::vector<double>> sets, double times) {
+std::vector<Eigen::VectorXd> JointExperiment::residuals_disturbed(const std::vector<double>& values,
+                                                                  std::vector<std::vector<double>> sets, double times) {
   return asked(values, sets, [times](Experiment& test, const std::vector<std::vector<double>>& own) {
     auto found = test.residuals_disturbed(own.front(), {own.begin() + 1, own.end()}, times);
     return found.size() != own.size() ? test.residuals_near(own.front(), {own.begin() + 1, own.end()}) : found;
   });
 }
 
-std::vector<Eigen::VectorXd> JointExperiment::asked(const std::vector<double>& values, const std::vector<std::vector<double>>& sets, const Question& question) {
+std::vector<Eigen::VectorXd> JointExperiment::asked(const std::vector<double>& values,
+                                                    const std::vector<std::vector<double>>& sets,
+                                                    const Question& question) {
   const Eigen::Index rows = first_row_.back();
   std::vector<Eigen::VectorXd> all(1 + sets.size(), Eigen::VectorXd(rows));
   for (std::size_t k = 0; k < tests_.size(); ++k) {
@@ -146,13 +167,16 @@ std::vector<Eigen::VectorXd> JointExperiment::asked(const std::vector<double>& v
 
 std::string JointExperiment::obstacle(const std::vector<double>& values) const {
   for (std::size_t k = 0; k < tests_.size(); ++k)
-    if (const auto its = tests_[k].experiment->obstacle(values_of(k, values)); !its.empty()) return tests_[k].name + ": " + its;
+    if (const auto its = tests_[k].experiment->obstacle(values_of(k, values)); !its.empty())
+      return tests_[k].name + ": " + its;
   return {};
 }
 
 bool JointExperiment::takes_simulations(int parameter) const {
   for (std::size_t k = 0; k < tests_.size(); ++k)
-    if (const auto own = std::find(place_[k].begin(), place_[k].end(), parameter); own != place_[k].end() && tests_[k].experiment->takes_simulations(static_cast<int>(own - place_[k].begin()))) return true;
+    if (const auto own = std::find(place_[k].begin(), place_[k].end(), parameter);
+        own != place_[k].end() && tests_[k].experiment->takes_simulations(static_cast<int>(own - place_[k].begin())))
+      return true;
   return false;
 }
 
@@ -171,7 +195,8 @@ double JointExperiment::round_off() const {
 Eigen::VectorXd JointExperiment::freedom() const {
   Eigen::VectorXd all = Eigen::VectorXd::Constant(first_row_.back(), std::numeric_limits<double>::infinity());
   for (std::size_t k = 0; k < tests_.size(); ++k)
-    if (const Eigen::VectorXd own = tests_[k].experiment->freedom(); own.size() > 0) all.segment(first_row_[k], own.size()) = own;
+    if (const Eigen::VectorXd own = tests_[k].experiment->freedom(); own.size() > 0)
+      all.segment(first_row_[k], own.size()) = own;
   return all;
 }
 
@@ -234,7 +259,9 @@ void JointExperiment::learn_again(const std::vector<double>& values, const std::
 
 Eigen::MatrixXd JointExperiment::noise(const std::vector<double>& values, int draws) {
   Eigen::MatrixXd all(first_row_.back(), draws);
-  for (std::size_t k = 0; k < tests_.size(); ++k) all.middleRows(first_row_[k], first_row_[k + 1] - first_row_[k]) = tests_[k].experiment->noise(values_of(k, values), draws);
+  for (std::size_t k = 0; k < tests_.size(); ++k)
+    all.middleRows(first_row_[k], first_row_[k + 1] - first_row_[k]) =
+        tests_[k].experiment->noise(values_of(k, values), draws);
   return all;
 }
 
@@ -242,7 +269,8 @@ Eigen::MatrixXd JointExperiment::noise_of_squares(const std::vector<double>& val
   Eigen::MatrixXd all(noise.rows(), noise.cols());
   for (std::size_t k = 0; k < tests_.size(); ++k) {
     const auto first = first_row_[k], count = first_row_[k + 1] - first;
-    all.middleRows(first, count) = tests_[k].experiment->noise_of_squares(values_of(k, values), noise.middleRows(first, count));
+    all.middleRows(first, count) =
+        tests_[k].experiment->noise_of_squares(values_of(k, values), noise.middleRows(first, count));
   }
   return all;
 }
@@ -257,17 +285,23 @@ std::vector<int> JointExperiment::held_out() const {
 std::vector<int> JointExperiment::candidates_of(std::size_t test, const std::vector<int>& all) const {
   std::vector<int> own;
   for (int k : all)
-    if (const auto found = std::find(names_[test].begin(), names_[test].end(), candidates_[static_cast<std::size_t>(k)].name); found != names_[test].end()) own.push_back(static_cast<int>(found - names_[test].begin()));
+    if (const auto found =
+            std::find(names_[test].begin(), names_[test].end(), candidates_[static_cast<std::size_t>(k)].name);
+        found != names_[test].end())
+      own.push_back(static_cast<int>(found - names_[test].begin()));
   return own;
 }
 
 Model JointExperiment::model_of(std::size_t test, const Model& all) const {
   Model model = all;
-  const auto own_place = [&](int parameter) { return static_cast<int>(std::find(place_[test].begin(), place_[test].end(), parameter) - place_[test].begin()); };
+  const auto own_place = [&](int parameter) {
+    return static_cast<int>(std::find(place_[test].begin(), place_[test].end(), parameter) - place_[test].begin());
+  };
   std::vector<Eigen::Index> kept;  // free parameters that the test has
   model.fit.free.clear();
   for (std::size_t i = 0; i < all.fit.free.size(); ++i)
-    if (const int own = own_place(all.fit.free[i]); own < static_cast<int>(place_[test].size())) kept.push_back(static_cast<Eigen::Index>(i)), model.fit.free.push_back(own);
+    if (const int own = own_place(all.fit.free[i]); own < static_cast<int>(place_[test].size()))
+      kept.push_back(static_cast<Eigen::Index>(i)), model.fit.free.push_back(own);
   if (!all.fit.values.empty()) model.fit.values = values_of(test, all.fit.values);
   if (all.covariance.size() > 0) model.covariance = all.covariance(kept, kept).eval();
   model.added = candidates_of(test, all.added);
@@ -289,10 +323,13 @@ Model JointExperiment::model_of(std::size_t test, const Model& all) const {
     }
   for (int i : all.baselines.bic)
     if (const auto own = candidates_of(test, {all.others[static_cast<std::size_t>(i)]}); !own.empty())
-      model.baselines.bic.push_back(static_cast<int>(std::find(model.others.begin(), model.others.end(), own.front()) - model.others.begin()));
+      model.baselines.bic.push_back(
+          static_cast<int>(std::find(model.others.begin(), model.others.end(), own.front()) - model.others.begin()));
   model.misfit.cameras.clear();  // counted over all tests
   const int first = first_frame_[test], frames = first_frame_[test + 1] - first;
-  if (all.misfit.frames.size() > 0) model.misfit.frames = all.misfit.frames.segment(first, frames).eval(), model.misfit.null_frames = all.misfit.null_frames.segment(first, frames).eval();
+  if (all.misfit.frames.size() > 0)
+    model.misfit.frames = all.misfit.frames.segment(first, frames).eval(),
+    model.misfit.null_frames = all.misfit.null_frames.segment(first, frames).eval();
   if (all.ground)
     if (const auto learned = std::dynamic_pointer_cast<const LearnedByTests>(all.ground->learned)) {
       auto ground = std::make_shared<Ground>();
@@ -308,16 +345,21 @@ Report JointExperiment::report_of(std::size_t test, const Report& all) {
   report.held_out.assign(all.held_out.begin() + first_frame_[test], all.held_out.begin() + first_frame_[test + 1]);
   report.declared = model_of(test, all.declared), report.final = model_of(test, all.final);
   report.verdict = all.verdict, report.sentence = all.sentence;
-  report.set = candidates_of(test, all.set), report.named = candidates_of(test, all.named), report.invisible = candidates_of(test, all.invisible);
+  report.set = candidates_of(test, all.set), report.named = candidates_of(test, all.named),
+  report.invisible = candidates_of(test, all.invisible);
   for (const Round& round : all.rounds) {
     Round& own = report.rounds.emplace_back();
     own.set = candidates_of(test, round.set), own.kept = round.kept;
     for (const Trial& trial : round.trials)
       if (const auto candidate = candidates_of(test, {trial.candidate}); !candidate.empty())
-        own.trials.push_back({candidate.front(), model_of(test, trial.model), trial.visible, trial.sufficient, trial.plausible, trial.disagrees, trial.objection, trial.drop});
+        own.trials.push_back({candidate.front(), model_of(test, trial.model), trial.visible, trial.sufficient,
+                              trial.plausible, trial.disagrees, trial.objection, trial.drop});
   }
   const Appraisal appraisal(*this, all.held_out, {});
-  const auto left = [&](const Model& model) { return leftover_of(model, appraisal.left_of_null(model)).of(first_row_[test], first_row_[test + 1] - first_row_[test]); };
+  const auto left = [&](const Model& model) {
+    return leftover_of(model, appraisal.left_of_null(model))
+        .of(first_row_[test], first_row_[test + 1] - first_row_[test]);
+  };
   report.remainder = remainder_of(*tests_[test].experiment, left(all.declared), left(all.final));
   return report;
 }

@@ -8,29 +8,35 @@
 #include <cstdint>
 #include <random>
 
+#include "declared.hpp"
 #include "imic3d/core/error.hpp"
 #include "imic3d/core/linear.hpp"
 #include "imic3d/core/median.hpp"
 #include "imic3d/loop/statistics.hpp"
-#include "declared.hpp"
 
 namespace imic3d::loop {
 
 namespace {
 
-constexpr double level_known_to = 0.1;     // of a cell's mean square, constant over time: noise goes with brightness
-constexpr double noise_known_to = 0.03;     // of a cell's mean square, over time: it goes with brightness, and no interpolation is right to better than that
-constexpr double light_known_to = 1e-4;    // of the light, over time: neither lamp nor sensor is steady, nor interpolation right, to better than that
-constexpr double saturated_allowed = 1e-4; // share of the pixels: hot ones
-constexpr double judged_by_ratio = 10.0;   // standard deviations
+// of a cell's mean square, constant over time: noise goes with brightness
+constexpr double level_known_to = 0.1;
+// of a cell's mean square, over time: it goes with brightness, and no interpolation is right to better than that
+constexpr double noise_known_to = 0.03;
+// of the light, over time: neither lamp nor sensor is steady, nor interpolation right, to better than that
+constexpr double light_known_to = 1e-4;
+constexpr double saturated_allowed = 1e-4;  // share of the pixels: hot ones
+constexpr double judged_by_ratio = 10.0;    // standard deviations
 
 Eigen::VectorXd compressed(const Eigen::VectorXd& z) { return judged_by_ratio * (z / judged_by_ratio).array().asinh(); }
 
 /// Whitens S ((1 - shared) 1 + shared 1 1^T) S + level 1 1^T, S of each frame's standard deviation [frames].
-Eigen::MatrixXd over_time(const Eigen::VectorXd& deviation, double shared, double level, const std::vector<int>& held_out) {
+Eigen::MatrixXd over_time(const Eigen::VectorXd& deviation, double shared, double level,
+                          const std::vector<int>& held_out) {
   const auto frames = deviation.size();
-  const Eigen::MatrixXd alike = (1.0 - shared) * Eigen::MatrixXd::Identity(frames, frames) + Eigen::MatrixXd::Constant(frames, frames, shared);
-  const Eigen::MatrixXd covariance = deviation.asDiagonal() * alike * deviation.asDiagonal() + Eigen::MatrixXd::Constant(frames, frames, level);
+  const Eigen::MatrixXd alike =
+      (1.0 - shared) * Eigen::MatrixXd::Identity(frames, frames) + Eigen::MatrixXd::Constant(frames, frames, shared);
+  const Eigen::MatrixXd covariance =
+      deviation.asDiagonal() * alike * deviation.asDiagonal() + Eigen::MatrixXd::Constant(frames, frames, level);
   return whitening(covariance, held_out);
 }
 
@@ -52,46 +58,82 @@ struct LightExperiment::Whitening {
   Eigen::Index first_row = 0;              // within a frame
 };
 
-LightExperiment::LightExperiment(std::vector<LightCamera> cameras, std::vector<int> frames, std::vector<int> held_out, const std::vector<DeclaredEffect>& declared, Synthetic synthetic,
+LightExperiment::LightExperiment(std::vector<LightCamera> cameras, std::vector<int> frames, std::vector<int> held_out,
+                                 const std::vector<DeclaredEffect>& declared, Synthetic synthetic,
                                  const std::function<std::string(std::string)>& unit)
-    : cameras_(std::move(cameras)), frames_(std::move(frames)), held_out_(std::move(held_out)), synthetic_(std::move(synthetic)) {
+    : cameras_(std::move(cameras)),
+      frames_(std::move(frames)),
+      held_out_(std::move(held_out)),
+      synthetic_(std::move(synthetic)) {
   make_whitening();
   for (const auto& camera : cameras_)
-    parameters_.push_back({.info = {.name = cameras_.size() == 1 ? "noise" : "noise_" + camera.optics.camera, .unit = "grey level", .description = "standard deviation of one image", .lower = 0.1 * camera.optics.noise, .upper = 10.0 * camera.optics.noise},
-                           .value = camera.optics.noise, .step = 1e-3 * camera.optics.noise, .free = true});
+    parameters_.push_back({.info = {.name = cameras_.size() == 1 ? "noise" : "noise_" + camera.optics.camera,
+                                    .unit = "grey level",
+                                    .description = "standard deviation of one image",
+                                    .lower = 0.1 * camera.optics.noise,
+                                    .upper = 10.0 * camera.optics.noise},
+                           .value = camera.optics.noise,
+                           .step = 1e-3 * camera.optics.noise,
+                           .free = true});
   const Scene& scene = cameras_.front().scene;
   const auto add = [&](const std::shared_ptr<const Effect>& effect, int camera) {
     const auto description = effect->describe(scene);
     const std::string whose = camera < 0 ? "" : cameras_[static_cast<std::size_t>(camera)].optics.camera + " ";
-    Candidate candidate{whose + description.name, description.link, {}, description.sentence + (camera < 0 ? "" : ", of the camera " + cameras_[static_cast<std::size_t>(camera)].optics.camera), description.confused_with, description.separated_by, {}};
+    Candidate candidate{
+        whose + description.name,
+        description.link,
+        {},
+        description.sentence +
+            (camera < 0 ? "" : ", of the camera " + cameras_[static_cast<std::size_t>(camera)].optics.camera),
+        description.confused_with,
+        description.separated_by,
+        {}};
     first_.push_back(parameters_.size());
     int place = -1;
     for (const auto& q : description.quantities) {
       ++place;
       const int j = static_cast<int>(parameters_.size());
-      parameters_.push_back({.info = {.name = q.name, .unit = unit ? unit(q.unit) : q.unit, .description = q.description, .lower = q.lower, .upper = q.upper, .null_value = q.null, .shape = q.shape, .scale = q.shape ? q.scale : std::abs(q.size - q.null)},
-                             .value = q.null, .step = q.step, .prior = 0.0, .free = false});
+      parameters_.push_back({.info = {.name = q.name,
+                                      .unit = unit ? unit(q.unit) : q.unit,
+                                      .description = q.description,
+                                      .lower = q.lower,
+                                      .upper = q.upper,
+                                      .null_value = q.null,
+                                      .shape = q.shape,
+                                      .scale = q.shape ? q.scale : std::abs(q.size - q.null)},
+                             .value = q.null,
+                             .step = q.step,
+                             .prior = 0.0,
+                             .free = false});
       // What no camera sees has no mark.
-      const bool seen = !q.name.starts_with("loose_") || std::any_of(cameras_.begin(), cameras_.end(), [&](const auto& its) {
-        return std::find(its.optics.places.begin(), its.optics.places.end(), place) != its.optics.places.end();
-      });
+      const bool seen =
+          !q.name.starts_with("loose_") || std::any_of(cameras_.begin(), cameras_.end(), [&](const auto& its) {
+            return std::find(its.optics.places.begin(), its.optics.places.end(), place) != its.optics.places.end();
+          });
       if (!declare(parameters_.back(), candidate.name, declared) && seen) candidate.parameters.push_back(j);
       parameters_.back().info.name = key_of(whose) + q.name;
     }
     const auto fitted = [&](bool LightOptics::*what) {
-      return camera < 0 ? std::all_of(cameras_.begin(), cameras_.end(), [&](const auto& its) { return its.optics.*what; }) : cameras_[static_cast<std::size_t>(camera)].optics.*what;
+      return camera < 0
+                 ? std::all_of(cameras_.begin(), cameras_.end(), [&](const auto& its) { return its.optics.*what; })
+                 : cameras_[static_cast<std::size_t>(camera)].optics.*what;
     };
     const auto& name = description.name;
-    if ((name == "light gain" || name == "light offset") && fitted(&LightOptics::gain_and_offset_fitted)) candidate.parameters.clear();
+    if ((name == "light gain" || name == "light offset") && fitted(&LightOptics::gain_and_offset_fitted))
+      candidate.parameters.clear();
     if ((name == "noise level" || name == "aliasing") && images_compressed()) candidate.parameters.clear();
     if (name == "light gradient" && fitted(&LightOptics::local)) candidate.parameters.clear();
-    if (name == "aliasing" && fitted(&LightOptics::local)) std::erase_if(candidate.parameters, [&](int j) { return parameters_[static_cast<std::size_t>(j)].info.shape; });
-    if (std::any_of(candidate.parameters.begin(), candidate.parameters.end(), [&](int j) { return !parameters_[static_cast<std::size_t>(j)].info.shape; })) candidates_.push_back(std::move(candidate));
+    if (name == "aliasing" && fitted(&LightOptics::local))
+      std::erase_if(candidate.parameters, [&](int j) { return parameters_[static_cast<std::size_t>(j)].info.shape; });
+    if (std::any_of(candidate.parameters.begin(), candidate.parameters.end(),
+                    [&](int j) { return !parameters_[static_cast<std::size_t>(j)].info.shape; }))
+      candidates_.push_back(std::move(candidate));
     effects_.push_back(effect), camera_of_.push_back(camera);
   };
   for (const auto& effect : light_effects()) {
     add(effect, -1);
-    for (int k = 0; cameras_.size() > 1 && effect->of_one_of_several() && k < static_cast<int>(cameras_.size()); ++k) add(effect, k);
+    for (int k = 0; cameras_.size() > 1 && effect->of_one_of_several() && k < static_cast<int>(cameras_.size()); ++k)
+      add(effect, k);
   }
   const auto count = static_cast<Eigen::Index>(frames_.size());
   for (Eigen::Index t = 0; t < count; ++t)
@@ -126,7 +168,8 @@ bool LightExperiment::images_compressed() const {
   return std::any_of(cameras_.begin(), cameras_.end(), [](const auto& camera) { return camera.optics.compressed; });
 }
 
-/// Clock time of the largest jump of a cell's mean square over time, if it is far beyond noise: then the data's own choice is no chance. 0: none.
+/// Clock time of the largest jump of a cell's mean square over time, if it is far beyond noise: then the data's own
+/// choice is no chance. 0: none.
 double LightExperiment::plain_onset() const {
   double largest = 20.0, onset = 0.0;
   for (std::size_t k = 0; k < cameras_.size(); ++k) {
@@ -135,7 +178,9 @@ double LightExperiment::plain_onset() const {
     for (Eigen::Index c = 0; c < w.expected.rows(); ++c) {
       double before = 0.0, all = 0.0;
       Eigen::VectorXd q(w.expected.cols());
-      for (Eigen::Index t = 0; t < q.size(); ++t) q[t] = (cameras_[k].frames[static_cast<std::size_t>(t)].squares[c] / w.expected(c, t) - 1.0) / w.deviation(c, t);
+      for (Eigen::Index t = 0; t < q.size(); ++t)
+        q[t] =
+            (cameras_[k].frames[static_cast<std::size_t>(t)].squares[c] / w.expected(c, t) - 1.0) / w.deviation(c, t);
       q = compressed(q), all = q.sum();
       for (Eigen::Index t = 1; t < q.size(); ++t) {
         before += q[t - 1];
@@ -168,22 +213,29 @@ void LightExperiment::make_whitening() {
       w.deviation.col(t) = (tails * frame.spread.array()).sqrt() / unit;
     }
     // Symmetric roots: each number stays that of its cell.
-    const SymmetricEigen eigen = symmetric_eigen(optics.G.diagonal().cwiseSqrt().cwiseInverse().asDiagonal() * optics.G * optics.G.diagonal().cwiseSqrt().cwiseInverse().asDiagonal());
+    const SymmetricEigen eigen =
+        symmetric_eigen(optics.G.diagonal().cwiseSqrt().cwiseInverse().asDiagonal() * optics.G *
+                        optics.G.diagonal().cwiseSqrt().cwiseInverse().asDiagonal());
     const double floor = 1e-8 * eigen.values.maxCoeff();
     const Eigen::VectorXd root = (eigen.values.array() > floor).select(eigen.values.array().max(floor).rsqrt(), 0.0);
-    w.of_linear = eigen.vectors * root.asDiagonal() * eigen.vectors.transpose() * optics.G.diagonal().cwiseSqrt().cwiseInverse().asDiagonal() / optics.noise;
-    Eigen::MatrixXd fitted = Eigen::MatrixXd::Zero(optics.R.cols(), 4);  // offset and gain of a frame, the gain's slopes
+    w.of_linear = eigen.vectors * root.asDiagonal() * eigen.vectors.transpose() *
+                  optics.G.diagonal().cwiseSqrt().cwiseInverse().asDiagonal() / optics.noise;
+    // offset and gain of a frame, the gain's slopes
+    Eigen::MatrixXd fitted = Eigen::MatrixXd::Zero(optics.R.cols(), 4);
     fitted.block(optics.own, 0, 6 * cells, 2) = optics.offset_and_gain();
     for (Eigen::Index c = 0; c < cells; ++c) {
       const Eigen::Vector2d at = optics.middle[static_cast<std::size_t>(c)] - cameras_[k].scene.middle();
       const Eigen::Index first = optics.own + 6 * c;
-      for (int a = 0; a < 2; ++a) fitted(first, 2 + a) = optics.mean[c] * at[a], fitted(first + 1, 2 + a) = at[a], fitted(first + 2 + a, 2 + a) = optics.mean[c], fitted(first + 4 + a, 2 + a) = 1.0;
+      for (int a = 0; a < 2; ++a)
+        fitted(first, 2 + a) = optics.mean[c] * at[a], fitted(first + 1, 2 + a) = at[a],
+                          fitted(first + 2 + a, 2 + a) = optics.mean[c], fitted(first + 4 + a, 2 + a) = 1.0;
     }
     w.of_fitted = w.of_linear * (optics.R * fitted);
     const Eigen::MatrixXd Q = orthonormal(w.of_fitted.leftCols(2));
     w.kept = Eigen::MatrixXd::Identity(w.of_fitted.rows(), w.of_fitted.rows()) - Q * Q.transpose();
     if (optics.gain_and_offset_fitted) w.of_linear = (w.kept * w.of_linear).eval();
-    // A frame of more noise scatters more in all its numbers: by its places' median mean square over the expected one, where that is off by more than the level is known to.
+    // A frame of more noise scatters more in all its numbers: by its places' median mean square over the expected one,
+    // where that is off by more than the level is known to.
     const double of_reference = 1.0 / optics.references;
     Eigen::VectorXd mean_square(count);
     for (Eigen::Index t = 0; t < count; ++t) {
@@ -197,28 +249,34 @@ void LightExperiment::make_whitening() {
       double mean_deviation = 0.0, shared = 0.0;
       for (Eigen::Index t = 0; t < count; ++t) {
         mean_deviation += w.deviation(c, t) / static_cast<double>(count);
-        shared += optics.shared / optics.pixels[c] / frames[static_cast<std::size_t>(t)].spread[c] / static_cast<double>(count);
+        shared += optics.shared / optics.pixels[c] / frames[static_cast<std::size_t>(t)].spread[c] /
+                  static_cast<double>(count);
       }
-      w.over_time.push_back(over_time(mean_square, std::min(0.9, shared), std::pow(level_known_to / mean_deviation, 2), held_out_));
+      w.over_time.push_back(
+          over_time(mean_square, std::min(0.9, shared), std::pow(level_known_to / mean_deviation, 2), held_out_));
     }
     whitening_.push_back(std::make_shared<const Whitening>(std::move(w)));
   }
 }
 
-void LightExperiment::put(std::size_t camera, const Eigen::MatrixXd& sums, const Eigen::MatrixXd& squares, const Eigen::VectorXd& saturated, Eigen::VectorXd& z) const {
+void LightExperiment::put(std::size_t camera, const Eigen::MatrixXd& sums, const Eigen::MatrixXd& squares,
+                          const Eigen::VectorXd& saturated, Eigen::VectorXd& z) const {
   const auto& w = *whitening_[camera];
   const auto rows = linear(camera), cells = squares.rows(), count = squares.cols();
   Eigen::MatrixXd all(numbers(camera), count);
   if (rows > 0) all.topRows(rows) = w.of_linear * sums * w.linear_over_time.transpose();
   for (Eigen::Index c = 0; c < cells; ++c)
-    all.row(rows + c) = (w.over_time[static_cast<std::size_t>(c)] * squares.row(c).cwiseQuotient(w.deviation.row(c)).transpose()).transpose();
+    all.row(rows + c) =
+        (w.over_time[static_cast<std::size_t>(c)] * squares.row(c).cwiseQuotient(w.deviation.row(c)).transpose())
+            .transpose();
   all.bottomRows(1) = saturated.transpose();
   const Eigen::Index per_frame = z.size() / count;
   for (Eigen::Index t = 0; t < count; ++t) z.segment(t * per_frame + w.first_row, all.rows()) = all.col(t);
 }
 
 std::vector<Eigen::Index> LightExperiment::rows_of(std::size_t camera, Eigen::Index cell, int frame) const {
-  const Eigen::Index first = frame * z_.size() / static_cast<Eigen::Index>(frames_.size()) + whitening_[camera]->first_row;
+  const Eigen::Index first =
+      frame * z_.size() / static_cast<Eigen::Index>(frames_.size()) + whitening_[camera]->first_row;
   if (linear(camera) == 0) return {first + cell};
   return {first + 2 * cell, first + 2 * cell + 1, first + linear(camera) + cell};
 }
@@ -234,11 +292,14 @@ Eigen::VectorXd LightExperiment::predicted(const std::vector<double>& values) co
     Eigen::Index first = 0;
     for (std::size_t other = 0; other < cameras_.size(); ++other)
       if (const auto& grows_there = changes[other].grows; cameras_[other].face == cameras_[k].face)
-        light.middleRows(first, grows_there.rows()) = cameras_[other].optics.beside_fitted * grows_there, first += grows_there.rows();
+        light.middleRows(first, grows_there.rows()) = cameras_[other].optics.beside_fitted * grows_there,
+                                first += grows_there.rows();
     for (Eigen::Index t = 0; t < light.cols(); ++t) {
       if (light.col(t).isZero(0.0)) continue;
       sums.col(t) -= optics.R * light.col(t);
-      for (Eigen::Index c = 0; c < optics.cells(); ++c) squares(c, t) += light.col(t).dot(optics.E[static_cast<std::size_t>(c)] * light.col(t)) / whitening_[k]->expected(c, t);
+      for (Eigen::Index c = 0; c < optics.cells(); ++c)
+        squares(c, t) +=
+            light.col(t).dot(optics.E[static_cast<std::size_t>(c)] * light.col(t)) / whitening_[k]->expected(c, t);
     }
     put(k, sums, squares, saturated, z);
   }
@@ -251,7 +312,8 @@ LightExperiment::Changes LightExperiment::changes_of(std::size_t camera, const s
   const auto cells = optics.cells(), count = static_cast<Eigen::Index>(frames_.size());
   constexpr double third = 1.0 / 3.0;
   const double now = values[camera] * values[camera];  // of the noise
-  Changes changes{Eigen::MatrixXd(6 * cells, count), Eigen::MatrixXd::Zero(2 * cells + 2, count), Eigen::MatrixXd(cells, count), Eigen::VectorXd(count)};
+  Changes changes{Eigen::MatrixXd(6 * cells, count), Eigen::MatrixXd::Zero(2 * cells + 2, count),
+                  Eigen::MatrixXd(cells, count), Eigen::VectorXd(count)};
   for (Eigen::Index t = 0; t < count; ++t) {
     const auto& frame = frames[static_cast<std::size_t>(t)];
     for (Eigen::Index c = 0; c < cells; ++c) {
@@ -265,20 +327,30 @@ LightExperiment::Changes LightExperiment::changes_of(std::size_t camera, const s
         for (std::size_t e = 0; e < effects_.size(); ++e) {
           if (camera_of_[e] >= 0 && camera_of_[e] != static_cast<int>(camera)) continue;
           const std::size_t next = e + 1 < first_.size() ? first_[e + 1] : parameters_.size();
-          effects_[e]->light(std::span(values).subspan(first_[e], next - first_[e]), scene, static_cast<int>(t), point, point + frame.motion[static_cast<std::size_t>(c)], light);
+          effects_[e]->light(std::span(values).subspan(first_[e], next - first_[e]), scene, static_cast<int>(t), point,
+                             point + frame.motion[static_cast<std::size_t>(c)], light);
         }
-        const Eigen::RowVector2d both((1.0 - light.foreign) * light.gain - 1.0, (1.0 - light.foreign) * light.offset + light.foreign * (optics.mean[c] + light.beneath));
+        const Eigen::RowVector2d both(
+            (1.0 - light.foreign) * light.gain - 1.0,
+            (1.0 - light.foreign) * light.offset + light.foreign * (optics.mean[c] + light.beneath));
         fitted.row(0) += both / 9.0;
         for (int a = 0; a < 2; ++a) fitted.row(1 + a) += both * (from[a] / (6.0 * std::pow(third * optics.size[a], 2)));
-        mean.foreign += light.foreign / 9.0, mean.beneath += light.beneath / 9.0, mean.contrast += light.contrast / 9.0, mean.noise += light.noise / 9.0, mean.aliased += light.aliased / 9.0, mean.smeared += light.smeared / 9.0, mean.saturated += light.saturated / 9.0;
+        mean.foreign += light.foreign / 9.0, mean.beneath += light.beneath / 9.0, mean.contrast += light.contrast / 9.0,
+            mean.noise += light.noise / 9.0, mean.aliased += light.aliased / 9.0, mean.smeared += light.smeared / 9.0,
+            mean.saturated += light.saturated / 9.0;
       }
-      const Eigen::Vector3d gain = fitted.col(0), offset = fitted.col(1) + optics.mean[c] * gain;  // of f' and of 1
-      changes.grows.col(t).segment<6>(6 * c) << offset[0], gain[0] - 0.5 * mean.smeared * frame.aliasing[c], offset[1], offset[2], gain[1], gain[2];
+      // of f' and of 1
+      const Eigen::Vector3d gain = fitted.col(0), offset = fitted.col(1) + optics.mean[c] * gain;
+      changes.grows.col(t).segment<6>(6 * c) << offset[0], gain[0] - 0.5 * mean.smeared * frame.aliasing[c], offset[1],
+          offset[2], gain[1], gain[2];
       const double f2 = optics.variance[c], b2 = mean.beneath * mean.beneath;
-      const double excess = mean.foreign * (f2 * (1.0 + mean.contrast * mean.contrast) + b2) - mean.foreign * mean.foreign * (f2 + b2);
-      const double of_noise = now * (1.0 - optics.absorbed) * (optics.level / optics.references + mean.noise * mean.noise * frame.frame_noise[c]);
+      const double excess =
+          mean.foreign * (f2 * (1.0 + mean.contrast * mean.contrast) + b2) - mean.foreign * mean.foreign * (f2 + b2);
+      const double of_noise = now * (1.0 - optics.absorbed) *
+                              (optics.level / optics.references + mean.noise * mean.noise * frame.frame_noise[c]);
       changes.squares(c, t) = (of_noise + mean.aliased * f2 * frame.aliasing[c] + excess) / w.expected(c, t) - 1.0;
-      changes.sums(2 * c + 1, t) = now * optics.pixels[c] * optics.level / optics.references * (1.0 - optics.absorbed);  // f holds noise that r holds, too
+      changes.sums(2 * c + 1, t) = now * optics.pixels[c] * optics.level / optics.references *
+                                   (1.0 - optics.absorbed);  // f holds noise that r holds, too
       if (c == 0) changes.saturated[t] = root_of_count(mean.saturated * frame.pixels, frame.pixels);
     }
   }
@@ -321,8 +393,10 @@ Eigen::MatrixXd LightExperiment::frame_noise() const {
       const auto& frame = cameras_[k].frames[static_cast<std::size_t>(t)];
       Eigen::ArrayXd ratio = frame.squares.cwiseQuotient(whitening_[k]->expected.col(t));
       if (!learned_squares_.empty()) ratio -= learned_squares_[k].col(t).array();
-      const Eigen::ArrayXd squares = (ratio * (frame.frame_noise.array() + of_reference) - of_reference) / frame.frame_noise.array();
-      noise(static_cast<Eigen::Index>(k), t) = std::sqrt(std::max(0.01, median(std::vector<double>(squares.begin(), squares.end()))));
+      const Eigen::ArrayXd squares =
+          (ratio * (frame.frame_noise.array() + of_reference) - of_reference) / frame.frame_noise.array();
+      noise(static_cast<Eigen::Index>(k), t) =
+          std::sqrt(std::max(0.01, median(std::vector<double>(squares.begin(), squares.end()))));
     }
   }
   return noise;
@@ -335,12 +409,14 @@ Experiment::Doubt LightExperiment::doubt() const {
 
 Eigen::MatrixXd LightExperiment::noise(const std::vector<double>&, int draws) {
   std::uint64_t seed = 17;  // other draws for another test, the same ones for the same whatever the rounding
-  for (double z : z_.head(std::min<Eigen::Index>(64, z_.size()))) seed = 6364136223846793005U * seed + static_cast<std::uint64_t>(std::llround(1e3 * z));
+  for (double z : z_.head(std::min<Eigen::Index>(64, z_.size())))
+    seed = 6364136223846793005U * seed + static_cast<std::uint64_t>(std::llround(1e3 * z));
   std::mt19937_64 random(seed);
   std::normal_distribution<double> normal;
   Eigen::MatrixXd result(z_.size(), draws);
   for (double& x : result.reshaped()) x = normal(random);
-  // Random functions of time, of second degree: of the light of each camera; of the mean square of each cell and of all.
+  // Random functions of time, of second degree: of the light of each camera; of the mean square of each cell and of
+  // all.
   const auto count = static_cast<Eigen::Index>(frames_.size());
   Eigen::MatrixXd in_time(count, 3);
   for (Eigen::Index t = 0; t < count; ++t) {
@@ -355,23 +431,30 @@ Eigen::MatrixXd LightExperiment::noise(const std::vector<double>&, int draws) {
       if (linear(k) > 0) {
         const auto& [optics, scene, its, face] = cameras_[k];
         Eigen::Vector2d reach = Eigen::Vector2d::Zero();
-        for (const auto& middle : optics.middle) reach = reach.cwiseMax((middle - scene.middle()).cwiseAbs() + 0.5 * optics.size);
-        const Eigen::Vector4d unit(optics.mean.mean(), 1.0, 1.0 / reach[0], 1.0 / reach[1]);  // of offset, gain and its slopes
+        for (const auto& middle : optics.middle)
+          reach = reach.cwiseMax((middle - scene.middle()).cwiseAbs() + 0.5 * optics.size);
+        const Eigen::Vector4d unit(optics.mean.mean(), 1.0, 1.0 / reach[0],
+                                   1.0 / reach[1]);  // of offset, gain and its slopes
         Eigen::MatrixXd changes(count, 4);
         for (int j = 0; j < 4; ++j) changes.col(j) = light_known_to * unit[j] * in_time * drawn();
         const Eigen::MatrixXd z = w.of_fitted * (w.linear_over_time * changes).transpose();
-        for (Eigen::Index t = 0; t < count; ++t) result.col(b).segment(t * z_.size() / count + w.first_row, z.rows()) += z.col(t);
+        for (Eigen::Index t = 0; t < count; ++t)
+          result.col(b).segment(t * z_.size() / count + w.first_row, z.rows()) += z.col(t);
       }
       const Eigen::Vector3d whole = drawn();
       for (Eigen::Index c = 0; c < w.deviation.rows(); ++c) {
         const Eigen::VectorXd changes = noise_known_to / std::sqrt(2.0) * (in_time * (whole + drawn()));
-        const Eigen::VectorXd z = w.over_time[static_cast<std::size_t>(c)] * changes.cwiseQuotient(w.deviation.row(c).transpose());
+        const Eigen::VectorXd z =
+            w.over_time[static_cast<std::size_t>(c)] * changes.cwiseQuotient(w.deviation.row(c).transpose());
         for (Eigen::Index t = 0; t < count; ++t) result(rows_of(k, c, static_cast<int>(t)).back(), b) += z[t];
       }
     }
   for (std::size_t k = 0; k < cameras_.size(); ++k)
-    for (Eigen::Index t = 0; t < static_cast<Eigen::Index>(frames_.size()) && cameras_[k].optics.gain_and_offset_fitted && linear(k) > 0; ++t) {
-      auto rows = result.middleRows(t * z_.size() / static_cast<Eigen::Index>(frames_.size()) + whitening_[k]->first_row, linear(k));
+    for (Eigen::Index t = 0;
+         t < static_cast<Eigen::Index>(frames_.size()) && cameras_[k].optics.gain_and_offset_fitted && linear(k) > 0;
+         ++t) {
+      auto rows = result.middleRows(
+          t * z_.size() / static_cast<Eigen::Index>(frames_.size()) + whitening_[k]->first_row, linear(k));
       rows = (whitening_[k]->kept * rows).eval();
     }
   return result;
@@ -387,8 +470,10 @@ double LightExperiment::share_of_gain_and_offset(bool gradient) const {
     if (rows == 0 || (cameras_[k].optics.gain_and_offset_fitted && !gradient)) continue;
     const Eigen::MatrixXd Q = orthonormal(whitening_[k]->of_fitted.leftCols(marks));
     for (Eigen::Index t = 0; t < static_cast<Eigen::Index>(frames_.size()); ++t) {
-      const Eigen::VectorXd of_frame = r.segment(t * z_.size() / static_cast<Eigen::Index>(frames_.size()) + whitening_[k]->first_row, rows);
-      all += of_frame.squaredNorm(), taken += (Q.transpose() * of_frame).squaredNorm() - static_cast<double>(Q.cols()), count += static_cast<double>(rows);
+      const Eigen::VectorXd of_frame =
+          r.segment(t * z_.size() / static_cast<Eigen::Index>(frames_.size()) + whitening_[k]->first_row, rows);
+      all += of_frame.squaredNorm(), taken += (Q.transpose() * of_frame).squaredNorm() - static_cast<double>(Q.cols()),
+          count += static_cast<double>(rows);
     }
   }
   const double excess = all - count;

@@ -34,9 +34,11 @@ struct Comparison {
   double value(int j) const { return model.fit.values[static_cast<std::size_t>(j)]; }
 };
 
-/// What takes away no more than chance does has let another one fall below its limit, which is a little higher after an addition.
+/// What takes away no more than chance does has let another one fall below its limit, which is a little higher after an
+/// addition.
 Objection explains_no_more_than_chance(const Comparison& c) {
-  const double drop = std::max({0.0, c.appraisal.drop(c.before, c.model), c.before.fit.cost - c.model.fit.cost});  // the latter with what was known of parameters
+  // the latter with what was known of parameters
+  const double drop = std::max({0.0, c.appraisal.drop(c.before, c.model), c.before.fit.cost - c.model.fit.cost});
   if (chi_squared_tail(drop, static_cast<int>(c.effect.parameters.size())) <= level_after_addition) return {};
   return fmt::format("it explains no more than chance does: chi^2 falls by {:.2g}", drop);
 }
@@ -44,65 +46,85 @@ Objection explains_no_more_than_chance(const Comparison& c) {
 Objection at_a_bound(const Comparison& c) {
   for (int k : c.model.added)
     for (int j : c.experiment.candidates()[static_cast<std::size_t>(k)].parameters)
-      if (on_bound(c.parameter(j), c.value(j))) return fmt::format("{} = {:.4g} is at its bound", c.parameter(j).info.name, c.value(j));
+      if (on_bound(c.parameter(j), c.value(j)))
+        return fmt::format("{} = {:.4g} is at its bound", c.parameter(j).info.name, c.value(j));
   return {};
 }
 
 Objection explains_half_of_the_surface_worse(const Comparison& c) {
   const Misfit &now = c.model.misfit, &was = c.before.misfit;
   if (now.checkerboard <= was.checkerboard * 1.02 || was.checkerboard <= was.null_checkerboard) return {};
-  return fmt::format("half of the surface is explained worse by the other half: chi {:.3f} after {:.3f}", now.checkerboard, was.checkerboard);
+  return fmt::format("half of the surface is explained worse by the other half: chi {:.3f} after {:.3f}",
+                     now.checkerboard, was.checkerboard);
 }
 
-/// A model whose own error of mesh and correlation is in doubt by more than it explains would explain anything. Both before any weighing, in units of the noise.
+/// A model whose own error of mesh and correlation is in doubt by more than it explains would explain anything. Both
+/// before any weighing, in units of the noise.
 Objection doubts_more_than_it_explains(const Comparison& c) {
   const Ground &ground = *c.model.ground, &before = *c.before.ground;
   if (&ground == &before) return {};
   const auto mean_square = [&](const Ground& of, const Eigen::MatrixXd& weighed) {
-    return Eigen::MatrixXd(of.weight.undone(weighed)(c.rows, Eigen::all)).squaredNorm() / static_cast<double>(weighed.cols()) / static_cast<double>(c.rows.size());
+    return Eigen::MatrixXd(of.weight.undone(weighed)(c.rows, Eigen::all)).squaredNorm() /
+           static_cast<double>(weighed.cols()) / static_cast<double>(c.rows.size());
   };
   const double grown = mean_square(ground, ground.null) - mean_square(before, before.null);
-  const double explained = std::max(0.0, mean_square(before, c.before.fit.residual) - mean_square(ground, c.model.fit.residual));
+  const double explained =
+      std::max(0.0, mean_square(before, c.before.fit.residual) - mean_square(ground, c.model.fit.residual));
   if (grown <= explained) return {};
-  return fmt::format("what the mesh and the correlation err by in this model is in doubt by more ({:.2f} of the noise) than it explains ({:.2f}); a finer mesh would tell", std::sqrt(grown), std::sqrt(explained));
+  return fmt::format(
+      "what the mesh and the correlation err by in this model is in doubt by more ({:.2f} of the noise) than it "
+      "explains ({:.2f}); a finer mesh would tell",
+      std::sqrt(grown), std::sqrt(explained));
 }
 
 Objection explains_a_rig_worse(const Comparison& c) {
   for (std::size_t k = 0; k < c.model.misfit.cameras.size(); ++k) {
     const auto &now = c.model.misfit.cameras[k], &was = c.before.misfit.cameras[k];
-    if (now.chi > was.chi * 1.02 && was.chi > was.null && now.chi > now.null)  // within its null a rig speaks against nothing
-      return fmt::format("the others explain the {} cameras worse: chi {:.3f} after {:.3f}", c.experiment.channel_name(now.channel), now.chi, was.chi);
+    if (now.chi > was.chi * 1.02 && was.chi > was.null &&
+        now.chi > now.null)  // within its null a rig speaks against nothing
+      return fmt::format("the others explain the {} cameras worse: chi {:.3f} after {:.3f}",
+                         c.experiment.channel_name(now.channel), now.chi, was.chi);
   }
   return {};
 }
 
-/// Sizes that the fitted frames do not tell leave any residual of the held-out ones within the null: nothing checks such an effect.
+/// Sizes that the fitted frames do not tell leave any residual of the held-out ones within the null: nothing checks
+/// such an effect.
 Objection is_checked_by_no_frame(const Comparison& c) {
   const Misfit &now = c.model.misfit, &was = c.before.misfit;
   const double doubt = square(now.null_held_out) - square(was.null_held_out);
   if (doubt <= std::max(3.0 * square(was.null_held_out), square(was.held_out) - square(now.held_out))) return {};
-  return fmt::format("no held-out frame checks it: what it would be there is in doubt by more (null {:.3f} after {:.3f}) than it explains", now.null_held_out, was.null_held_out);
+  return fmt::format(
+      "no held-out frame checks it: what it would be there is in doubt by more (null {:.3f} after {:.3f}) than it "
+      "explains",
+      now.null_held_out, was.null_held_out);
 }
 
-/// What leaves nothing of the fitted frames, but no less of held-out ones of which noise does not explain all, is not what is missing; one that helps may leave a little more of these.
+/// What leaves nothing of the fitted frames, but no less of held-out ones of which noise does not explain all, is not
+/// what is missing; one that helps may leave a little more of these.
 Objection explains_held_out_frames_worse(const Comparison& c, bool sufficient) {
   const Misfit &now = c.model.misfit, &was = c.before.misfit;
   const bool all_noise = now.held_out <= now.null_held_out && was.held_out <= was.null_held_out;
   if (all_noise || now.held_out <= (sufficient ? 1.0 : 1.02) * was.held_out) return {};
-  return fmt::format("the held-out frames are explained worse: chi {:.3f} (null {:.3f}) after {:.3f}", now.held_out, now.null_held_out, was.held_out);
+  return fmt::format("the held-out frames are explained worse: chi {:.3f} (null {:.3f}) after {:.3f}", now.held_out,
+                     now.null_held_out, was.held_out);
 }
 
-/// One frame in which something else happened may ask for an effect that the others speak against (each of these in doubt by a tenth of the size).
+/// One frame in which something else happened may ask for an effect that the others speak against (each of these in
+/// doubt by a tenth of the size).
 Objection asked_for_by_one_frame(const Comparison& c, int candidate) {
   const auto lone = told_by_one_frame(c.experiment, c.model, candidate, c.rows);
   if (!lone) return {};
   const auto& info = c.parameter(lone->parameter).info;
   const double size = c.value(lone->parameter) - info.null_value.value_or(0.0);
   if (std::abs(lone->size - size) < 3.5 * std::hypot(lone->deviation, 0.1 * size)) return {};
-  return fmt::format("{} alone asks for it: of the others {} - {:.4g} is {:.2g} +- {:.2g}", c.experiment.frame_name(lone->frame), info.name, info.null_value.value_or(0.0), lone->size, lone->deviation);
+  return fmt::format("{} alone asks for it: of the others {} - {:.4g} is {:.2g} +- {:.2g}",
+                     c.experiment.frame_name(lone->frame), info.name, info.null_value.value_or(0.0), lone->size,
+                     lone->deviation);
 }
 
-/// Thirds of the frames must agree about the sizes: each third's own wish for another one, the other parameters held, s^T r/s^T s, over its standard deviation (with a tenth of the size).
+/// Thirds of the frames must agree about the sizes: each third's own wish for another one, the other parameters held,
+/// s^T r/s^T s, over its standard deviation (with a tenth of the size).
 Objection thirds_disagree(const Comparison& c) {
   const Fit& fit = c.model.fit;
   const Eigen::MatrixXd J = fit.sensitivity(c.rows, Eigen::all), null = c.model.ground->null(c.rows, Eigen::all);
@@ -113,7 +135,8 @@ Objection thirds_disagree(const Comparison& c) {
   for (int third = 0; third < 3; ++third) {
     std::vector<Eigen::Index> rows;
     for (std::size_t i = 0; i < c.rows.size(); ++i)
-      if (3 * c.experiment.data()[static_cast<std::size_t>(c.rows[i])].frame / frames == third) rows.push_back(static_cast<Eigen::Index>(i));
+      if (3 * c.experiment.data()[static_cast<std::size_t>(c.rows[i])].frame / frames == third)
+        rows.push_back(static_cast<Eigen::Index>(i));
     if (rows.size() < static_cast<std::size_t>(J.cols()) + 1) continue;
     for (int j : c.effect.parameters) {
       const auto column = std::find(fit.free.begin(), fit.free.end(), j) - fit.free.begin();
@@ -134,7 +157,8 @@ Objection thirds_disagree(const Comparison& c) {
 
 }  // namespace
 
-std::optional<LoneFrame> told_by_one_frame(const Experiment& experiment, const Model& model, int candidate, const std::vector<Eigen::Index>& rows) {
+std::optional<LoneFrame> told_by_one_frame(const Experiment& experiment, const Model& model, int candidate,
+                                           const std::vector<Eigen::Index>& rows) {
   const Fit& fit = model.fit;
   const Sizes its = sizes_of(experiment, fit, candidate);
   if (its.places.empty()) return std::nullopt;
@@ -142,9 +166,12 @@ std::optional<LoneFrame> told_by_one_frame(const Experiment& experiment, const M
   std::vector<Eigen::Index> columns, places;
   for (Eigen::Index k = 0; k < std::ssize(fit.free); ++k) {
     const int j = fit.free[static_cast<std::size_t>(k)];
-    if (std::find(of_it.begin(), of_it.end(), j) == of_it.end() || !experiment.parameters()[static_cast<std::size_t>(j)].info.shape) columns.push_back(k);
+    if (std::find(of_it.begin(), of_it.end(), j) == of_it.end() ||
+        !experiment.parameters()[static_cast<std::size_t>(j)].info.shape)
+      columns.push_back(k);
   }
-  for (const auto place : its.places) places.push_back(std::lower_bound(columns.begin(), columns.end(), place) - columns.begin());
+  for (const auto place : its.places)
+    places.push_back(std::lower_bound(columns.begin(), columns.end(), place) - columns.begin());
   const Known prior = known_of(experiment, model);
   const Eigen::MatrixXd J = stacked(fit.sensitivity(rows, columns), prior.sensitivity(Eigen::all, columns));
   const Eigen::VectorXd scale = J.colwise().norm().cwiseMax(1e-300).cwiseInverse();
@@ -157,12 +184,17 @@ std::optional<LoneFrame> told_by_one_frame(const Experiment& experiment, const M
   const Eigen::MatrixXd any = 1e-10 * Eigen::MatrixXd::Identity(all.rows(), all.cols());
   /// What the null makes of the sizes, by the frames of this information: what is in doubt goes on from frame to frame.
   const auto covariance_of = [&](const Eigen::MatrixXd& pull, const Eigen::MatrixXd& noise) {
-    return Eigen::MatrixXd(scale.asDiagonal() * pull * (noise * noise.transpose() / static_cast<double>(noise.cols()) + any) * pull * scale.asDiagonal());
+    return Eigen::MatrixXd(scale.asDiagonal() * pull *
+                           (noise * noise.transpose() / static_cast<double>(noise.cols()) + any) * pull *
+                           scale.asDiagonal());
   };
-  const auto pull_of = [&](const Eigen::MatrixXd& information) { return solve_symmetric(information + any, Eigen::MatrixXd::Identity(any.rows(), any.cols())); };
+  const auto pull_of = [&](const Eigen::MatrixXd& information) {
+    return solve_symmetric(information + any, Eigen::MatrixXd::Identity(any.rows(), any.cols()));
+  };
   if (!told_from_zero(its.values, covariance_of(pull_of(all), of_null)(places, places))) return std::nullopt;
   std::map<int, std::vector<Eigen::Index>> of_frame;
-  for (std::size_t i = 0; i < rows.size(); ++i) of_frame[experiment.data()[static_cast<std::size_t>(rows[i])].frame].push_back(static_cast<Eigen::Index>(i));
+  for (std::size_t i = 0; i < rows.size(); ++i)
+    of_frame[experiment.data()[static_cast<std::size_t>(rows[i])].frame].push_back(static_cast<Eigen::Index>(i));
   for (const auto& [frame, its_rows] : of_frame) {
     const Eigen::MatrixXd own = S(its_rows, Eigen::all);
     const Eigen::MatrixXd pull = pull_of(all - own.transpose() * own);
@@ -174,8 +206,10 @@ std::optional<LoneFrame> told_by_one_frame(const Experiment& experiment, const M
     double most = -1.0;
     for (std::size_t k = 0; k < places.size(); ++k) {
       const auto at = static_cast<Eigen::Index>(k);
-      const double deviation = std::sqrt(covariance(places[k], places[k])), moved = std::abs(step[places[k]]) / std::max(1e-300, deviation);
-      if (moved > most) most = moved, lone.parameter = its.parameters[k], lone.size = without[at], lone.deviation = deviation;
+      const double deviation = std::sqrt(covariance(places[k], places[k])),
+                   moved = std::abs(step[places[k]]) / std::max(1e-300, deviation);
+      if (moved > most)
+        most = moved, lone.parameter = its.parameters[k], lone.size = without[at], lone.deviation = deviation;
     }
     return lone;
   }
@@ -183,11 +217,13 @@ std::optional<LoneFrame> told_by_one_frame(const Experiment& experiment, const M
 }
 
 void weigh(Trial& trial, const Model& at, const Experiment& experiment, const Appraisal& appraisal) {
-  const Comparison c{experiment, appraisal, experiment.candidates()[static_cast<std::size_t>(trial.candidate)], trial.model, at, appraisal.fitted_rows()};
+  const Comparison c{experiment,  appraisal, experiment.candidates()[static_cast<std::size_t>(trial.candidate)],
+                     trial.model, at,        appraisal.fitted_rows()};
   trial.sufficient = !significant(trial.model);
   if (const auto untold = without_size(experiment, trial.model); untold && trial.sufficient) {
     trial.sufficient = false;
-    trial.objection = fmt::format("nothing is left, but the size of {} is not told", experiment.candidates()[static_cast<std::size_t>(*untold)].name);
+    trial.objection = fmt::format("nothing is left, but the size of {} is not told",
+                                  experiment.candidates()[static_cast<std::size_t>(*untold)].name);
   }
   const auto object = [&](Objection reason) {  // the first one is said
     if (reason && std::exchange(trial.plausible, false)) trial.objection = *reason;

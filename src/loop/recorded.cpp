@@ -12,12 +12,17 @@ Eigen::MatrixXd question_of(Kind kind, int draws, const std::vector<std::vector<
   const auto parameters = static_cast<Eigen::Index>(sets.empty() ? 0 : sets.front().size());
   Eigen::MatrixXd question(2 + parameters, static_cast<Eigen::Index>(sets.size()));
   for (Eigen::Index s = 0; s < question.cols(); ++s)
-    question.col(s) << static_cast<double>(kind), draws, Eigen::Map<const Eigen::VectorXd>(sets[static_cast<std::size_t>(s)].data(), parameters);
+    question.col(s) << static_cast<double>(kind), draws,
+        Eigen::Map<const Eigen::VectorXd>(sets[static_cast<std::size_t>(s)].data(), parameters);
   return question;
 }
 
-/// But for round-off, in which steps that follow from the measured data may differ on other ranks; steps themselves are larger by far.
-bool same(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) { return a.rows() == b.rows() && a.cols() == b.cols() && ((a - b).cwiseAbs().array() <= 1e-9 * a.cwiseAbs().array()).all(); }
+/// But for round-off, in which steps that follow from the measured data may differ on other ranks; steps themselves are
+/// larger by far.
+bool same(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b) {
+  return a.rows() == b.rows() && a.cols() == b.cols() &&
+         ((a - b).cwiseAbs().array() <= 1e-9 * a.cwiseAbs().array()).all();
+}
 
 // Residuals, of which some may be empty: which ones are not, and these.
 std::vector<Eigen::MatrixXd> packed(const std::vector<Eigen::VectorXd>& residuals) {
@@ -35,13 +40,16 @@ std::vector<Eigen::MatrixXd> packed(const std::vector<Eigen::VectorXd>& residual
 std::vector<Eigen::VectorXd> unpacked(const std::vector<Eigen::MatrixXd>& numbers) {
   std::vector<Eigen::VectorXd> residuals;
   Eigen::Index next = 0;
-  for (const double there : numbers.at(0).reshaped()) residuals.emplace_back(there > 0.5 ? Eigen::VectorXd(numbers.at(1).col(next++)) : Eigen::VectorXd());
+  for (const double there : numbers.at(0).reshaped())
+    residuals.emplace_back(there > 0.5 ? Eigen::VectorXd(numbers.at(1).col(next++)) : Eigen::VectorXd());
   return residuals;
 }
 
 }  // namespace
 
-RecordedExperiment::RecordedExperiment(Experiment& experiment, std::deque<Answer> known, std::function<void(const Answer&)> keep) : experiment_(experiment), known_(std::move(known)), keep_(std::move(keep)) {}
+RecordedExperiment::RecordedExperiment(Experiment& experiment, std::deque<Answer> known,
+                                       std::function<void(const Answer&)> keep)
+    : experiment_(experiment), known_(std::move(known)), keep_(std::move(keep)) {}
 
 std::optional<Answer> RecordedExperiment::known_answer(const Eigen::MatrixXd& question) {
   if (known_.empty()) return std::nullopt;
@@ -55,7 +63,8 @@ std::optional<Answer> RecordedExperiment::known_answer(const Eigen::MatrixXd& qu
   return answer;
 }
 
-std::vector<Eigen::MatrixXd> RecordedExperiment::kept(const Eigen::MatrixXd& question, const std::function<std::vector<Eigen::MatrixXd>()>& answer) {
+std::vector<Eigen::MatrixXd> RecordedExperiment::kept(const Eigen::MatrixXd& question,
+                                                      const std::function<std::vector<Eigen::MatrixXd>()>& answer) {
   try {
     auto numbers = answer();
     keep_({question, numbers, {}});
@@ -66,7 +75,8 @@ std::vector<Eigen::MatrixXd> RecordedExperiment::kept(const Eigen::MatrixXd& que
   }
 }
 
-std::vector<Eigen::VectorXd> RecordedExperiment::residuals(const Eigen::MatrixXd& question, const std::function<std::vector<Eigen::VectorXd>()>& ask) {
+std::vector<Eigen::VectorXd> RecordedExperiment::residuals(const Eigen::MatrixXd& question,
+                                                           const std::function<std::vector<Eigen::VectorXd>()>& ask) {
   if (const auto known = known_answer(question)) return unpacked(known->numbers);
   std::vector<Eigen::VectorXd> found;
   static_cast<void>(kept(question, [&] { return packed(found = ask()); }));
@@ -77,13 +87,17 @@ std::vector<Eigen::VectorXd> RecordedExperiment::residuals(const std::vector<std
   return residuals(question_of(Kind::residuals, 0, sets), [&] { return experiment_.residuals(sets); });
 }
 
-std::vector<Eigen::VectorXd> RecordedExperiment::residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) {
+std::vector<Eigen::VectorXd> RecordedExperiment::residuals_near(const std::vector<double>& values,
+                                                                std::vector<std::vector<double>> sets) {
   auto all = sets;
   all.insert(all.begin(), values);
-  return residuals(question_of(Kind::near, 0, all), [&] { return experiment_.residuals_near(values, std::move(sets)); });
+  return residuals(question_of(Kind::near, 0, all),
+                   [&] { return experiment_.residuals_near(values, std::move(sets)); });
 }
 
-std::vector<Eigen::VectorXd> RecordedExperiment::residuals_disturbed(const std::vector<double>& values, std::vector<std::vector<double>> sets, double times) {
+std::vector<Eigen::VectorXd> RecordedExperiment::residuals_disturbed(const std::vector<double>& values,
+                                                                     std::vector<std::vector<double>> sets,
+                                                                     double times) {
   auto all = sets;
   all.insert(all.begin(), values);
   return residuals(question_of(Kind::disturbed, static_cast<int>(times), all), [&] {

@@ -36,16 +36,17 @@ Eigen::MatrixXd lengths_of(const Experiment& experiment, const Eigen::MatrixXd& 
 
 /// A residual on the surface in units of what noise leaves there.
 struct OverNull {
-  Eigen::MatrixXd numbers;   // of the displacement, each over its rms under the null [unknowns x frames]
-  Eigen::MatrixXd lengths;   // of the nodes' displacements [nodes x frames]
-  double limit = 0.0;        // what the largest of the latter exceeds in one null test of a hundred
+  Eigen::MatrixXd numbers;  // of the displacement, each over its rms under the null [unknowns x frames]
+  Eigen::MatrixXd lengths;  // of the nodes' displacements [nodes x frames]
+  double limit = 0.0;       // what the largest of the latter exceeds in one null test of a hundred
 };
 
 OverNull over_null(const Experiment& experiment, const Leftover& left, Eigen::Index frames) {
   const Eigen::MatrixXd U = displacements_of(experiment, left.residual, frames);
   if (U.size() == 0) return {};
   OverNull result{U, lengths_of(experiment, U)};
-  Eigen::MatrixXd of_numbers = Eigen::MatrixXd::Zero(U.rows(), frames), of_lengths = Eigen::MatrixXd::Zero(result.lengths.rows(), frames);
+  Eigen::MatrixXd of_numbers = Eigen::MatrixXd::Zero(U.rows(), frames),
+                  of_lengths = Eigen::MatrixXd::Zero(result.lengths.rows(), frames);
   std::vector<Eigen::MatrixXd> lengths;
   const double draws = static_cast<double>(left.null.cols());
   for (const auto& draw : left.null.colwise()) {
@@ -53,10 +54,13 @@ OverNull over_null(const Experiment& experiment, const Leftover& left, Eigen::In
     lengths.push_back(lengths_of(experiment, of_draw));
     of_numbers += of_draw.cwiseAbs2() / draws, of_lengths += lengths.back().cwiseAbs2() / draws;
   }
-  const auto rms = [](const Eigen::MatrixXd& squares) -> Eigen::MatrixXd { return squares.cwiseSqrt().cwiseMax(1e-300); };
+  const auto rms = [](const Eigen::MatrixXd& squares) -> Eigen::MatrixXd {
+    return squares.cwiseSqrt().cwiseMax(1e-300);
+  };
   const Eigen::MatrixXd of_nodes = rms(of_lengths);
   Eigen::VectorXd largest(left.null.cols());
-  for (Eigen::Index b = 0; b < left.null.cols(); ++b) largest[b] = lengths[static_cast<std::size_t>(b)].cwiseQuotient(of_nodes).maxCoeff();
+  for (Eigen::Index b = 0; b < left.null.cols(); ++b)
+    largest[b] = lengths[static_cast<std::size_t>(b)].cwiseQuotient(of_nodes).maxCoeff();
   result.numbers = U.cwiseQuotient(rms(of_numbers));
   result.lengths = result.lengths.cwiseQuotient(of_nodes);
   result.limit = quantile(largest, 0.99);
@@ -74,11 +78,15 @@ Eigen::VectorXd rms_of_force(const Experiment& experiment, const Eigen::MatrixXd
 
 }  // namespace
 
-Leftover leftover_of(const Model& model, const Eigen::MatrixXd& left_of_null) { return {model.fit.residual, model.ground->weight.undone(model.fit.residual), model.ground->weight.undone(left_of_null)}; }
+Leftover leftover_of(const Model& model, const Eigen::MatrixXd& left_of_null) {
+  return {model.fit.residual, model.ground->weight.undone(model.fit.residual),
+          model.ground->weight.undone(left_of_null)};
+}
 
 Remainder remainder_of(const Experiment& experiment, const Leftover& before, const Leftover& after) {
   Remainder remainder;
-  const auto frames = static_cast<Eigen::Index>(experiment.frame_numbers().size()), per_frame = after.whitened.size() / frames;
+  const auto frames = static_cast<Eigen::Index>(experiment.frame_numbers().size()),
+             per_frame = after.whitened.size() / frames;
   if (per_frame * frames != after.whitened.size()) return remainder;
   const Eigen::MatrixXd R = after.whitened.reshaped(per_frame, frames);
   // The first singular value times its right vector, of the smaller square matrix.
@@ -97,7 +105,8 @@ Remainder remainder_of(const Experiment& experiment, const Leftover& before, con
   remainder.after = std::move(left.numbers), remainder.map = std::move(left.lengths), remainder.limit = left.limit;
   remainder.force = rms_of_force(experiment, after.null, frames);
   // The first mode again of the frames' residuals, as a displacement.
-  remainder.mode = experiment.displacement_of(after.residual.reshaped(per_frame, frames) * (remainder.time / remainder.time.squaredNorm()));
+  remainder.mode = experiment.displacement_of(after.residual.reshaped(per_frame, frames) *
+                                              (remainder.time / remainder.time.squaredNorm()));
   return remainder;
 }
 

@@ -12,7 +12,9 @@ struct Leftover {
   Eigen::MatrixXd null;      ///< draws like `residual` [N x draws]
 
   /// The rows of one test of several.
-  [[nodiscard]] Leftover of(Eigen::Index first, Eigen::Index rows) const { return {whitened.segment(first, rows), residual.segment(first, rows), null.middleRows(first, rows)}; }
+  [[nodiscard]] Leftover of(Eigen::Index first, Eigen::Index rows) const {
+    return {whitened.segment(first, rows), residual.segment(first, rows), null.middleRows(first, rows)};
+  }
 };
 
 /// `left_of_null` [N x draws]: what noise alone leaves in this model, weighed as its residual is.

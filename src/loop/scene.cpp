@@ -36,7 +36,8 @@ bool find_hole(const mesh::Mesh& quads, Eigen::Vector2d& centre, double& radius)
 void measure(Scene& scene, const mesh::Mesh& surface) {
   scene.low = surface.nodes.leftCols<2>().colwise().minCoeff();
   scene.high = surface.nodes.leftCols<2>().colwise().maxCoeff();
-  scene.element = (surface.nodes.row(surface.cells(0, 0)) - surface.nodes.row(surface.cells(0, 2))).norm() / std::sqrt(2.0);
+  scene.element =
+      (surface.nodes.row(surface.cells(0, 0)) - surface.nodes.row(surface.cells(0, 2))).norm() / std::sqrt(2.0);
   scene.has_hole = find_hole(surface, scene.hole, scene.radius);
 }
 
@@ -51,13 +52,17 @@ Places::Places(const Scene& scene) : low(scene.low) {
 
 int Places::of(const Eigen::Vector2d& point) const {
   const Eigen::Vector2d at = (point - low).cwiseQuotient(size);
-  return std::clamp(static_cast<int>(std::floor(at[0])), 0, columns - 1) + columns * std::clamp(static_cast<int>(std::floor(at[1])), 0, rows - 1);
+  return std::clamp(static_cast<int>(std::floor(at[0])), 0, columns - 1) +
+         columns * std::clamp(static_cast<int>(std::floor(at[1])), 0, rows - 1);
 }
 
-Eigen::Vector2d Places::middle(int place) const { return low + size.cwiseProduct(Eigen::Vector2d(place % columns + 0.5, place / columns + 0.5)); }
+Eigen::Vector2d Places::middle(int place) const {
+  return low + size.cwiseProduct(Eigen::Vector2d(place % columns + 0.5, place / columns + 0.5));
+}
 
 std::string key_of(std::string name) {
-  std::replace_if(name.begin(), name.end(), [](char c) { return c == ' ' || c == '-'; }, '_');
+  std::replace_if(
+      name.begin(), name.end(), [](char c) { return c == ' ' || c == '-'; }, '_');
   return name;
 }
 

@@ -14,8 +14,10 @@ namespace imic3d::loop {
 
 std::string to_a_digit(double value, double deviation) {
   if (!(deviation > 0.0)) return fmt::format("{:.6g}", value);
-  const int last = static_cast<int>(std::floor(std::log10(deviation))), first = static_cast<int>(std::floor(std::log10(std::max(std::abs(value), deviation))));
-  return first > 6 ? fmt::format("{:.{}e}", value, first - last) : fmt::format("{:.{}f}", value, std::clamp(-last, 0, 12));
+  const int last = static_cast<int>(std::floor(std::log10(deviation))),
+            first = static_cast<int>(std::floor(std::log10(std::max(std::abs(value), deviation))));
+  return first > 6 ? fmt::format("{:.{}e}", value, first - last)
+                   : fmt::format("{:.{}f}", value, std::clamp(-last, 0, 12));
 }
 
 namespace {
@@ -27,8 +29,12 @@ std::string size_of(const Experiment& experiment, int k, const Model& model) {
     const auto place = std::find(model.fit.free.begin(), model.fit.free.end(), j) - model.fit.free.begin();
     if (place >= static_cast<std::ptrdiff_t>(model.fit.free.size())) continue;
     const auto& info = experiment.parameters()[static_cast<std::size_t>(j)].info;
-    if (its.parameters.size() > 6 && std::abs(model.fit.values[static_cast<std::size_t>(j)] - info.null_value.value_or(0.0)) < 3.0 * std::sqrt(model.covariance(place, place))) continue;  // of many, those that are there
-    text += fmt::format("{}{} = {:.4g} +- {:.2g}{}", text.empty() ? "" : ", ", info.name, model.fit.values[static_cast<std::size_t>(j)], std::sqrt(model.covariance(place, place)),
+    if (its.parameters.size() > 6 &&
+        std::abs(model.fit.values[static_cast<std::size_t>(j)] - info.null_value.value_or(0.0)) <
+            3.0 * std::sqrt(model.covariance(place, place)))
+      continue;  // of many, those that are there
+    text += fmt::format("{}{} = {:.4g} +- {:.2g}{}", text.empty() ? "" : ", ", info.name,
+                        model.fit.values[static_cast<std::size_t>(j)], std::sqrt(model.covariance(place, place)),
                         info.unit == "-" ? "" : " " + info.unit);
   }
   return text;
@@ -40,11 +46,14 @@ std::string changes(const Experiment& experiment, const Model& before, const Mod
   for (std::size_t i = 0; i < before.fit.free.size(); ++i) {
     const int j = before.fit.free[i];
     const auto& info = experiment.parameters()[static_cast<std::size_t>(j)].info;
-    const auto now = std::find(after.fit.free.begin(), after.fit.free.end(), j) - after.fit.free.begin(), was = static_cast<std::ptrdiff_t>(i);
+    const auto now = std::find(after.fit.free.begin(), after.fit.free.end(), j) - after.fit.free.begin(),
+               was = static_cast<std::ptrdiff_t>(i);
     const double deviation = std::sqrt(std::max(before.covariance(was, was), after.covariance(now, now)));
-    const double from = before.fit.values[static_cast<std::size_t>(j)], to = after.fit.values[static_cast<std::size_t>(j)];
+    const double from = before.fit.values[static_cast<std::size_t>(j)],
+                 to = after.fit.values[static_cast<std::size_t>(j)];
     if (info.null_value || !(std::abs(to - from) > deviation)) continue;
-    text += fmt::format("{}{} {} -> {}{}", text.empty() ? " " : ", ", info.name, to_a_digit(from, deviation), to_a_digit(to, deviation), info.unit == "-" ? "" : " " + info.unit);
+    text += fmt::format("{}{} {} -> {}{}", text.empty() ? " " : ", ", info.name, to_a_digit(from, deviation),
+                        to_a_digit(to, deviation), info.unit == "-" ? "" : " " + info.unit);
   }
   return text.empty() ? "" : text + ".";
 }
@@ -55,12 +64,15 @@ std::string bounds(const Experiment& experiment, const Model& declared, const Mo
   for (const int j : declared.fit.free) {
     const auto& parameter = experiment.parameters()[static_cast<std::size_t>(j)];
     const double value = after.fit.values[static_cast<std::size_t>(j)];
-    if (on_bound(parameter, value)) text += fmt::format(" {} = {:.4g}{} is on its bound: these data ask for more, or do not show it.", parameter.info.name, value, parameter.info.unit == "-" ? "" : " " + parameter.info.unit);
+    if (on_bound(parameter, value))
+      text += fmt::format(" {} = {:.4g}{} is on its bound: these data ask for more, or do not show it.",
+                          parameter.info.name, value, parameter.info.unit == "-" ? "" : " " + parameter.info.unit);
   }
   return text;
 }
 
-/// Where the frames that were held out have far more left than noise explains: something happens there alone, in a picture out of focus for instance, of which the verdict on the fitted ones knows nothing.
+/// Where the frames that were held out have far more left than noise explains: something happens there alone, in a
+/// picture out of focus for instance, of which the verdict on the fitted ones knows nothing.
 std::string left_in_held_out(const Experiment& experiment, const Report& report) {
   constexpr double far = 1.5;  // of the null's 95 % quantile
   const Misfit& misfit = report.final.misfit;
@@ -68,8 +80,11 @@ std::string left_in_held_out(const Experiment& experiment, const Report& report)
   int worst = -1;
   const auto beyond = [&](int t) { return misfit.frames[t] - misfit.null_frames[t]; };
   for (std::size_t t = 0; t < report.held_out.size(); ++t)
-    if (report.held_out[t] != 0 && (worst < 0 || beyond(static_cast<int>(t)) > beyond(worst))) worst = static_cast<int>(t);
-  return worst < 0 ? "" : fmt::format(" What was held out has more left, {:.2f} (null {:.2f}), most in {}.", misfit.held_out, misfit.null_held_out, experiment.frame_name(worst));
+    if (report.held_out[t] != 0 && (worst < 0 || beyond(static_cast<int>(t)) > beyond(worst)))
+      worst = static_cast<int>(t);
+  return worst < 0 ? ""
+                   : fmt::format(" What was held out has more left, {:.2f} (null {:.2f}), most in {}.", misfit.held_out,
+                                 misfit.null_held_out, experiment.frame_name(worst));
 }
 
 /// What no second frame checks.
@@ -81,7 +96,9 @@ std::string told_by_one_frame(const Experiment& experiment, const Report& report
   std::string text;
   for (int k : report.named)
     if (const auto alone = told_by_one_frame(experiment, report.final, k, rows))
-      text += fmt::format(" Nothing that is fitted tells of {} but {}.", experiment.candidates()[static_cast<std::size_t>(k)].name, experiment.frame_name(alone->frame));
+      text +=
+          fmt::format(" Nothing that is fitted tells of {} but {}.",
+                      experiment.candidates()[static_cast<std::size_t>(k)].name, experiment.frame_name(alone->frame));
   return text;
 }
 
@@ -93,30 +110,48 @@ bool in_its_force(const Experiment& experiment, const Model& model, int frame) {
     const Datum& datum = experiment.data()[i];
     if (datum.frame != frame) continue;
     const double r = model.fit.residual[static_cast<Eigen::Index>(i)], excess = r * r - 1.0;
-    if (datum.channel == force_channel) force += excess;
-    else other += excess, ++others;
+    if (datum.channel == force_channel)
+      force += excess;
+    else
+      other += excess, ++others;
   }
   return others > 0 && force > 0.0 && force > other;
 }
 
 std::string verdict_in_words(const Experiment& experiment, const Report& report) {
   const Model &before = report.declared, &after = report.final;
-  const bool is_held_out = std::any_of(report.held_out.begin(), report.held_out.end(), [](char out) { return out != 0; });
-  const std::string change = !is_held_out ? "Nothing was held out that would check it." : fmt::format("Held-out error {:.2f} -> {:.2f} (null {:.2f}).", before.misfit.held_out, after.misfit.held_out, after.misfit.null_held_out);
-  const auto candidate = [&](int k) -> const Candidate& { return experiment.candidates()[static_cast<std::size_t>(k)]; };
+  const bool is_held_out =
+      std::any_of(report.held_out.begin(), report.held_out.end(), [](char out) { return out != 0; });
+  const std::string change = !is_held_out
+                                 ? "Nothing was held out that would check it."
+                                 : fmt::format("Held-out error {:.2f} -> {:.2f} (null {:.2f}).", before.misfit.held_out,
+                                               after.misfit.held_out, after.misfit.null_held_out);
+  const auto candidate = [&](int k) -> const Candidate& {
+    return experiment.candidates()[static_cast<std::size_t>(k)];
+  };
   std::string by_chance;
   for (std::size_t i = 0; i < after.others.size(); ++i)
-    if (after.scores.candidates[i].contradicted) by_chance += (by_chance.empty() ? " Beyond the limit, but not so in what was held out: " : ", ") + candidate(after.others[i]).name;
+    if (after.scores.candidates[i].contradicted)
+      by_chance += (by_chance.empty() ? " Beyond the limit, but not so in what was held out: " : ", ") +
+                   candidate(after.others[i]).name;
   if (!by_chance.empty()) by_chance += ".";
-  if (report.verdict == Verdict::nothing_found) return fmt::format("Nothing is missing that this test could show (chi {:.2f}, null up to {:.2f}).{}", before.misfit.fitted, before.misfit.null_fitted, by_chance);
+  if (report.verdict == Verdict::nothing_found)
+    return fmt::format("Nothing is missing that this test could show (chi {:.2f}, null up to {:.2f}).{}",
+                       before.misfit.fitted, before.misfit.null_fitted, by_chance);
   std::string by_score;  // where the residual as a whole is no larger than noise makes it
   if (!omnibus_significant(before)) {
     std::size_t largest = before.others.size();
     for (std::size_t i = 0; i < before.others.size(); ++i)
-      if (stands_out(before, before.scores.candidates[i]) && (largest == before.others.size() || before.scores.candidates[i].z > before.scores.candidates[largest].z)) largest = i;
-    if (largest < before.others.size()) by_score = fmt::format("; one score of {} tells, that of {}: {:.1f}, noise alone up to {:.1f}", before.others.size(), candidate(before.others[largest]).name, before.scores.candidates[largest].z, before.scores.threshold);
+      if (stands_out(before, before.scores.candidates[i]) &&
+          (largest == before.others.size() || before.scores.candidates[i].z > before.scores.candidates[largest].z))
+        largest = i;
+    if (largest < before.others.size())
+      by_score = fmt::format("; one score of {} tells, that of {}: {:.1f}, noise alone up to {:.1f}",
+                             before.others.size(), candidate(before.others[largest]).name,
+                             before.scores.candidates[largest].z, before.scores.threshold);
   }
-  std::string text = fmt::format("Something is missing (chi {:.2f}, null up to {:.2f}{}). ", before.misfit.fitted, before.misfit.null_fitted, by_score);
+  std::string text = fmt::format("Something is missing (chi {:.2f}, null up to {:.2f}{}). ", before.misfit.fitted,
+                                 before.misfit.null_fitted, by_score);
   const auto list = [&](const std::vector<int>& which) {
     std::string all;
     for (int k : which) {
@@ -129,11 +164,17 @@ std::string verdict_in_words(const Experiment& experiment, const Report& report)
   const auto courses = [&](const std::vector<int>& which) {
     std::vector<std::string> functions;
     for (int k : which)
-      if (const auto& one = candidate(k).formula_for; !one.empty() && std::find(functions.begin(), functions.end(), one) == functions.end()) functions.push_back(one);
-    return functions.empty() ? "" : fmt::format("Of {} the test shows the course, not the formula. ", fmt::join(functions, " and "));
+      if (const auto& one = candidate(k).formula_for;
+          !one.empty() && std::find(functions.begin(), functions.end(), one) == functions.end())
+        functions.push_back(one);
+    return functions.empty()
+               ? ""
+               : fmt::format("Of {} the test shows the course, not the formula. ", fmt::join(functions, " and "));
   };
   if (report.verdict == Verdict::attributed) {
-    text += report.named.size() == 1 ? "One candidate alone explains it: " + list(report.named) + ". " : "It takes " + std::to_string(report.named.size()) + " effects: " + list(report.named) + ". ";
+    text += report.named.size() == 1
+                ? "One candidate alone explains it: " + list(report.named) + ". "
+                : "It takes " + std::to_string(report.named.size()) + " effects: " + list(report.named) + ". ";
     text += courses(report.named);
   } else if (report.verdict == Verdict::ambiguous) {
     std::vector<std::string> names, separators;
@@ -145,7 +186,8 @@ std::string verdict_in_words(const Experiment& experiment, const Report& report)
     }
     const std::vector<int> sure(report.named.begin(), report.named.end() - 1);
     text += sure.empty() ? "It is one of: " : "It takes " + list(sure) + ", and one of: ";
-    text += fmt::format("{}; these data cannot tell. What would: {}. ", fmt::join(names, ", "), fmt::join(separators, "; "));
+    text += fmt::format("{}; these data cannot tell. What would: {}. ", fmt::join(names, ", "),
+                        fmt::join(separators, "; "));
     std::vector<int> all = sure;
     all.insert(all.end(), report.set.begin(), report.set.end());
     text += courses(all);
@@ -153,18 +195,25 @@ std::string verdict_in_words(const Experiment& experiment, const Report& report)
     text += "No known effect explains it";
     if (!report.named.empty()) text += ", though it helps to add: " + list(report.named);
     if (const auto k = without_size(experiment, after); k && !significant(after)) {
-      text += fmt::format(". Nothing is left with these, but the size of {} is not told from its null value: they may stand for something else. ", candidate(*k).name);
+      text += fmt::format(
+          ". Nothing is left with these, but the size of {} is not told from its null value: they may stand for "
+          "something else. ",
+          candidate(*k).name);
       return text + change + changes(experiment, before, after) + by_chance;
     }
     Eigen::Index worst = 0;
     (after.misfit.frames - after.misfit.null_frames).maxCoeff(&worst);
-    text += fmt::format(". It is largest in {}{}. ", experiment.frame_name(static_cast<int>(worst)), in_its_force(experiment, after, static_cast<int>(worst)) ? ", in its force" : "");
+    text += fmt::format(". It is largest in {}{}. ", experiment.frame_name(static_cast<int>(worst)),
+                        in_its_force(experiment, after, static_cast<int>(worst)) ? ", in its force" : "");
   }
   return text + change + changes(experiment, before, after) + by_chance;
 }
 
 }  // namespace
 
-std::string sentence_of(const Experiment& experiment, const Report& report) { return verdict_in_words(experiment, report) + told_by_one_frame(experiment, report) + left_in_held_out(experiment, report) + bounds(experiment, report.declared, report.final); }
+std::string sentence_of(const Experiment& experiment, const Report& report) {
+  return verdict_in_words(experiment, report) + told_by_one_frame(experiment, report) +
+         left_in_held_out(experiment, report) + bounds(experiment, report.declared, report.final);
+}
 
 }  // namespace imic3d::loop

@@ -10,12 +10,15 @@
 namespace imic3d::loop {
 
 double log_chi_squared_tail(double value, int degrees) {
-  // Q(a + 1, x) = Q(a, x) + x^a e^-x / Gamma(a + 1), from Q(1/2, x) = erfc(sqrt x) or Q(1, x) = e^-x; e^-x taken out of the sum.
+  // Q(a + 1, x) = Q(a, x) + x^a e^-x / Gamma(a + 1), from Q(1/2, x) = erfc(sqrt x) or Q(1, x) = e^-x; e^-x taken out of
+  // the sum.
   const double x = 0.5 * std::max(0.0, value);
   if (x == 0.0) return 0.0;
   double a = degrees % 2 == 1 ? 0.5 : 1.0;
   // e^x erfc(sqrt x), by its asymptotic series where erfc underflows.
-  double scaled = degrees % 2 == 0 ? 1.0 : x < 600.0 ? std::exp(x) * std::erfc(std::sqrt(x)) : (1.0 - 0.5 / x) / std::sqrt(M_PI * x);
+  double scaled = degrees % 2 == 0 ? 1.0
+                  : x < 600.0      ? std::exp(x) * std::erfc(std::sqrt(x))
+                                   : (1.0 - 0.5 / x) / std::sqrt(M_PI * x);
   for (; a < 0.5 * degrees - 0.25; a += 1.0) scaled += std::exp(a * std::log(x) - std::lgamma(a + 1.0));
   return std::min(0.0, std::log(scaled) - x);
 }
@@ -23,7 +26,8 @@ double log_chi_squared_tail(double value, int degrees) {
 double chi_squared_tail(double value, int degrees) { return std::exp(log_chi_squared_tail(value, degrees)); }
 
 bool told_from_zero(const Eigen::VectorXd& estimates, const Eigen::MatrixXd& covariance) {
-  return chi_squared_tail(estimates.dot(least_squares(covariance, estimates).col(0)), static_cast<int>(estimates.size())) <= 0.05;
+  return chi_squared_tail(estimates.dot(least_squares(covariance, estimates).col(0)),
+                          static_cast<int>(estimates.size())) <= 0.05;
 }
 
 double deviations(double log_p) {
@@ -36,7 +40,8 @@ double deviations(double log_p) {
 }
 
 double student_as_normal(double t, double freedom) {
-  return std::copysign((8.0 * freedom + 1.0) / (8.0 * freedom + 3.0) * std::sqrt(freedom * std::log1p(t * t / freedom)), t);
+  return std::copysign((8.0 * freedom + 1.0) / (8.0 * freedom + 3.0) * std::sqrt(freedom * std::log1p(t * t / freedom)),
+                       t);
 }
 
 double normal_as_student(double z, double freedom) {
@@ -55,7 +60,8 @@ double detectable(double limit, double beyond, int degrees) {
     }
     return 0.5 * (low + high);
   };
-  const double critical = where(std::pow(limit + 3.0, 2) + 4.0 * degrees, [&](double value) { return log_chi_squared_tail(value, degrees) > log_p; });
+  const double critical = where(std::pow(limit + 3.0, 2) + 4.0 * degrees,
+                                [&](double value) { return log_chi_squared_tail(value, degrees) > log_p; });
   // The non-central one is a mixture: degrees + 2 i with Poisson's probability of i.
   std::map<int, double> tails;
   const auto tail = [&](double shift) {
@@ -85,7 +91,9 @@ Eigen::MatrixXd whitening(const Eigen::MatrixXd& covariance, const std::vector<i
 
 double upper_quantile(Eigen::VectorXd values, double level) {
   std::sort(values.begin(), values.end());
-  const auto place = static_cast<Eigen::Index>(std::ceil((1.0 - level) * static_cast<double>(values.size() + 1) - 1e-9));  // counted from 1
+  // counted from 1
+  const auto place =
+      static_cast<Eigen::Index>(std::ceil((1.0 - level) * static_cast<double>(values.size() + 1) - 1e-9));
   return values[std::clamp<Eigen::Index>(place, 1, values.size()) - 1];
 }
 

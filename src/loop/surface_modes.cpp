@@ -13,7 +13,8 @@ namespace {
 
 /// The colour of each node: squares of a quarter of the narrower side.
 std::vector<int> checkerboard(const mesh::Mesh& surface) {
-  const Eigen::RowVector2d low = surface.nodes.leftCols<2>().colwise().minCoeff(), side = surface.nodes.leftCols<2>().colwise().maxCoeff() - low;
+  const Eigen::RowVector2d low = surface.nodes.leftCols<2>().colwise().minCoeff(),
+                           side = surface.nodes.leftCols<2>().colwise().maxCoeff() - low;
   const double square = 0.25 * side.minCoeff() * (1.0 + 1e-9);
   std::vector<int> colour;
   for (Eigen::Index i = 0; i < surface.nodes.rows(); ++i) {
@@ -25,12 +26,16 @@ std::vector<int> checkerboard(const mesh::Mesh& surface) {
 
 }  // namespace
 
-/// Subspace iteration for the smallest eigenvalues of curvature x = lambda M x; affine motions come first. Any smooth subspace
-/// serves, the modes need not be exact.
-SurfaceModes::SurfaceModes(const mesh::Mesh& surface, const Eigen::SparseMatrix<double>& M, int wanted, const Eigen::MatrixXd& R) {
+/// Subspace iteration for the smallest eigenvalues of curvature x = lambda M x; affine motions come first. Any smooth
+/// subspace serves, the modes need not be exact.
+SurfaceModes::SurfaceModes(const mesh::Mesh& surface, const Eigen::SparseMatrix<double>& M, int wanted,
+                           const Eigen::MatrixXd& R) {
   const auto size = M.rows();
   const auto components = size / surface.nodes.rows();
-  const auto count = std::min<Eigen::Index>(std::max(1, wanted / 2), std::max<Eigen::Index>(1, size / 6));  // of 18 nodes and more all affine motions: which of them would be for rounding to say
+  const auto count = std::min<Eigen::Index>(
+      std::max(1, wanted / 2),
+      std::max<Eigen::Index>(
+          1, size / 6));  // of 18 nodes and more all affine motions: which of them would be for rounding to say
   const Eigen::SparseMatrix<double> K = correlation::curvature_energy(surface, static_cast<int>(components));
   const double shift = 1e-6 * K.diagonal().sum() / M.diagonal().sum();
   const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> factor(K + shift * M);

@@ -20,10 +20,13 @@ Matrix3 tensor(const Vector6& v) {
 }
 
 /// Whether one of these effects is away from its null value.
-bool has(const FiniteStrainLaw& law, std::span<const double> parameters, std::initializer_list<std::string_view> effects) {
+bool has(const FiniteStrainLaw& law, std::span<const double> parameters,
+         std::initializer_list<std::string_view> effects) {
   for (std::size_t i = 0; i < parameters.size(); ++i) {
     const ParameterInfo& info = law.parameters()[i];
-    if (std::find(effects.begin(), effects.end(), info.effect) != effects.end() && !info.shape && info.null_value && parameters[i] != *info.null_value) return true;
+    if (std::find(effects.begin(), effects.end(), info.effect) != effects.end() && !info.shape && info.null_value &&
+        parameters[i] != *info.null_value)
+      return true;
   }
   return false;
 }
@@ -38,7 +41,8 @@ bool hardens_with_rate(const FiniteStrainLaw& law, std::span<const double> param
 
 class Bar {
  public:
-  Bar(const FiniteStrainLaw& law, std::span<const double> parameters, const BarHistory& history, std::span<const int> free)
+  Bar(const FiniteStrainLaw& law, std::span<const double> parameters, const BarHistory& history,
+      std::span<const int> free)
       : law_(law),
         parameters_(parameters),
         free_(free),
@@ -54,13 +58,15 @@ class Bar {
         d_new_(d_old_.size()),
         d_stress_(Eigen::VectorXd::Zero(static_cast<Eigen::Index>(free.size()))) {
     law.initialise(old_);
-    for (std::size_t j = 0; j < free.size(); ++j) directions_[j * parameters.size() + static_cast<std::size_t>(free[j])] = 1.0;
+    for (std::size_t j = 0; j < free.size(); ++j)
+      directions_[j * parameters.size() + static_cast<std::size_t>(free[j])] = 1.0;
     const double angle = history.direction * std::numbers::pi / 180.0;
     Q_ = Matrix3::Identity();
     if (history.direction != 0.0) Q_ = Eigen::AngleAxisd(angle, Eigen::Vector3d::UnitZ()).toRotationMatrix();
   }
 
-  /// From the state reached so far to the `shown` strain; false leaves the state as it is. Where it can be `shorter` it is false, too, if the plastic strain rate, which the law takes for one in a step, has changed.
+  /// From the state reached so far to the `shown` strain; false leaves the state as it is. Where it can be `shorter` it
+  /// is false, too, if the plastic strain rate, which the law takes for one in a step, has changed.
   bool step(double shown, double time_increment, bool shorter) {
     State x = x_ + course_ * (shown - shown_);
     if (compliance_ == 0.0) x[3] = shown;
@@ -68,14 +74,14 @@ class Bar {
     Eigen::Matrix4d slope = Eigen::Matrix4d::Zero();
     double last = INFINITY;
     for (int iteration = 0;; ++iteration) {
-      if (!law_.update(turned(gradient(x)), time_increment, parameters_, old_, new_, response, true))
-        return false;
+      if (!law_.update(turned(gradient(x)), time_increment, parameters_, old_, new_, response, true)) return false;
       const Matrix3 tau = back(tensor(response.kirchhoff));
       // The last equation, exp(shown) = exp(strain) + compliance * engineering stress, in the size of the others.
       const double stiffness = response.tangent.norm(), shrink = std::exp(-x[3]);
       State r = unbalanced(tau, compliance_ * stiffness * shrink);
       r[3] += stiffness * (std::exp(x[3]) - std::exp(shown));
-      for (int k = 0; k < unknowns_; ++k) slope.col(k) = unbalanced(rate(response, tau, x, k), compliance_ * stiffness * shrink);
+      for (int k = 0; k < unknowns_; ++k)
+        slope.col(k) = unbalanced(rate(response, tau, x, k), compliance_ * stiffness * shrink);
       slope(3, 3) += stiffness * (std::exp(x[3]) - compliance_ * shrink * tau(0, 0));
       State change = State::Zero();
       change.head(unknowns_) = slope.topLeftCorner(unknowns_, unknowns_).partialPivLu().solve(r.head(unknowns_));
@@ -125,7 +131,9 @@ class Bar {
     return dF;
   }
   /// What has to vanish of a stress: across the bar, and its share of the shown strain's equation.
-  static State unbalanced(const Matrix3& tau, double share) { return {tau(1, 1), tau(2, 2), tau(0, 1), share * tau(0, 0)}; }
+  static State unbalanced(const Matrix3& tau, double share) {
+    return {tau(1, 1), tau(2, 2), tau(0, 1), share * tau(0, 0)};
+  }
   [[nodiscard]] Matrix3 turned(const Matrix3& in_bar) const { return Q_ * in_bar * Q_.transpose(); }
   [[nodiscard]] Matrix3 back(const Matrix3& in_law) const { return Q_.transpose() * in_law * Q_; }
 
@@ -136,24 +144,28 @@ class Bar {
     return back(tensor(response.tangent * d)) + L * tau + tau * L.transpose();
   }
 
-  /// Direct differentiation of the step, then the state moves on. Directions of the law: each parameter at fixed strains, then each unknown strain alone,
-  /// of which the parameters' share follows from what stays zero.
-  void finish(double shown, const State& x, double time_increment, double stress, const Eigen::Matrix4d& slope, double share) {
+  /// Direct differentiation of the step, then the state moves on. Directions of the law: each parameter at fixed
+  /// strains, then each unknown strain alone, of which the parameters' share follows from what stays zero.
+  void finish(double shown, const State& x, double time_increment, double stress, const Eigen::Matrix4d& slope,
+              double share) {
     const std::size_t count = free_.size(), history = old_.size(), unknowns = static_cast<std::size_t>(unknowns_);
     const double longer = std::exp(shown - x[3]);
     if (count > 0) {
       for (std::size_t k = 0; k < unknowns; ++k) dF_[count + k] = turned(gradient_rate(x, static_cast<int>(k)));
       Vector6 tau;
-      if (!law_.directional_derivatives(turned(gradient(x)), dF_, time_increment, parameters_, directions_, old_, d_old_, tau, d_tau_, d_new_))
+      if (!law_.directional_derivatives(turned(gradient(x)), dF_, time_increment, parameters_, directions_, old_,
+                                        d_old_, tau, d_tau_, d_new_))
         throw std::runtime_error("the derivative of a step that was possible");
       const auto lu = slope.topLeftCorner(unknowns_, unknowns_).partialPivLu();
       for (std::size_t j = 0; j < count; ++j) {
         const Eigen::VectorXd dx = -lu.solve(unbalanced(back(tensor(d_tau_[j])), share).head(unknowns_));
         for (std::size_t k = 0; k < unknowns; ++k) {
           d_tau_[j] += dx[static_cast<Eigen::Index>(k)] * d_tau_[count + k];
-          for (std::size_t i = 0; i < history; ++i) d_new_[j * history + i] += dx[static_cast<Eigen::Index>(k)] * d_new_[(count + k) * history + i];
+          for (std::size_t i = 0; i < history; ++i)
+            d_new_[j * history + i] += dx[static_cast<Eigen::Index>(k)] * d_new_[(count + k) * history + i];
         }
-        d_stress_[static_cast<Eigen::Index>(j)] = longer * (back(tensor(d_tau_[j]))(0, 0) - (unknowns_ == 4 ? stress * dx[3] : 0.0));
+        d_stress_[static_cast<Eigen::Index>(j)] =
+            longer * (back(tensor(d_tau_[j]))(0, 0) - (unknowns_ == 4 ? stress * dx[3] : 0.0));
       }
       std::copy_n(d_new_.begin(), count * history, d_old_.begin());
     }
@@ -174,7 +186,7 @@ class Bar {
   std::vector<double> directions_, d_old_, d_new_;  // direction after direction
   Eigen::VectorXd d_stress_;
   Matrix3 Q_;
-  double shown_ = 0.0, stress_ = 0.0, speed_ = 0.0;  // speed: of the plastic strain
+  double shown_ = 0.0, stress_ = 0.0, speed_ = 0.0;         // speed: of the plastic strain
   State x_ = State::Zero(), course_{-0.5, -0.5, 0.0, 1.0};  // the next step goes on as the last one did
 };
 
@@ -183,7 +195,8 @@ double fading(const FiniteStrainLaw& law, std::span<const double> parameters) {
   double fastest = 0.0;
   for (std::size_t i = 0; i < parameters.size(); ++i) {
     const ParameterInfo& info = law.parameters()[i];
-    if (info.name.starts_with("gamma_") && has(law, parameters, {info.effect})) fastest = std::max(fastest, parameters[i]);
+    if (info.name.starts_with("gamma_") && has(law, parameters, {info.effect}))
+      fastest = std::max(fastest, parameters[i]);
   }
   return fastest;
 }
@@ -203,13 +216,16 @@ BarResponse in_steps(const FiniteStrainLaw& law, std::span<const double> paramet
   // A tenth of a back-stress at most fades in a step.
   constexpr double part = 0.1, least = 1.0 / 8.0;
   const double fades = options.given_steps ? 0.0 : fading(law, parameters);
-  const double longest = std::clamp(fades > 0.0 ? part / fades : options.largest_step, least * options.largest_step, options.largest_step);
+  const double longest =
+      std::clamp(fades > 0.0 ? part / fades : options.largest_step, least * options.largest_step, options.largest_step);
   const auto reach = [&](double strain, double duration) {
     const double from = bar.shown(), way = strain - from;
     int count = std::max(1, static_cast<int>(std::ceil(std::abs(way) / longest - 1e-9))) * parts, halvings = 0;
     for (int k = 1; k <= count;) {
-      if (bar.step(k == count ? strain : from + way * k / count, duration / count, !options.given_steps && halvings < options.most_halvings)) {
-        // Short steps where they are needed only: one corner of the curve would else cost thousands of them to the end of its row.
+      if (bar.step(k == count ? strain : from + way * k / count, duration / count,
+                   !options.given_steps && halvings < options.most_halvings)) {
+        // Short steps where they are needed only: one corner of the curve would else cost thousands of them to the end
+        // of its row.
         if (halvings > 0 && k % 2 == 0) --halvings, k /= 2, count /= 2;
         ++k;
         continue;
@@ -244,12 +260,16 @@ BarResponse pull_bar(const FiniteStrainLaw& law, std::span<const double> paramet
                      std::span<const int> free, const BarOptions& options) {
   if (law.thickness_strain_index() >= 0) throw std::invalid_argument("pull_bar: a law of plane stress");
   BarResponse whole = in_steps(law, parameters, history, free, options, 1);
-  // Isotropic hardening is a function of the plastic strain, which goes one way: steps of any length are exact. Back-stresses and heat are integrated.
-  if (!has(law, parameters, {"kinematic", "kinematic_2", "kinematic_3", "heating"}) || whole.rows < history.strain.size()) return whole;
+  // Isotropic hardening is a function of the plastic strain, which goes one way: steps of any length are exact.
+  // Back-stresses and heat are integrated.
+  if (!has(law, parameters, {"kinematic", "kinematic_2", "kinematic_3", "heating"}) ||
+      whole.rows < history.strain.size())
+    return whole;
   BarResponse response = in_steps(law, parameters, history, free, options, 2);
   if (response.rows < history.strain.size()) return whole;
   const auto extrapolate = [](auto& halved, const auto& once) { halved += halved - once; };
-  extrapolate(response.kirchhoff, whole.kirchhoff), extrapolate(response.engineering, whole.engineering), extrapolate(response.lateral, whole.lateral);
+  extrapolate(response.kirchhoff, whole.kirchhoff), extrapolate(response.engineering, whole.engineering),
+      extrapolate(response.lateral, whole.lateral);
   extrapolate(response.plastic_strain, whole.plastic_strain), extrapolate(response.derivatives, whole.derivatives);
   return response;
 }

@@ -29,7 +29,8 @@ effects::Selection selected(const LawChoice& choice) {
   std::string allowed;
   for (const auto& effect : effects::list) allowed += (allowed.empty() ? "" : ", ") + std::string(effect.name);
   for (const auto& name : choice.effects) {
-    const auto found = std::find_if(effects::list.begin(), effects::list.end(), [&](const auto& effect) { return name == effect.name; });
+    const auto found = std::find_if(effects::list.begin(), effects::list.end(),
+                                    [&](const auto& effect) { return name == effect.name; });
     if (found == effects::list.end()) throw InputError("material.effects", name, allowed);
     const auto effect = static_cast<effects::Effect>(found - effects::list.begin());
     if (selection.has(effect)) throw InputError("material.effects", name + " twice", "each effect once");
@@ -43,7 +44,8 @@ LawPointer j2(const LawChoice& choice, Hardening hardening) {
   if (!choice.effects.empty()) {
     std::string name = "j2 " + choice.hardening;
     for (const auto& effect : choice.effects) name += " + " + effect;
-    return finite_strain(choice, ExtendedJ2<Hardening>{std::move(hardening), name, choice.cauchy_yield, selected(choice)});
+    return finite_strain(choice,
+                         ExtendedJ2<Hardening>{std::move(hardening), name, choice.cauchy_yield, selected(choice)});
   }
   return finite_strain(choice, J2<Hardening>{std::move(hardening), "j2 " + choice.hardening, choice.cauchy_yield});
 }
@@ -99,7 +101,8 @@ LawPointer make_j2(const LawChoice& choice) {
 constexpr Entry laws[] = {
     {"elastic",
      [](const LawChoice& c) {
-       if (!c.effects.empty()) throw InputError("material.effects", c.effects.front() + " with law elastic", "effects of law j2, or none");
+       if (!c.effects.empty())
+         throw InputError("material.effects", c.effects.front() + " with law elastic", "effects of law j2, or none");
        return finite_strain(c, Elastic{});
      }},
     {"j2", make_j2},

@@ -1,7 +1,7 @@
 #pragma once
-// Anderson's acceleration of corrections with a kept factor (Walker & Ni 2011): a few modes in which the factor is not that of the tangent,
-// points that began to yield or to unload since, shrink slowly and all in the same way; differences of past corrections tell them. On a linear
-// problem it is GMRES.
+// Anderson's acceleration of corrections with a kept factor (Walker & Ni 2011): a few modes in which the factor is not
+// that of the tangent, points that began to yield or to unload since, shrink slowly and all in the same way;
+// differences of past corrections tell them. On a linear problem it is GMRES.
 
 #include <petscvec.h>
 

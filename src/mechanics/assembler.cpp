@@ -23,14 +23,16 @@ void HistoryField::initialise(const material::FiniteStrainLaw& law) {
   const auto size = static_cast<std::size_t>(law.history_size());
   std::fill(converged_.begin(), converged_.end(), 0.0);
   for (std::size_t cell = 0; size > 0 && cell < converged_.size(); cell += per_cell_)
-    for (std::size_t begin = cell; begin < cell + of_points_; begin += size) law.initialise(std::span(converged_).subspan(begin, size));
+    for (std::size_t begin = cell; begin < cell + of_points_; begin += size)
+      law.initialise(std::span(converged_).subspan(begin, size));
   trial_ = converged_;
 }
 
 void HistoryField::strain(const material::FiniteStrainLaw& law, int cell, int axis, double strain) {
   const auto size = static_cast<std::size_t>(law.history_size()), first = static_cast<std::size_t>(cell) * per_cell_;
   for (std::size_t begin = first; begin < first + of_points_; begin += size)
-    trial_[begin + static_cast<std::size_t>(4 * axis)] = converged_[begin + static_cast<std::size_t>(4 * axis)] = std::exp(strain);
+    trial_[begin + static_cast<std::size_t>(4 * axis)] = converged_[begin + static_cast<std::size_t>(4 * axis)] =
+        std::exp(strain);
 }
 
 double HistoryField::advance(int entries) {
@@ -75,7 +77,8 @@ Assembler::Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
     throw InputError("mesh", "one point in " + mesh::name(type_), "one point in hex8");
   if (axes_ < 2) throw InputError("mesh", mesh::name(mesh.type), "quadrilaterals or hexahedra");
   if ((axes_ == 2) != (law_->thickness_strain_index() >= 0))
-    throw InputError("material", law_->name() + " on " + mesh::name(mesh.type), "a law of plane stress on quadrilaterals, else on hexahedra");
+    throw InputError("material", law_->name() + " on " + mesh::name(mesh.type),
+                     "a law of plane stress on quadrilaterals, else on hexahedra");
   for (int cell : partition.cells) {
     if (mesh.section.size() > 0) section_.push_back(mesh.section[cell]);
     if (mesh.initial_strain.size() > 0) initial_strain_.push_back(mesh.initial_strain[cell]);
@@ -94,7 +97,8 @@ Assembler::Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
     global_nodes.push_back(global);
   }
 
-  const auto n = static_cast<std::size_t>(nodes_per_cell_), axes = static_cast<std::size_t>(axes_), cell_dofs = axes * n;
+  const auto n = static_cast<std::size_t>(nodes_per_cell_), axes = static_cast<std::size_t>(axes_),
+             cell_dofs = axes * n;
   nodes_.resize(static_cast<Eigen::Index>(cells * n), 3);
   local_nodes_.resize(static_cast<Eigen::Index>(cells), nodes_per_cell_);
   constrained_local_.assign(axes * global_nodes.size(), 0);
@@ -111,7 +115,8 @@ Assembler::Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
       local_nodes_(static_cast<Eigen::Index>(k), static_cast<Eigen::Index>(corner)) = local;
       for (std::size_t i = 0; i < axes; ++i) {
         dofs[axes * corner + i] = axes_ * global + static_cast<PetscInt>(i);
-        constrained_local_[axes * static_cast<std::size_t>(local) + i] = constrained[3 * static_cast<std::size_t>(natural) + i];
+        constrained_local_[axes * static_cast<std::size_t>(local) + i] =
+            constrained[3 * static_cast<std::size_t>(natural) + i];
       }
     }
     vector_rows.insert(vector_rows.end(), dofs.begin(), dofs.end());
@@ -129,7 +134,8 @@ Assembler::Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
     for (int i = 0; i < axes_; ++i) {
       const PetscInt dof = axes_ * global_of_natural[natural] + i;
       if (dof >= first && dof < first + owned)
-        constrained_owned_[static_cast<std::size_t>(dof - first)] = constrained[3 * natural + static_cast<std::size_t>(i)];
+        constrained_owned_[static_cast<std::size_t>(dof - first)] =
+            constrained[3 * natural + static_cast<std::size_t>(i)];
     }
   for (PetscInt dof = first; dof < first + owned; ++dof) {
     rows.push_back(dof);
@@ -156,14 +162,15 @@ Assembler::Assembler(const mesh::Partition& partition, const mesh::Mesh& mesh,
 
   IS from = nullptr;
   IMIC3D_PETSC(ISCreateBlock(PETSC_COMM_SELF, axes_, static_cast<PetscInt>(global_nodes.size()), global_nodes.data(),
-                      PETSC_COPY_VALUES, &from));
+                             PETSC_COPY_VALUES, &from));
   IMIC3D_PETSC(VecCreateSeq(PETSC_COMM_SELF, static_cast<PetscInt>(axes * global_nodes.size()), &local_));
   IMIC3D_PETSC(VecScatterCreate(force_pattern_, from, local_, nullptr, &scatter_));
   IMIC3D_PETSC(ISDestroy(&from));
 
   element_tangents_.assign(rows.size(), 0.0);
   for (PetscInt i = 0; i < owned; ++i)
-    element_tangents_[cells * cell_dofs * cell_dofs + static_cast<std::size_t>(i)] = constrained_owned_[static_cast<std::size_t>(i)] != 0;
+    element_tangents_[cells * cell_dofs * cell_dofs + static_cast<std::size_t>(i)] =
+        constrained_owned_[static_cast<std::size_t>(i)] != 0;
   element_forces_.resize(cells * cell_dofs);
   element_lifting_.resize(cells * cell_dofs);
   u_local_.resize(axes * global_nodes.size());
@@ -182,13 +189,15 @@ Assembler::~Assembler() {
 void Assembler::start(int directions, const Eigen::MatrixXd& d_section) {
   history_.initialise(*law_);
   const auto count = static_cast<std::size_t>(directions);
-  d_history_ = HistoryField(static_cast<int>(partition_.cells.size()), count * static_cast<std::size_t>(points_per_cell_ * law_->history_size()));
+  d_history_ = HistoryField(static_cast<int>(partition_.cells.size()),
+                            count * static_cast<std::size_t>(points_per_cell_ * law_->history_size()));
   du_local_.assign(count, std::vector<double>(u_local_.size()));
   d_element_forces_.assign(count, std::vector<double>(element_forces_.size()));
   d_section_.assign(count, {});
   for (Eigen::Index k = 0; k < d_section.cols(); ++k)
     if (!d_section.col(k).isZero(0.0))
-      for (int cell : partition_.cells) d_section_[count - static_cast<std::size_t>(d_section.cols() - k)].push_back(d_section(cell, k));
+      for (int cell : partition_.cells)
+        d_section_[count - static_cast<std::size_t>(d_section.cols() - k)].push_back(d_section(cell, k));
   for (std::size_t cell = 0; cell < initial_strain_.size(); ++cell)
     history_.strain(*law_, static_cast<int>(cell), initial_axis_, initial_strain_[cell]);
 }
@@ -228,15 +237,16 @@ bool Assembler::evaluate_cells(double time_increment, std::span<const double> pa
       prescribed[dof] = with_tangent && is_fixed ? increment_local_[local] : 0.0;
     }
     ElementResult<nodes, axes> element;
-    const ElementNodes<nodes, axes> places = nodes_.middleRows<nodes>(nodes * static_cast<Eigen::Index>(cell)).template leftCols<axes>();
+    const ElementNodes<nodes, axes> places =
+        nodes_.middleRows<nodes>(nodes * static_cast<Eigen::Index>(cell)).template leftCols<axes>();
     bool good = false;
     if constexpr (axes == 2)
-      good = evaluate<nodes>(*law_, thickness_, parameters, time_increment, places, displacement, history_.converged(cell),
-                             history_.trial(cell), element, with_tangent);
+      good = evaluate<nodes>(*law_, thickness_, parameters, time_increment, places, displacement,
+                             history_.converged(cell), history_.trial(cell), element, with_tangent);
     else if constexpr (nodes == 8)
       good = integration_ == mesh::Integration::full
-                 ? evaluate(*law_, parameters, time_increment, places, displacement, history_.converged(cell), history_.trial(cell),
-                            element, with_tangent)
+                 ? evaluate(*law_, parameters, time_increment, places, displacement, history_.converged(cell),
+                            history_.trial(cell), element, with_tangent)
                  : evaluate_one_point(*law_, parameters, time_increment, places, displacement, history_.converged(cell),
                                       history_.trial(cell), element, with_tangent,
                                       integration_ == mesh::Integration::one_point_stabilised ? &elastic_ : nullptr);
@@ -295,46 +305,56 @@ bool Assembler::assemble(Vec u, double time_increment, std::span<const double> p
 }
 
 template <int nodes, int axes>
-bool Assembler::differentiate_cells(double time_increment, std::span<const double> parameters, std::span<const double> d_parameters) {
+bool Assembler::differentiate_cells(double time_increment, std::span<const double> parameters,
+                                    std::span<const double> d_parameters) {
   constexpr int dofs = axes * nodes;
   const auto cells = static_cast<int>(local_nodes_.rows());
-  const std::size_t count = du_local_.size(), of_points = static_cast<std::size_t>(points_per_cell_ * law_->history_size());
+  const std::size_t count = du_local_.size(),
+                    of_points = static_cast<std::size_t>(points_per_cell_ * law_->history_size());
   int failed = 0;
 #pragma omp parallel for schedule(static) reduction(max : failed)
   for (int cell = 0; cell < cells; ++cell) {
-    const auto local = [&](int dof) { return static_cast<std::size_t>(axes * local_nodes_(cell, dof / axes) + dof % axes); };
+    const auto local = [&](int dof) {
+      return static_cast<std::size_t>(axes * local_nodes_(cell, dof / axes) + dof % axes);
+    };
     const double section = section_.empty() ? 1.0 : section_[static_cast<std::size_t>(cell)];
-    const ElementNodes<nodes, axes> places = nodes_.middleRows<nodes>(nodes * static_cast<Eigen::Index>(cell)).template leftCols<axes>();
+    const ElementNodes<nodes, axes> places =
+        nodes_.middleRows<nodes>(nodes * static_cast<Eigen::Index>(cell)).template leftCols<axes>();
     ElementVector<nodes, axes> displacement;
     for (int dof = 0; dof < dofs; ++dof) displacement[dof] = u_local_[local(dof)];
     for (std::size_t first = 0; first < count; first += most_directions) {
       const std::size_t n = std::min<std::size_t>(most_directions, count - first);
-      ElementColumns<nodes, axes> d_displacement(dofs, static_cast<Eigen::Index>(n)), d_force(dofs, static_cast<Eigen::Index>(n));
+      ElementColumns<nodes, axes> d_displacement(dofs, static_cast<Eigen::Index>(n)),
+          d_force(dofs, static_cast<Eigen::Index>(n));
       for (std::size_t k = 0; k < n; ++k)
-        for (int dof = 0; dof < dofs; ++dof) d_displacement(dof, static_cast<Eigen::Index>(k)) = du_local_[first + k][local(dof)];
+        for (int dof = 0; dof < dofs; ++dof)
+          d_displacement(dof, static_cast<Eigen::Index>(k)) = du_local_[first + k][local(dof)];
       const ElementDirections along{d_parameters.subspan(first * parameters.size(), n * parameters.size()),
                                     d_history_.converged(cell).subspan(first * of_points, n * of_points),
                                     d_history_.trial(cell).subspan(first * of_points, n * of_points)};
       bool good = false;
       if constexpr (axes == 2)
-        good = mechanics::differentiate<nodes>(*law_, thickness_, parameters, time_increment, places, displacement, history_.converged(cell),
-                                               d_displacement, along, d_force);
+        good = mechanics::differentiate<nodes>(*law_, thickness_, parameters, time_increment, places, displacement,
+                                               history_.converged(cell), d_displacement, along, d_force);
       else if constexpr (nodes == 8)
         good = integration_ == mesh::Integration::full
-                   ? mechanics::differentiate(*law_, parameters, time_increment, places, displacement, history_.converged(cell), d_displacement,
-                                              along, d_force)
-                   : differentiate_one_point(*law_, parameters, time_increment, places, displacement, history_.converged(cell),
-                                             d_displacement, along, d_force);
+                   ? mechanics::differentiate(*law_, parameters, time_increment, places, displacement,
+                                              history_.converged(cell), d_displacement, along, d_force)
+                   : differentiate_one_point(*law_, parameters, time_increment, places, displacement,
+                                             history_.converged(cell), d_displacement, along, d_force);
       else
-        good = mechanics::differentiate(*law_, parameters, time_increment, places, displacement, history_.converged(cell), d_displacement,
-                                        along, d_force);
+        good = mechanics::differentiate(*law_, parameters, time_increment, places, displacement,
+                                        history_.converged(cell), d_displacement, along, d_force);
       if (!good) failed = 1;
       d_force *= section;
       for (std::size_t k = 0; k < n; ++k)
         if (const auto& change = d_section_[first + k]; !change.empty())
-          d_force.col(static_cast<Eigen::Index>(k)) += change[static_cast<std::size_t>(cell)] * Eigen::Map<const ElementVector<nodes, axes>>(element_forces_.data() + static_cast<long>(dofs) * cell);
+          d_force.col(static_cast<Eigen::Index>(k)) +=
+              change[static_cast<std::size_t>(cell)] *
+              Eigen::Map<const ElementVector<nodes, axes>>(element_forces_.data() + static_cast<long>(dofs) * cell);
       for (std::size_t k = 0; k < n; ++k)
-        std::copy_n(d_force.col(static_cast<Eigen::Index>(k)).data(), dofs, d_element_forces_[first + k].begin() + dofs * cell);
+        std::copy_n(d_force.col(static_cast<Eigen::Index>(k)).data(), dofs,
+                    d_element_forces_[first + k].begin() + dofs * cell);
     }
   }
   return failed == 0;
@@ -344,10 +364,11 @@ bool Assembler::differentiate(const std::vector<Vec>& du, double time_increment,
                               std::span<const double> d_parameters, const std::vector<Vec>& d_force) {
   const LoggedEvent logged(LoggedEvent::named("imic3dDeriv"));
   for (std::size_t k = 0; k < du.size(); ++k) gather(du[k], du_local_[k]);
-  const bool good = type_ == mesh::CellType::quad4   ? differentiate_cells<4, 2>(time_increment, parameters, d_parameters)
-                    : type_ == mesh::CellType::quad8 ? differentiate_cells<8, 2>(time_increment, parameters, d_parameters)
-                    : type_ == mesh::CellType::hex8  ? differentiate_cells<8, 3>(time_increment, parameters, d_parameters)
-                                                     : differentiate_cells<20, 3>(time_increment, parameters, d_parameters);
+  const bool good =
+      type_ == mesh::CellType::quad4   ? differentiate_cells<4, 2>(time_increment, parameters, d_parameters)
+      : type_ == mesh::CellType::quad8 ? differentiate_cells<8, 2>(time_increment, parameters, d_parameters)
+      : type_ == mesh::CellType::hex8  ? differentiate_cells<8, 3>(time_increment, parameters, d_parameters)
+                                       : differentiate_cells<20, 3>(time_increment, parameters, d_parameters);
   if (!partition_.communicator.all(good)) return false;
   for (std::size_t k = 0; k < du.size(); ++k) insert(d_element_forces_[k], d_force[k]);
   return true;

@@ -15,9 +15,11 @@ struct Corners {
   int first, owned;
 
   Corners(const mesh::Partition& partition, const mesh::Mesh& mesh, const mesh::Cells& middles)
-      : of_global(static_cast<std::size_t>(mesh.nodes.rows()) + 1, 0), is_one(static_cast<std::size_t>(mesh.nodes.rows()), 1) {
+      : of_global(static_cast<std::size_t>(mesh.nodes.rows()) + 1, 0),
+        is_one(static_cast<std::size_t>(mesh.nodes.rows()), 1) {
     for (Eigen::Index k = 0; k < middles.rows(); ++k) is_one[static_cast<std::size_t>(middles(k, 0))] = 0;
-    for (std::size_t g = 0; g + 1 < of_global.size(); ++g) of_global[g + 1] = of_global[g] + is_one[static_cast<std::size_t>(partition.natural_of_global[g])];
+    for (std::size_t g = 0; g + 1 < of_global.size(); ++g)
+      of_global[g + 1] = of_global[g] + is_one[static_cast<std::size_t>(partition.natural_of_global[g])];
     first = of_global[static_cast<std::size_t>(partition.first_owned())];
     owned = of_global[static_cast<std::size_t>(partition.first_owned() + partition.owned_nodes())] - first;
   }
@@ -25,7 +27,8 @@ struct Corners {
 
 }  // namespace
 
-CornerGrid::CornerGrid(const mesh::Partition& partition, const mesh::Mesh& mesh, const std::vector<int>& constrained, int axes) {
+CornerGrid::CornerGrid(const mesh::Partition& partition, const mesh::Mesh& mesh, const std::vector<int>& constrained,
+                       int axes) {
   const mesh::Cells middles = mesh::edge_middles(mesh);
   const Corners corners(partition, mesh, middles);
   std::vector<char> held(static_cast<std::size_t>(3 * mesh.nodes.rows()), 0);
@@ -33,20 +36,25 @@ CornerGrid::CornerGrid(const mesh::Partition& partition, const mesh::Mesh& mesh,
 
   // A constrained degree of a corner has an equation of its own; nothing else goes with it.
   IMIC3D_PETSC(MatCreate(partition.communicator.handle, interpolation_.put()));
-  IMIC3D_PETSC(MatSetSizes(interpolation_, axes * partition.owned_nodes(), axes * corners.owned, PETSC_DETERMINE, PETSC_DETERMINE));
+  IMIC3D_PETSC(MatSetSizes(interpolation_, axes * partition.owned_nodes(), axes * corners.owned, PETSC_DETERMINE,
+                           PETSC_DETERMINE));
   IMIC3D_PETSC(MatSetBlockSizes(interpolation_, axes, axes));
   IMIC3D_PETSC(MatSetType(interpolation_, MATAIJ));
   IMIC3D_PETSC(MatSeqAIJSetPreallocation(interpolation_, 2, nullptr));
   IMIC3D_PETSC(MatMPIAIJSetPreallocation(interpolation_, 2, nullptr, 2, nullptr));
   const auto put = [&](int node, int corner, int component, double value) {
     const auto global = [&](int natural) { return partition.global_of_natural[static_cast<std::size_t>(natural)]; };
-    IMIC3D_PETSC(MatSetValue(interpolation_, axes * global(node) + component, axes * corners.of_global[static_cast<std::size_t>(global(corner))] + component, value, INSERT_VALUES));
+    IMIC3D_PETSC(MatSetValue(interpolation_, axes * global(node) + component,
+                             axes * corners.of_global[static_cast<std::size_t>(global(corner))] + component, value,
+                             INSERT_VALUES));
   };
   const auto is_owned = [&](int node) {
     const int global = partition.global_of_natural[static_cast<std::size_t>(node)] - partition.first_owned();
     return global >= 0 && global < partition.owned_nodes();
   };
-  const auto is_held = [&](int node, int component) { return held[static_cast<std::size_t>(3 * node + component)] != 0; };
+  const auto is_held = [&](int node, int component) {
+    return held[static_cast<std::size_t>(3 * node + component)] != 0;
+  };
   for (int node = 0; node < static_cast<int>(mesh.nodes.rows()); ++node)
     if (corners.is_one[static_cast<std::size_t>(node)] != 0 && is_owned(node))
       for (int i = 0; i < axes; ++i) put(node, node, i, 1.0);
@@ -64,7 +72,8 @@ CornerGrid::CornerGrid(const mesh::Partition& partition, const mesh::Mesh& mesh,
   PetscScalar* values = nullptr;
   IMIC3D_PETSC(VecGetArray(coordinates, &values));
   for (int global = partition.first_owned(); global < partition.first_owned() + partition.owned_nodes(); ++global) {
-    const int natural = partition.natural_of_global[static_cast<std::size_t>(global)], corner = corners.of_global[static_cast<std::size_t>(global)] - corners.first;
+    const int natural = partition.natural_of_global[static_cast<std::size_t>(global)],
+              corner = corners.of_global[static_cast<std::size_t>(global)] - corners.first;
     if (corners.is_one[static_cast<std::size_t>(natural)] != 0)
       for (int i = 0; i < axes; ++i) values[axes * corner + i] = mesh.nodes(natural, i);
   }
@@ -102,11 +111,13 @@ void CornerGrid::use(KSP solver, bool direct, bool symmetric) {
 void CornerGrid::update(Mat tangent) {
   const bool first = stiffness_.get() == nullptr;
   Mat stiffness = stiffness_.get();
-  IMIC3D_PETSC(MatPtAP(tangent, interpolation_, first ? MAT_INITIAL_MATRIX : MAT_REUSE_MATRIX, PETSC_DEFAULT, first ? stiffness_.put() : &stiffness));
+  IMIC3D_PETSC(MatPtAP(tangent, interpolation_, first ? MAT_INITIAL_MATRIX : MAT_REUSE_MATRIX, PETSC_DEFAULT,
+                       first ? stiffness_.put() : &stiffness));
   if (!first) return;
   PetscBool known = PETSC_FALSE, symmetric = PETSC_FALSE;
   IMIC3D_PETSC(MatIsSymmetricKnown(tangent, &known, &symmetric));
-  for (const MatOption option : {MAT_SYMMETRIC, MAT_SYMMETRY_ETERNAL}) IMIC3D_PETSC(MatSetOption(stiffness_, option, symmetric));
+  for (const MatOption option : {MAT_SYMMETRIC, MAT_SYMMETRY_ETERNAL})
+    IMIC3D_PETSC(MatSetOption(stiffness_, option, symmetric));
   IMIC3D_PETSC(MatSetNearNullSpace(stiffness_, rigid_));
   IMIC3D_PETSC(KSPSetOperators(corners_, stiffness_, stiffness_));
 }

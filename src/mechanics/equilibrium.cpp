@@ -3,9 +3,9 @@
 #include <stdexcept>
 #include <utility>
 
+#include "force_balance.hpp"
 #include "imic3d/core/error.hpp"
 #include "imic3d/core/memory.hpp"
-#include "force_balance.hpp"
 #include "kept_factors.hpp"
 #include "load_path.hpp"
 #include "newton.hpp"
@@ -30,7 +30,9 @@ struct Equilibrium::Implementation {
   Newton newton;
   PathDerivatives derivatives;
 
-  Implementation(const mesh::Partition& partition_, const mesh::Mesh& mesh, const std::shared_ptr<const material::FiniteStrainLaw>& law, std::vector<int> dofs, EquilibriumOptions options_)
+  Implementation(const mesh::Partition& partition_, const mesh::Mesh& mesh,
+                 const std::shared_ptr<const material::FiniteStrainLaw>& law, std::vector<int> dofs,
+                 EquilibriumOptions options_)
       : partition(partition_),
         options(with_memory(std::move(options_), partition.communicator)),
         balance(partition, mesh, law, std::move(dofs), work),
@@ -43,7 +45,8 @@ struct Equilibrium::Implementation {
     FrameState state;
     state.displacement = numbering.to_natural(balance.displacement());
     state.internal = numbering.to_natural(balance.internal());
-    for (const Vec& vector : derivatives.of_displacement()) state.d_displacement.push_back(numbering.to_natural(vector));
+    for (const Vec& vector : derivatives.of_displacement())
+      state.d_displacement.push_back(numbering.to_natural(vector));
     for (const Vec& vector : derivatives.of_forces()) state.d_internal.push_back(numbering.to_natural(vector));
     if (options.with_fields && fields) collect_fields(state);
     return state;
@@ -73,7 +76,8 @@ struct Equilibrium::Implementation {
       const PetscInt* columns = nullptr;
       const PetscScalar* values = nullptr;
       IMIC3D_PETSC(MatGetRow(matrix, row, &size, &columns, &values));
-      for (PetscInt k = 0; k < size; ++k) entries.emplace_back(numbering.natural_of_owned(row), numbering.natural_of_owned(columns[k]), values[k]);
+      for (PetscInt k = 0; k < size; ++k)
+        entries.emplace_back(numbering.natural_of_owned(row), numbering.natural_of_owned(columns[k]), values[k]);
       IMIC3D_PETSC(MatRestoreRow(matrix, row, &size, &columns, &values));
     }
     Eigen::SparseMatrix<double> tangent(numbering.natural_size(), numbering.natural_size());
@@ -94,21 +98,23 @@ const std::vector<int>& Equilibrium::constrained_dofs() const { return impl_->ba
 
 PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const double> parameters, double start_time,
                             const std::function<void(int, const FrameState&)>& frame_done,
-                            const std::function<const Eigen::VectorXd*(int)>& guess,
-                            const std::vector<int>& increments, const OpticalTerm* optical, std::span<const int> free,
-                            const Accuracy& accuracy, bool fields) {
+                            const std::function<const Eigen::VectorXd*(int)>& guess, const std::vector<int>& increments,
+                            const OpticalTerm* optical, std::span<const int> free, const Accuracy& accuracy,
+                            bool fields) {
   auto& s = *impl_;
   const Eigen::Index directions = steps.empty() ? 0 : steps.front().d_prescribed.cols();
   if ((!free.empty() || directions > 0) && s.balance.mesh().integration == mesh::Integration::one_point_stabilised)
     throw std::invalid_argument("Equilibrium: no direct differentiation of hex8s elements");
   s.work = {};
   s.derivatives.start(free, static_cast<std::size_t>(directions), accuracy);
-  s.balance.start(parameters, optical, s.derivatives.size(), steps.empty() ? Eigen::MatrixXd() : steps.front().d_section);
+  s.balance.start(parameters, optical, s.derivatives.size(),
+                  steps.empty() ? Eigen::MatrixXd() : steps.front().d_section);
   LoadPath path(s.balance, s.factors, s.newton, s.derivatives, s.options, accuracy, start_time);
   PathStatus status;
   for (int frame = 0; frame < static_cast<int>(steps.size()); ++frame) {
     const int first = increments.empty() ? s.options.increments : increments[static_cast<std::size_t>(frame)];
-    const int iterations = path.go_to(steps[static_cast<std::size_t>(frame)], guess ? guess(frame) : nullptr, first, status);
+    const int iterations =
+        path.go_to(steps[static_cast<std::size_t>(frame)], guess ? guess(frame) : nullptr, first, status);
     if (!status.message.empty()) break;
     FrameState state = s.state(fields);
     state.iterations = iterations;
@@ -124,7 +130,8 @@ PathStatus Equilibrium::run(const std::vector<LoadStep>& steps, std::span<const 
 Eigen::VectorXd Equilibrium::internal_forces(const Eigen::VectorXd& U, std::span<const double> parameters,
                                              Eigen::SparseMatrix<double>* tangent) {
   auto& s = *impl_;
-  if (!s.balance.evaluate_virgin(U, parameters, tangent != nullptr)) throw ConvergenceError("the law cannot follow the displacement");
+  if (!s.balance.evaluate_virgin(U, parameters, tangent != nullptr))
+    throw ConvergenceError("the law cannot follow the displacement");
   if (tangent != nullptr) *tangent = s.natural_tangent();
   return s.balance.numbering().to_natural(s.balance.internal());
 }
@@ -132,7 +139,8 @@ Eigen::VectorXd Equilibrium::internal_forces(const Eigen::VectorXd& U, std::span
 double Equilibrium::internal_work(const Eigen::VectorXd& U, std::span<const double> parameters) {
   auto& s = *impl_;
   double work = 0.0;
-  if (!s.balance.evaluate_virgin(U, parameters, false)) throw ConvergenceError("the law cannot follow a uniform strain");
+  if (!s.balance.evaluate_virgin(U, parameters, false))
+    throw ConvergenceError("the law cannot follow a uniform strain");
   IMIC3D_PETSC(VecDot(s.balance.displacement(), s.balance.internal(), &work));
   return work;
 }

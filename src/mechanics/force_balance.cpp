@@ -13,15 +13,17 @@ std::vector<char> flags(std::size_t dofs, const std::vector<int>& constrained) {
 }
 }  // namespace
 
-ForceBalance::ForceBalance(const mesh::Partition& partition, const mesh::Mesh& mesh, const std::shared_ptr<const material::FiniteStrainLaw>& law,
-                           std::vector<int> constrained, Work& work)
+ForceBalance::ForceBalance(const mesh::Partition& partition, const mesh::Mesh& mesh,
+                           const std::shared_ptr<const material::FiniteStrainLaw>& law, std::vector<int> constrained,
+                           Work& work)
     : mesh_(mesh),
       constrained_(std::move(constrained)),
       work_(work),
       assembler_(partition, mesh, law, flags(static_cast<std::size_t>(3 * mesh.nodes.rows()), constrained_)),
       numbering_(partition, assembler_.axes()) {
   IMIC3D_PETSC(MatCreateVecs(assembler_.tangent(), u_.put(), nullptr));
-  for (OwnedVec* vector : {&optical_force_, &force_, &external_, &residual_, &missing_, &lifting_, &prescribed_}) IMIC3D_PETSC(VecDuplicate(u_, vector->put()));
+  for (OwnedVec* vector : {&optical_force_, &force_, &external_, &residual_, &missing_, &lifting_, &prescribed_})
+    IMIC3D_PETSC(VecDuplicate(u_, vector->put()));
   attach_near_null_space();  // for GAMG, the default or an option
 }
 
@@ -36,7 +38,8 @@ void ForceBalance::attach_near_null_space() {
   IMIC3D_PETSC(MatSetNearNullSpace(assembler_.tangent(), rigid));
 }
 
-void ForceBalance::start(std::span<const double> parameters, const OpticalTerm* optical, int directions, const Eigen::MatrixXd& d_section) {
+void ForceBalance::start(std::span<const double> parameters, const OpticalTerm* optical, int directions,
+                         const Eigen::MatrixXd& d_section) {
   parameters_ = parameters;
   optical_ = optical;
   optical_stiffness_.reset();
@@ -44,7 +47,8 @@ void ForceBalance::start(std::span<const double> parameters, const OpticalTerm* 
   IMIC3D_PETSC(VecSet(u_, 0.0));
 }
 
-/// On the pattern of the tangent, which has been assembled (a duplicate of one that has not does not know the other ranks' columns), each rank its own rows; 0 where a degree is constrained, which keeps its identity.
+/// On the pattern of the tangent, which has been assembled (a duplicate of one that has not does not know the other
+/// ranks' columns), each rank its own rows; 0 where a degree is constrained, which keeps its identity.
 void ForceBalance::assemble_optical_stiffness() {
   const auto& constrained = assembler_.constrained_owned();
   const auto held = flags(static_cast<std::size_t>(numbering_.natural_size()), constrained_);
@@ -52,9 +56,11 @@ void ForceBalance::assemble_optical_stiffness() {
   for (int i = 0; i < static_cast<int>(constrained.size()); ++i) {
     if (constrained[static_cast<std::size_t>(i)] != 0) continue;
     // Symmetric: the column of the natural degree is its row.
-    for (Eigen::SparseMatrix<double>::InnerIterator entry(optical_->stiffness, numbering_.natural_of_owned(i)); entry; ++entry) {
+    for (Eigen::SparseMatrix<double>::InnerIterator entry(optical_->stiffness, numbering_.natural_of_owned(i)); entry;
+         ++entry) {
       if (held[static_cast<std::size_t>(entry.row())] != 0) continue;
-      IMIC3D_PETSC(MatSetValue(optical_stiffness_, numbering_.first_owned() + i, numbering_.global_of_natural(entry.row()), entry.value(), INSERT_VALUES));
+      IMIC3D_PETSC(MatSetValue(optical_stiffness_, numbering_.first_owned() + i,
+                               numbering_.global_of_natural(entry.row()), entry.value(), INSERT_VALUES));
     }
   }
   IMIC3D_PETSC(MatAssemblyBegin(optical_stiffness_, MAT_FINAL_ASSEMBLY));
@@ -104,7 +110,8 @@ double ForceBalance::evaluate(bool with_tangent) {
   find_missing();
   ++work_.passes;
   work_.tangents += with_tangent ? 1 : 0;
-  if (!assembler_.assemble(u_, time_increment_, parameters_, force_, with_tangent ? missing_.get() : nullptr, lifting_)) return INFINITY;
+  if (!assembler_.assemble(u_, time_increment_, parameters_, force_, with_tangent ? missing_.get() : nullptr, lifting_))
+    return INFINITY;
   IMIC3D_PETSC(VecWAXPY(residual_, -1.0, force_, external_));
   if (optical_ != nullptr) {
     numbering_.to_global(optical_->force(frame_, fraction_, numbering_.to_natural(u_)), optical_force_);
@@ -146,7 +153,8 @@ void ForceBalance::linearise() {
   IMIC3D_PETSC(VecRestoreArray(residual_, &right));
 }
 
-bool ForceBalance::differentiate(const std::vector<Vec>& du, std::span<const double> d_parameters, const std::vector<Vec>& d_force) {
+bool ForceBalance::differentiate(const std::vector<Vec>& du, std::span<const double> d_parameters,
+                                 const std::vector<Vec>& d_force) {
   return assembler_.differentiate(du, time_increment_, parameters_, d_parameters, d_force);
 }
 
@@ -155,7 +163,8 @@ double ForceBalance::unbalanced_derivative(Vec du, Vec d_force, Vec d_external) 
   IMIC3D_PETSC(VecScale(residual_, -1.0));
   if (d_external != nullptr) IMIC3D_PETSC(VecAXPY(residual_, 1.0, d_external));
   if (optical_ != nullptr) {
-    numbering_.to_global(optical_->d_force(frame_, fraction_, numbering_.to_natural(u_), numbering_.to_natural(du)), optical_force_);
+    numbering_.to_global(optical_->d_force(frame_, fraction_, numbering_.to_natural(u_), numbering_.to_natural(du)),
+                         optical_force_);
     IMIC3D_PETSC(VecAXPY(residual_, 1.0, optical_force_));
   }
   return norm_at_free_degrees();

@@ -19,19 +19,21 @@ using OwnedVec = PetscOwner<Vec, VecDestroy>;
 
 /// What acts at the end of an increment. Natural vectors [3 * nodes].
 struct Load {
-  Eigen::VectorXd prescribed;   // displacement; 0 at free degrees
+  Eigen::VectorXd prescribed;  // displacement; 0 at free degrees
   Eigen::VectorXd force;
   double time_increment = 0.0;
   int frame = 0;
-  double fraction = 1.0;        // of the way from the frame before to `frame`
+  double fraction = 1.0;  // of the way from the frame before to `frame`
 };
 
-/// The discrete specimen, its displacement u and what acts on it. Whoever solves moves u; the other vectors are as `evaluate` left them. Collective.
+/// The discrete specimen, its displacement u and what acts on it. Whoever solves moves u; the other vectors are as
+/// `evaluate` left them. Collective.
 class ForceBalance {
  public:
-  /// `constrained`: natural degrees of freedom whose displacement is prescribed, ascending. `work` counts the passes over the elements.
-  ForceBalance(const mesh::Partition& partition, const mesh::Mesh& mesh, const std::shared_ptr<const material::FiniteStrainLaw>& law,
-               std::vector<int> constrained, Work& work);
+  /// `constrained`: natural degrees of freedom whose displacement is prescribed, ascending. `work` counts the passes
+  /// over the elements.
+  ForceBalance(const mesh::Partition& partition, const mesh::Mesh& mesh,
+               const std::shared_ptr<const material::FiniteStrainLaw>& law, std::vector<int> constrained, Work& work);
 
   [[nodiscard]] const std::vector<int>& constrained() const { return constrained_; }
   [[nodiscard]] const mesh::Mesh& mesh() const { return mesh_; }
@@ -43,11 +45,15 @@ class ForceBalance {
   [[nodiscard]] Vec displacement() const { return u_; }
   [[nodiscard]] Vec internal() const { return force_; }
   [[nodiscard]] Vec external() const { return external_; }
-  [[nodiscard]] Vec residual() const { return residual_; }  ///< what is unbalanced, or the right-hand side of Newton's equations
-  [[nodiscard]] Vec missing() const { return missing_; }    ///< prescribed - u at constrained degrees, 0 elsewhere
+  [[nodiscard]] Vec residual() const {
+    return residual_;
+  }  ///< what is unbalanced, or the right-hand side of Newton's equations
+  [[nodiscard]] Vec missing() const { return missing_; }  ///< prescribed - u at constrained degrees, 0 elsewhere
 
-  /// Begins a run with the virgin specimen at U = 0. `parameters` and `optical` (null: none) are those of the run, and outlive it.
-  void start(std::span<const double> parameters, const OpticalTerm* optical, int directions, const Eigen::MatrixXd& d_section = {});
+  /// Begins a run with the virgin specimen at U = 0. `parameters` and `optical` (null: none) are those of the run, and
+  /// outlive it.
+  void start(std::span<const double> parameters, const OpticalTerm* optical, int directions,
+             const Eigen::MatrixXd& d_section = {});
   /// What acts from now on.
   void apply(const Load& load);
 
@@ -56,24 +62,28 @@ class ForceBalance {
   /// Where u misses the prescribed displacement by round-off only, none is left.
   void settle_prescribed();
 
-  /// Norm of the unbalanced forces at u, infinite where an element fails; `residual` is left as external - internal (+ optical) at free degrees,
-  /// 0 elsewhere. With the tangent and its lifting or without.
+  /// Norm of the unbalanced forces at u, infinite where an element fails; `residual` is left as external - internal (+
+  /// optical) at free degrees, 0 elsewhere. With the tangent and its lifting or without.
   [[nodiscard]] double evaluate(bool with_tangent);
   /// Work of the unbalanced forces, where `evaluate` was asked last, along a displacement.
   [[nodiscard]] double work_along(Vec displacement) const;
-  /// Makes of the tangent, assembled by the last `evaluate`, and of the residual Newton's equations for the correction of u.
+  /// Makes of the tangent, assembled by the last `evaluate`, and of the residual Newton's equations for the correction
+  /// of u.
   void linearise();
 
   /// Derivatives `d_force` of the internal forces at u, where `evaluate` succeeded (Assembler::differentiate).
-  [[nodiscard]] bool differentiate(const std::vector<Vec>& du, std::span<const double> d_parameters, const std::vector<Vec>& d_force);
-  /// `residual` <- what the derivatives `d_force` of the internal and `d_external` (null: 0) of the external forces leave unbalanced at free degrees when u moves by `du`, 0 elsewhere; its norm.
+  [[nodiscard]] bool differentiate(const std::vector<Vec>& du, std::span<const double> d_parameters,
+                                   const std::vector<Vec>& d_force);
+  /// `residual` <- what the derivatives `d_force` of the internal and `d_external` (null: 0) of the external forces
+  /// leave unbalanced at free degrees when u moves by `du`, 0 elsewhere; its norm.
   [[nodiscard]] double unbalanced_derivative(Vec du, Vec d_force, Vec d_external);
   /// The tangent at u once more, where nothing prescribed is missing. False if an element fails.
   [[nodiscard]] bool assemble_tangent();
   /// Adds the optical stiffness to the tangent.
   void add_optical_stiffness();
 
-  /// Internal forces of the virgin specimen at the displacement U [3 * nodes]; with the tangent or without. False if an element fails.
+  /// Internal forces of the virgin specimen at the displacement U [3 * nodes]; with the tangent or without. False if an
+  /// element fails.
   [[nodiscard]] bool evaluate_virgin(const Eigen::VectorXd& U, std::span<const double> parameters, bool with_tangent);
 
  private:

@@ -184,7 +184,8 @@ bool evaluate(const material::FiniteStrainLaw& law, std::span<const double> para
   result.cauchy_stress.setZero();
   result.plastic_strain = 0.0;
   if (with_tangent) result.tangent.setZero();
-  Eigen::Matrix<double, 20, 20> stiffening = Eigen::Matrix<double, 20, 20>::Zero();  // tau : (grad N_a x grad N_b) dV
+  // tau : (grad N_a x grad N_b) dV
+  Eigen::Matrix<double, 20, 20> stiffening = Eigen::Matrix<double, 20, 20>::Zero();
   double reference_volume = 0.0;
   const auto size = static_cast<std::size_t>(law.history_size());
   for (std::size_t point = 0; point < hexahedron_points; ++point) {
@@ -233,8 +234,9 @@ bool evaluate(const material::FiniteStrainLaw& law, std::span<const double> para
 }
 
 bool differentiate(const material::FiniteStrainLaw& law, std::span<const double> parameters, double time_increment,
-                   const ElementNodes<8>& nodes, const ElementVector<8>& displacement, std::span<const double> history_old,
-                   const ElementColumns<8>& d_displacement, const ElementDirections& along, ElementColumns<8>& d_force) noexcept {
+                   const ElementNodes<8>& nodes, const ElementVector<8>& displacement,
+                   std::span<const double> history_old, const ElementColumns<8>& d_displacement,
+                   const ElementDirections& along, ElementColumns<8>& d_force) noexcept {
   using ByNode = Eigen::Map<const Eigen::Matrix<double, 8, 3, Eigen::RowMajor>>;
   MeanDilatation at;
   if (!at.set(nodes, ByNode(displacement.data()))) return false;
@@ -269,16 +271,19 @@ bool differentiate(const material::FiniteStrainLaw& law, std::span<const double>
     for (std::size_t k = 0; k < n; ++k) {
       const Eigen::Matrix3d d_tau = tensor(response.d_kirchhoff[k]);
       const Gradient turning = dN * L[k][point];
-      const Gradient df = dN * d_tau - turning * tau + d_tau.trace() / 3.0 * (at.mean - dN) + tau.trace() / 3.0 * (d_mean[k] + turning);
-      for (int a = 0; a < 8; ++a) d_force.col(static_cast<Eigen::Index>(k)).segment<3>(3 * a) += at.dV[point] * df.row(a).transpose();
+      const Gradient df =
+          dN * d_tau - turning * tau + d_tau.trace() / 3.0 * (at.mean - dN) + tau.trace() / 3.0 * (d_mean[k] + turning);
+      for (int a = 0; a < 8; ++a)
+        d_force.col(static_cast<Eigen::Index>(k)).segment<3>(3 * a) += at.dV[point] * df.row(a).transpose();
     }
   }
   return d_force.allFinite();
 }
 
 bool differentiate(const material::FiniteStrainLaw& law, std::span<const double> parameters, double time_increment,
-                   const ElementNodes<20>& nodes, const ElementVector<20>& displacement, std::span<const double> history_old,
-                   const ElementColumns<20>& d_displacement, const ElementDirections& along, ElementColumns<20>& d_force) noexcept {
+                   const ElementNodes<20>& nodes, const ElementVector<20>& displacement,
+                   std::span<const double> history_old, const ElementColumns<20>& d_displacement,
+                   const ElementDirections& along, ElementColumns<20>& d_force) noexcept {
   using ByNode = Eigen::Map<const Eigen::Matrix<double, 20, 3, Eigen::RowMajor>>;
   const ByNode u(displacement.data());
   const auto n = static_cast<std::size_t>(d_displacement.cols());
@@ -298,7 +303,8 @@ bool differentiate(const material::FiniteStrainLaw& law, std::span<const double>
     if (!response.update(law, F, time_increment, parameters, history_old, point, n, along)) return false;
     // f_a = sum dV tau dN_a and d(dN_a) = -L^T dN_a
     for (std::size_t k = 0; k < n; ++k) {
-      const Gradient20 df = dN.lazyProduct((dV * (tensor(response.d_kirchhoff[k]) - response.L[k] * tensor(response.kirchhoff))).eval());
+      const Gradient20 df =
+          dN.lazyProduct((dV * (tensor(response.d_kirchhoff[k]) - response.L[k] * tensor(response.kirchhoff))).eval());
       for (int a = 0; a < 20; ++a) d_force.col(static_cast<Eigen::Index>(k)).segment<3>(3 * a) += df.row(a).transpose();
     }
   }

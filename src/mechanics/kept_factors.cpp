@@ -19,19 +19,28 @@ std::string asked_preconditioner(const std::string& prefix) {
 }
 }  // namespace
 
-KeptFactors::KeptFactors(Mat tangent, const mesh::Partition& partition, const mesh::Mesh& mesh, const std::vector<int>& constrained, const material::FiniteStrainLaw& law,
+KeptFactors::KeptFactors(Mat tangent, const mesh::Partition& partition, const mesh::Mesh& mesh,
+                         const std::vector<int>& constrained, const material::FiniteStrainLaw& law,
                          const EquilibriumOptions& options, Work& work)
-    : tangent_(tangent), symmetric_(law.symmetric_tangent()), one_point_(mesh.integration == mesh::Integration::one_point), communicator_(partition.communicator), options_(options), work_(work) {
+    : tangent_(tangent),
+      symmetric_(law.symmetric_tangent()),
+      one_point_(mesh.integration == mesh::Integration::one_point),
+      communicator_(partition.communicator),
+      options_(options),
+      work_(work) {
   IMIC3D_PETSC(MatGetSize(tangent_, &unknowns_, nullptr));
   const double available = options_.memory_of_solver;
   const bool two_grids = CornerGrid::exists(mesh);
   const std::string asked = asked_preconditioner(options_.prefix);
-  direct_by_default_ = asked != PCMG && solves_directly(static_cast<double>(unknowns_), symmetric_, two_grids && mesh::dimension(mesh.type) == 3 && options_.once, available);
+  direct_by_default_ =
+      asked != PCMG && solves_directly(static_cast<double>(unknowns_), symmetric_,
+                                       two_grids && mesh::dimension(mesh.type) == 3 && options_.once, available);
   if (two_grids && !direct_by_default_ && (asked.empty() || asked == PCMG)) {
     PetscInt axes = 0;
     IMIC3D_PETSC(MatGetBlockSize(tangent_, &axes));
     corners_ = std::make_unique<CornerGrid>(partition, mesh, constrained, axes);
-    corners_directly_ = solves_corners_directly(static_cast<double>(unknowns_), corners_->unknowns(), symmetric_, available);
+    corners_directly_ =
+        solves_corners_directly(static_cast<double>(unknowns_), corners_->unknowns(), symmetric_, available);
   }
   factors_.push_back(make_solver());
   make_refiner();
@@ -43,8 +52,12 @@ void KeptFactors::tell_choice(double available) const {
   KSPType method = nullptr;
   IMIC3D_PETSC(KSPGetType(factors_.front().solver, &method));
   const double needed = memory_of_direct_solver(static_cast<double>(unknowns_), symmetric_);
-  spdlog::log(needed > 1e9 ? spdlog::level::info : spdlog::level::debug, "{} unknowns: MUMPS takes about {:.1f} GB, there are {:.1f} GB; solved {} (-{}ksp_type, -{}pc_type change it)", unknowns_,
-              1e-9 * needed, 1e-9 * available, direct_ ? "directly" : fmt::format("by {}{}", method, corners_ ? " with two grids" : ""), options_.prefix, options_.prefix);
+  spdlog::log(
+      needed > 1e9 ? spdlog::level::info : spdlog::level::debug,
+      "{} unknowns: MUMPS takes about {:.1f} GB, there are {:.1f} GB; solved {} (-{}ksp_type, -{}pc_type change it)",
+      unknowns_, 1e-9 * needed, 1e-9 * available,
+      direct_ ? "directly" : fmt::format("by {}{}", method, corners_ ? " with two grids" : ""), options_.prefix,
+      options_.prefix);
 }
 
 KeptFactors::Factor KeptFactors::make_solver() {
@@ -67,10 +80,13 @@ KeptFactors::Factor KeptFactors::make_solver() {
       IMIC3D_PETSC(PCSetType(preconditioner, PCGAMG));
     IMIC3D_PETSC(KSPSetTolerances(solver, least_remaining_, PETSC_DEFAULT, PETSC_DEFAULT, 200));
   }
-  if (KSPSetFromOptions(solver) != 0) throw InputError("command line", "options of PETSc (-mechanics_ksp_…, -mechanics_pc_…) that make no solver", "those of PETSc's KSP and PC");
+  if (KSPSetFromOptions(solver) != 0)
+    throw InputError("command line", "options of PETSc (-mechanics_ksp_…, -mechanics_pc_…) that make no solver",
+                     "those of PETSc's KSP and PC");
   IMIC3D_PETSC(KSPSetOperators(solver, tangent_, tangent_));
   PetscBool is_factor = PETSC_FALSE;
-  IMIC3D_PETSC(PetscObjectTypeCompareAny(reinterpret_cast<PetscObject>(preconditioner), &is_factor, PCCHOLESKY, PCLU, ""));
+  IMIC3D_PETSC(
+      PetscObjectTypeCompareAny(reinterpret_cast<PetscObject>(preconditioner), &is_factor, PCCHOLESKY, PCLU, ""));
   direct_ = is_factor == PETSC_TRUE;
   IMIC3D_PETSC(KSPGetTolerances(solver, &least_remaining_, nullptr, nullptr, nullptr));
   tell_mumps(preconditioner);
@@ -90,8 +106,8 @@ void KeptFactors::make_refiner() {
 }
 
 /// No scaling: all unknowns are displacements, and it takes a quarter of the factorisation of some thousand of them.
-/// Hourglass modes that neither the law nor the images resist make the tangent singular, but the right-hand side has no part in
-/// them: MUMPS leaves out the pivots that are zero and solves for the rest.
+/// Hourglass modes that neither the law nor the images resist make the tangent singular, but the right-hand side has no
+/// part in them: MUMPS leaves out the pivots that are zero and solves for the rest.
 void KeptFactors::tell_mumps(PC preconditioner) const {
   MatSolverType type = nullptr;
   PetscBool by_mumps = PETSC_FALSE;
@@ -108,7 +124,8 @@ void KeptFactors::tell_mumps(PC preconditioner) const {
 }
 
 void KeptFactors::take(int of_frame, bool repeatedly) {
-  at_hand_ = repeatedly && may_be_kept() && any_made() ? std::min(static_cast<std::size_t>(of_frame) + 1, most_ - 1) : 0;
+  at_hand_ =
+      repeatedly && may_be_kept() && any_made() ? std::min(static_cast<std::size_t>(of_frame) + 1, most_ - 1) : 0;
   while (factors_.size() <= at_hand_) factors_.push_back(make_solver());
 }
 
@@ -118,7 +135,8 @@ void KeptFactors::count() {
   if (factor == nullptr) return;
   PetscInt megabytes = 0;
   IMIC3D_PETSC(MatMumpsGetInfog(factor, 21, &megabytes));
-  const double largest = communicator_.max(static_cast<double>(std::max<PetscInt>(1, megabytes)));  // every rank takes up the same factors
+  // every rank takes up the same factors
+  const double largest = communicator_.max(static_cast<double>(std::max<PetscInt>(1, megabytes)));
   most_ = static_cast<std::size_t>(std::max(1.0, options_.memory_of_factors / largest));
 }
 
@@ -134,7 +152,8 @@ Mat KeptFactors::mumps_factor() const {
   return std::string(type) == MATSOLVERMUMPS ? factor : nullptr;
 }
 
-/// Number of negative pivots of the factor at hand, -1 if the solver does not tell (of an unsymmetric tangent INFOG(12) is another number).
+/// Number of negative pivots of the factor at hand, -1 if the solver does not tell (of an unsymmetric tangent INFOG(12)
+/// is another number).
 PetscInt KeptFactors::negative_pivots() const {
   Mat factor = mumps_factor();
   PetscInt pivots = -1;
@@ -213,7 +232,8 @@ void KeptFactors::substitute(std::span<const Vec> right, std::span<const Vec> so
   PetscInt own = 0;
   IMIC3D_PETSC(MatGetLocalSize(tangent_, &own, nullptr));
   PetscOwner<Mat, MatDestroy> rights, solutions;
-  for (Mat* made : {rights.put(), solutions.put()}) IMIC3D_PETSC(MatCreateDense(communicator_.handle, own, PETSC_DECIDE, unknowns_, count, nullptr, made));
+  for (Mat* made : {rights.put(), solutions.put()})
+    IMIC3D_PETSC(MatCreateDense(communicator_.handle, own, PETSC_DECIDE, unknowns_, count, nullptr, made));
   for (PetscInt k = 0; k < count; ++k) {
     Vec column = nullptr;
     IMIC3D_PETSC(MatDenseGetColumnVecWrite(rights, k, &column));
@@ -235,7 +255,8 @@ void KeptFactors::substitute(std::span<const Vec> right, std::span<const Vec> so
 
 void KeptFactors::refine(Vec right, Vec solution, double remaining) {
   ++work_.derivative_solutions;
-  IMIC3D_PETSC(KSPSetTolerances(refiner_, std::max(least_refined_, remaining), PETSC_DEFAULT, PETSC_DEFAULT, PETSC_DEFAULT));
+  IMIC3D_PETSC(
+      KSPSetTolerances(refiner_, std::max(least_refined_, remaining), PETSC_DEFAULT, PETSC_DEFAULT, PETSC_DEFAULT));
   IMIC3D_PETSC(KSPSolve(refiner_, right, solution));
 }
 

@@ -7,7 +7,8 @@
 namespace imic3d::mechanics {
 
 namespace {
-/// Change of an element's G_t/G or G_s/G (one_point.hpp) above which a step is solved again, and how many times at most.
+/// Change of an element's G_t/G or G_s/G (one_point.hpp) above which a step is solved again, and how many times at
+/// most.
 constexpr double renewed_modulus = 1e-3;
 constexpr int renewals = 4;
 
@@ -15,10 +16,17 @@ constexpr int renewals = 4;
 constexpr double farthest_continued = 20.0;
 }  // namespace
 
-LoadPath::LoadPath(ForceBalance& balance, KeptFactors& factors, Newton& newton, PathDerivatives& derivatives, const EquilibriumOptions& options, const Accuracy& accuracy,
-                   double start_time)
-    : balance_(balance), factors_(factors), newton_(newton), derivatives_(derivatives), options_(options), accuracy_(accuracy), start_time_(start_time) {
-  for (OwnedVec* vector : {&now_.displacement, &before_.displacement, &now_.change, &before_.change, &found_, &offered_})
+LoadPath::LoadPath(ForceBalance& balance, KeptFactors& factors, Newton& newton, PathDerivatives& derivatives,
+                   const EquilibriumOptions& options, const Accuracy& accuracy, double start_time)
+    : balance_(balance),
+      factors_(factors),
+      newton_(newton),
+      derivatives_(derivatives),
+      options_(options),
+      accuracy_(accuracy),
+      start_time_(start_time) {
+  for (OwnedVec* vector :
+       {&now_.displacement, &before_.displacement, &now_.change, &before_.change, &found_, &offered_})
     IMIC3D_PETSC(VecDuplicate(balance_.displacement(), vector->put()));
   IMIC3D_PETSC(VecSet(now_.displacement, 0.0));
   IMIC3D_PETSC(VecSet(now_.change, 0.0));
@@ -32,10 +40,12 @@ void LoadPath::Place::copy(const Place& other) {
 
 int LoadPath::go_to(const LoadStep& step, const Eigen::VectorXd* near, int increments, PathStatus& status) {
   const double begin = previous_ != nullptr ? previous_->time : start_time_;
-  const Eigen::VectorXd from = natural(previous_ != nullptr ? &previous_->prescribed : nullptr), to = natural(&step.prescribed), force_from = force_of(previous_), force_to = force_of(&step);
+  const Eigen::VectorXd from = natural(previous_ != nullptr ? &previous_->prescribed : nullptr),
+                        to = natural(&step.prescribed), force_from = force_of(previous_), force_to = force_of(&step);
   const Eigen::Index dofs = balance_.numbering().natural_size();
   const bool bent = step.bend[0].size() > 0;
-  const std::array<Eigen::VectorXd, 2> bend{natural(bent ? &step.bend[0] : nullptr), natural(bent ? &step.bend[1] : nullptr)};
+  const std::array<Eigen::VectorXd, 2> bend{natural(bent ? &step.bend[0] : nullptr),
+                                            natural(bent ? &step.bend[1] : nullptr)};
   int count = increments, cuts = 0, iterations = 0;
   bool offers = near != nullptr && near->size() == dofs;
   if (offers) balance_.numbering().to_global(*near, offered_);
@@ -45,10 +55,17 @@ int LoadPath::go_to(const LoadStep& step, const Eigen::VectorXd* near, int incre
   Start start = Start::offered;
   for (int increment = 0; increment < count;) {
     const double target = increment + 1 == count ? 1.0 : static_cast<double>(increment + 1) / count;
-    balance_.apply({.prescribed = from + target * (to - from) + target * (1.0 - target) * ((1.0 - target) * bend[0] - target * bend[1]), .force = force_from + target * (force_to - force_from), .time_increment = (step.time - begin) / count, .frame = frame_, .fraction = target});
-    Eigen::VectorXd load(2 * dofs);  // a change of sign or size matters, not the units: where there are forces, they count
+    balance_.apply({.prescribed = from + target * (to - from) +
+                                  target * (1.0 - target) * ((1.0 - target) * bend[0] - target * bend[1]),
+                    .force = force_from + target * (force_to - force_from),
+                    .time_increment = (step.time - begin) / count,
+                    .frame = frame_,
+                    .fraction = target});
+    // a change of sign or size matters, not the units: where there are forces, they count
+    Eigen::VectorXd load(2 * dofs);
     load << (to - from) / count, (force_to - force_from) / count;
-    const double times = now_.load.size() > 0 && balance_.optical() == nullptr ? load.dot(now_.load) / now_.load.squaredNorm() : 0.0;
+    const double times =
+        now_.load.size() > 0 && balance_.optical() == nullptr ? load.dot(now_.load) / now_.load.squaredNorm() : 0.0;
     if (start == Start::offered && !offers) start = Start::continued;
     if (start == Start::continued && !(times > 0.0 && times < farthest_continued)) start = Start::standing;
     place(start, count - increment, times);
@@ -67,10 +84,11 @@ int LoadPath::go_to(const LoadStep& step, const Eigen::VectorXd* near, int incre
     }
     if (++cuts > (accuracy_.cuts > 0 ? accuracy_.cuts : options_.max_cuts)) {
       status.limit_point = outcome == Outcome::limit_point;
-      status.message = fmt::format("no equilibrium at frame {} of the series (time {:.6g}) in {} increments{}", frame_ + 1, step.time, count,
-                                   status.limit_point ? ": the prescribed force is at or beyond the maximum load that the "
-                                                        "specimen can carry with these parameters"
-                                                      : "");
+      status.message = fmt::format(
+          "no equilibrium at frame {} of the series (time {:.6g}) in {} increments{}", frame_ + 1, step.time, count,
+          status.limit_point ? ": the prescribed force is at or beyond the maximum load that the "
+                               "specimen can carry with these parameters"
+                             : "");
       break;
     }
     count *= 2;
@@ -91,15 +109,19 @@ Eigen::VectorXd LoadPath::natural(const Eigen::VectorXd* of_constrained) const {
   Eigen::VectorXd values = Eigen::VectorXd::Zero(balance_.numbering().natural_size());
   const auto& constrained = balance_.constrained();
   if (of_constrained != nullptr)
-    for (std::size_t i = 0; i < constrained.size(); ++i) values[constrained[i]] = (*of_constrained)[static_cast<Eigen::Index>(i)];
+    for (std::size_t i = 0; i < constrained.size(); ++i)
+      values[constrained[i]] = (*of_constrained)[static_cast<Eigen::Index>(i)];
   return values;
 }
 
 Eigen::VectorXd LoadPath::force_of(const LoadStep* step) const {
-  return step != nullptr && step->force.size() > 0 ? step->force : Eigen::VectorXd(Eigen::VectorXd::Zero(balance_.numbering().natural_size()));
+  return step != nullptr && step->force.size() > 0
+             ? step->force
+             : Eigen::VectorXd(Eigen::VectorXd::Zero(balance_.numbering().natural_size()));
 }
 
-/// Takes u to the beginning of an increment; `ahead`: increments to the frame, `times`: the length of one in units of the last one's.
+/// Takes u to the beginning of an increment; `ahead`: increments to the frame, `times`: the length of one in units of
+/// the last one's.
 void LoadPath::place(Start start, int ahead, double times) {
   const Vec u = balance_.displacement();
   IMIC3D_PETSC(VecCopy(now_.displacement, u));
@@ -113,14 +135,17 @@ void LoadPath::place(Start start, int ahead, double times) {
   if (goes_on) IMIC3D_PETSC(VecAXPY(u, (m - 1.0) / (m + 1.0) * times, now_.change));
 }
 
-/// Where the hourglass moduli have changed the step is solved again, from where it is, with those that it led to. If they carry no
-/// equilibrium, those before stand.
+/// Where the hourglass moduli have changed the step is solved again, from where it is, with those that it led to. If
+/// they carry no equilibrium, those before stand.
 Outcome LoadPath::solve(Start start, int& iterations) {
   const Vec u = balance_.displacement();
   auto outcome = newton_.solve(start, accuracy_, derivatives_.reduction(), iterations);
-  for (int again = 0; again < renewals && outcome == Outcome::converged && balance_.assembler().renew_hourglass_moduli() > renewed_modulus; ++again) {
+  for (int again = 0; again < renewals && outcome == Outcome::converged &&
+                      balance_.assembler().renew_hourglass_moduli() > renewed_modulus;
+       ++again) {
     IMIC3D_PETSC(VecCopy(u, found_));
-    if (newton_.solve(Start::continued, accuracy_, derivatives_.reduction(), iterations) == Outcome::converged) continue;
+    if (newton_.solve(Start::continued, accuracy_, derivatives_.reduction(), iterations) == Outcome::converged)
+      continue;
     balance_.assembler().restore_hourglass_moduli();
     IMIC3D_PETSC(VecCopy(found_, u));
     return newton_.solve(Start::continued, accuracy_, derivatives_.reduction(), iterations);
@@ -133,10 +158,14 @@ void LoadPath::differentiate(const LoadStep& step, double target, PathStatus& st
   Eigen::MatrixXd d_prescribed = target * step.d_prescribed;
   Eigen::SparseMatrix<double> d_force = target * step.d_force;
   if (previous_ != nullptr) d_prescribed += (1.0 - target) * previous_->d_prescribed;
-  if (step.d_bend[0].size() > 0) d_prescribed += target * (1.0 - target) * ((1.0 - target) * step.d_bend[0] - target * step.d_bend[1]);
+  if (step.d_bend[0].size() > 0)
+    d_prescribed += target * (1.0 - target) * ((1.0 - target) * step.d_bend[0] - target * step.d_bend[1]);
   if (previous_ != nullptr && d_force.size() > 0) d_force += (1.0 - target) * previous_->d_force;
   if (!derivatives_.differentiate(d_prescribed, d_force, status.derivative_corrections))
-    throw ConvergenceError(fmt::format("no derivative by the parameters at frame {} of the series (time {:.6g}); with identify.sensitivities: perturbed none is needed", frame_ + 1, step.time));
+    throw ConvergenceError(
+        fmt::format("no derivative by the parameters at frame {} of the series (time {:.6g}); with "
+                    "identify.sensitivities: perturbed none is needed",
+                    frame_ + 1, step.time));
 }
 
 /// The increment stands, and the next one begins where it ended.

@@ -16,19 +16,21 @@ namespace imic3d::mechanics {
 /// A run over a series of frames, from the state that the balance was started with. Collective.
 class LoadPath {
  public:
-  LoadPath(ForceBalance& balance, KeptFactors& factors, Newton& newton, PathDerivatives& derivatives, const EquilibriumOptions& options, const Accuracy& accuracy,
-           double start_time);
+  LoadPath(ForceBalance& balance, KeptFactors& factors, Newton& newton, PathDerivatives& derivatives,
+           const EquilibriumOptions& options, const Accuracy& accuracy, double start_time);
 
-  /// Goes on to the next frame, in as many increments as are asked for or, where these fail, begun anew with twice as many. `near` (null: none): a
-  /// displacement [3 * nodes] from which, or on the way to which, they begin. `status` says what it took, and in its message why the frame was not reached, if so.
-  /// The corrections of the displacement. Throws ConvergenceError where no derivative is found.
+  /// Goes on to the next frame, in as many increments as are asked for or, where these fail, begun anew with twice as
+  /// many. `near` (null: none): a displacement [3 * nodes] from which, or on the way to which, they begin. `status`
+  /// says what it took, and in its message why the frame was not reached, if so. The corrections of the displacement.
+  /// Throws ConvergenceError where no derivative is found.
   int go_to(const LoadStep& step, const Eigen::VectorXd* near, int increments, PathStatus& status);
 
  private:
   /// What the last increment reached, and by which change.
   struct Place {
     OwnedVec displacement, change;
-    Eigen::VectorXd load;  // of the increment that made `change`: what moved the prescribed displacement and the forces; empty: none yet
+    // of the increment that made `change`: what moved the prescribed displacement and the forces; empty: none yet
+    Eigen::VectorXd load;
     void copy(const Place& other);
   };
 

@@ -5,11 +5,13 @@
 
 namespace imic3d::mechanics {
 
-Newton::Newton(ForceBalance& balance, KeptFactors& factors, const EquilibriumOptions& options) : balance_(balance), factors_(factors), options_(options) {
+Newton::Newton(ForceBalance& balance, KeptFactors& factors, const EquilibriumOptions& options)
+    : balance_(balance), factors_(factors), options_(options) {
   IMIC3D_PETSC(VecDuplicate(balance_.displacement(), correction_.put()));
 }
 
-/// Round-off of the deformation gradient, times the stiffness: forces below it are none, as at rest and after unloading.
+/// Round-off of the deformation gradient, times the stiffness: forces below it are none, as at rest and after
+/// unloading.
 double Newton::round_off_of_forces() {
   double stiffness = 0.0;
   IMIC3D_PETSC(MatGetDiagonal(balance_.assembler().tangent(), correction_));
@@ -17,13 +19,14 @@ double Newton::round_off_of_forces() {
   IMIC3D_PETSC(VecZeroEntries(correction_));
   const mesh::Mesh& mesh = balance_.mesh();
   double edge = 0.0;
-  for (Eigen::Index cell = 0; cell < mesh.cells.rows(); ++cell) edge += (mesh.nodes.row(mesh.cells(cell, 0)) - mesh.nodes.row(mesh.cells(cell, 1))).norm();
+  for (Eigen::Index cell = 0; cell < mesh.cells.rows(); ++cell)
+    edge += (mesh.nodes.row(mesh.cells(cell, 0)) - mesh.nodes.row(mesh.cells(cell, 1))).norm();
   return 3e-16 * stiffness * edge / static_cast<double>(mesh.cells.rows());
 }
 
-/// correction <- what Newton's method adds to u, with the tangent that was assembled last; `kept`: with the factor of an earlier one, where
-/// nothing prescribed is missing. False if the solver failed.
-/// `remaining`: of the right-hand side, by an iterative solver.
+/// correction <- what Newton's method adds to u, with the tangent that was assembled last; `kept`: with the factor of
+/// an earlier one, where nothing prescribed is missing. False if the solver failed. `remaining`: of the right-hand
+/// side, by an iterative solver.
 bool Newton::correct(bool kept, double remaining) {
   if (!kept) balance_.linearise();
   return factors_.solve(balance_.residual(), correction_, kept, remaining);
@@ -40,7 +43,8 @@ Outcome Newton::solve(Start start, const Accuracy& accuracy, double derivatives,
   IMIC3D_PETSC(VecZeroEntries(correction_));
   const int most = optical != nullptr ? 3 * options_.max_iterations : options_.max_iterations;
   if (!begins) balance_.settle_prescribed();
-  bool tangent = !(near && may_keep && factors_.any_made()), kept = true;  // assembled at u; the last correction was made with an earlier one
+  // assembled at u; the last correction was made with an earlier one
+  bool tangent = !(near && may_keep && factors_.any_made()), kept = true;
   balance_.assembler().predict(begins);
   double norm = balance_.evaluate(tangent), previous = 0.0, rate = 0.0;
   if (!std::isfinite(norm)) return failed;
@@ -51,24 +55,32 @@ Outcome Newton::solve(Start start, const Accuracy& accuracy, double derivatives,
     IMIC3D_PETSC(VecNorm(balance_.internal(), NORM_2, &size));
     IMIC3D_PETSC(VecNorm(balance_.external(), NORM_2, &load));
     double scale = std::max({size, load, 1e-30});
-    if (optical != nullptr) scale = std::max(scale, (optical->stiffness * balance_.numbering().to_natural(balance_.displacement())).norm());
+    if (optical != nullptr)
+      scale = std::max(scale, (optical->stiffness * balance_.numbering().to_natural(balance_.displacement())).norm());
     residuals_.push_back(norm / scale);
     // Below the tolerance, or at the level of round-off where it no longer falls.
     const bool ends_early = accuracy.forces >= options_.tolerance && optical == nullptr;
     const double tolerance = accuracy.forces > 0.0 && optical == nullptr ? accuracy.forces : options_.tolerance;
     const double enough = std::max(tolerance * scale, least_norm_);
-    // The last correction of Newton's method ends far below the tolerance: those of a kept factor go on as long as they help.
+    // The last correction of Newton's method ends far below the tolerance: those of a kept factor go on as long as they
+    // help.
     const double target = may_keep && kept && !ends_early ? (iteration > 0 ? 1e-4 : 1e-2) * tolerance * scale : enough;
-    const bool pays = may_keep && factor.made && missing == 0.0 && (iteration == 0 ? near : rate < 1.0 && std::log(derivatives * target / norm) > factors_.corrections_of_a_factor() * std::log(rate));
+    const bool pays = may_keep && factor.made && missing == 0.0 &&
+                      (iteration == 0 ? near
+                                      : rate < 1.0 && std::log(derivatives * target / norm) >
+                                                          factors_.corrections_of_a_factor() * std::log(rate));
     if (missing == 0.0 && (iteration > 0 || near)) {
-      const bool stalled = !kept && iteration > (optical != nullptr ? 5 : 2) && norm > 0.5 * previous && norm < 1e-8 * scale;
-      // A rigid motion costs hardly any force where the images pull weakly: it is the displacement that must have settled.
+      const bool stalled =
+          !kept && iteration > (optical != nullptr ? 5 : 2) && norm > 0.5 * previous && norm < 1e-8 * scale;
+      // A rigid motion costs hardly any force where the images pull weakly: it is the displacement that must have
+      // settled.
       double moved = 0.0, whole = 0.0;
       IMIC3D_PETSC(VecNorm(correction_, NORM_2, &moved));
       IMIC3D_PETSC(VecNorm(balance_.displacement(), NORM_2, &whole));
       const bool settled = optical == nullptr || (iteration > 0 && moved <= 1e-5 * whole);
       const bool helps = kept && pays && rate < 0.5 && norm > target;
-      if ((norm <= enough && settled && !helps) || stalled) return factor.indefinite && load > 0.0 ? Outcome::limit_point : Outcome::converged;
+      if ((norm <= enough && settled && !helps) || stalled)
+        return factor.indefinite && load > 0.0 ? Outcome::limit_point : Outcome::converged;
     }
     if (renewed == most) break;
 
@@ -77,8 +89,10 @@ Outcome Newton::solve(Start start, const Accuracy& accuracy, double derivatives,
       norm = balance_.evaluate(tangent);
     }
     kept = pays;
-    // Of what is unbalanced a solution by iteration may leave a part that the correction after it takes along (Eisenstat and Walker, SIAM J. Sci. Comput. 17, 1996).
-    const double remaining = 0.03 * std::clamp(norm > 0.0 ? std::max(iteration > 0 ? norm / previous : 1.0, enough / norm) : 1.0, 0.0, 1.0);
+    // Of what is unbalanced a solution by iteration may leave a part that the correction after it takes along
+    // (Eisenstat and Walker, SIAM J. Sci. Comput. 17, 1996).
+    const double remaining =
+        0.03 * std::clamp(norm > 0.0 ? std::max(iteration > 0 ? norm / previous : 1.0, enough / norm) : 1.0, 0.0, 1.0);
     if (!correct(kept, remaining)) return failed;
     if (kept)
       acceleration_.accelerate(correction_);
@@ -105,10 +119,11 @@ Outcome Newton::solve(Start start, const Accuracy& accuracy, double derivatives,
   return failed;
 }
 
-/// Shortens a correction that was just added to u, as the class says, or takes all of it back where the factor that made it is of no use here.
-/// `slope`: work of the unbalanced forces along it before; `first`: they may grow thousandfold. `tangent`: whether it is assembled at u, and is to be. Empty
-/// where no part of the correction will do.
-std::optional<Newton::Step> Newton::search(double previous, double enough, double slope, bool first, bool kept, bool& tangent) {
+/// Shortens a correction that was just added to u, as the class says, or takes all of it back where the factor that
+/// made it is of no use here. `slope`: work of the unbalanced forces along it before; `first`: they may grow
+/// thousandfold. `tangent`: whether it is assembled at u, and is to be. Empty where no part of the correction will do.
+std::optional<Newton::Step> Newton::search(double previous, double enough, double slope, bool first, bool kept,
+                                           bool& tangent) {
   double step = 1.0;
   for (int halvings = 0;; ++halvings) {
     double norm = balance_.evaluate(tangent);

@@ -12,15 +12,17 @@
 
 namespace imic3d::mechanics {
 
-/// Between natural vectors (3 * node + component, replicated on every rank; the third component is 0 in a plane mesh) and distributed ones
-/// (axes * node + component in the partition's global order).
+/// Between natural vectors (3 * node + component, replicated on every rank; the third component is 0 in a plane mesh)
+/// and distributed ones (axes * node + component in the partition's global order).
 class Numbering {
  public:
   /// `axes`: degrees of freedom of a node.
   Numbering(const mesh::Partition& partition, int axes) : partition_(partition), axes_(axes) {}
 
   [[nodiscard]] int axes() const { return axes_; }
-  [[nodiscard]] Eigen::Index natural_size() const { return 3 * static_cast<Eigen::Index>(partition_.natural_of_global.size()); }
+  [[nodiscard]] Eigen::Index natural_size() const {
+    return 3 * static_cast<Eigen::Index>(partition_.natural_of_global.size());
+  }
   [[nodiscard]] int owned() const { return axes_ * partition_.owned_nodes(); }
   /// Row of this rank's first degree of freedom.
   [[nodiscard]] PetscInt first_owned() const { return axes_ * partition_.first_owned(); }
@@ -52,7 +54,9 @@ class Numbering {
   }
 
  private:
-  [[nodiscard]] int natural_node_of_owned(int i) const { return partition_.natural_of_global[static_cast<std::size_t>(partition_.first_owned() + i)]; }
+  [[nodiscard]] int natural_node_of_owned(int i) const {
+    return partition_.natural_of_global[static_cast<std::size_t>(partition_.first_owned() + i)];
+  }
 
   const mesh::Partition& partition_;
   int axes_;

@@ -13,7 +13,7 @@ namespace imic3d::mechanics {
 namespace {
 
 using Gradient = Eigen::Matrix<double, 8, 3>;
-using Modes = Eigen::Matrix<double, 8, 4>;    // of the nodes
+using Modes = Eigen::Matrix<double, 8, 4>;  // of the nodes
 using Amplitudes = Eigen::Matrix<double, 3, 4>;
 using Stiffness = Eigen::Matrix<double, 12, 12>;  // between amplitudes, by columns
 
@@ -41,7 +41,8 @@ std::array<Gradient, 8> natural_gradients() {
     for (int a = 0; a < 8; ++a) {
       const Eigen::RowVector3d factor = 1.0 + (corner.row(a).array() * corner.row(point).array()) / std::sqrt(3.0);
       for (int i = 0; i < 3; ++i)
-        gradients[static_cast<std::size_t>(point)](a, i) = 0.125 * corner(a, i) * factor[(i + 1) % 3] * factor[(i + 2) % 3];
+        gradients[static_cast<std::size_t>(point)](a, i) =
+            0.125 * corner(a, i) * factor[(i + 1) % 3] * factor[(i + 2) % 3];
     }
   return gradients;
 }
@@ -74,7 +75,8 @@ struct HourglassModuli {
   Eigen::Matrix3d metric, n;  // g_i . g_j and g_i . n g_j
 };
 
-/// D: from hourglass strains to stresses, through the compliance 1/(9K) 1 x 1 + 1/(2 G_s) (I_dev - n x n) + 1/(2 G_t) n x n.
+/// D: from hourglass strains to stresses, through the compliance 1/(9K) 1 x 1 + 1/(2 G_s) (I_dev - n x n) + 1/(2 G_t) n
+/// x n.
 Stiffness hourglass_stiffness(const HourglassModuli& m, double volume) {
   const auto& g = m.metric;
   Stiffness D = Stiffness::Zero();
@@ -85,7 +87,8 @@ Stiffness hourglass_stiffness(const HourglassModuli& m, double volume) {
     const double a = g(i, i), b = g(j, j), c = g(i, j);
     Eigen::Matrix3d product;
     product << a * a, c * c, 2.0 * a * c, c * c, b * b, 2.0 * b * c, 2.0 * a * c, 2.0 * b * c, 2.0 * (a * b + c * c);
-    const Eigen::Matrix3d compliance = trace * trace.transpose() / (9.0 * m.bulk) + (product - trace * trace.transpose() / 3.0) / (2.0 * m.across) +
+    const Eigen::Matrix3d compliance = trace * trace.transpose() / (9.0 * m.bulk) +
+                                       (product - trace * trace.transpose() / 3.0) / (2.0 * m.across) +
                                        share * share.transpose() * (0.5 / m.along - 0.5 / m.across);
     const Eigen::Matrix3d plane = volume / 3.0 * compliance.inverse();
     // E_ii = Q_ij, E_jj = Q_ji, 2 E_ij = Q_ii + Q_jj
@@ -97,7 +100,8 @@ Stiffness hourglass_stiffness(const HourglassModuli& m, double volume) {
   return D;
 }
 
-/// G_t/G: the stiffness of the corotated Kirchhoff stress along its deviator's direction, n : (c + tau 1 + 1 tau) : n / (2 G).
+/// G_t/G: the stiffness of the corotated Kirchhoff stress along its deviator's direction, n : (c + tau 1 + 1 tau) : n /
+/// (2 G).
 double tangent_ratio(const Eigen::Matrix3d& tau, const Eigen::Matrix3d& n, const material::Matrix6& c, double shear) {
   material::Vector6 rate = components(n);
   rate.tail<3>() *= 2.0;  // engineering shears
@@ -118,9 +122,9 @@ ElasticModuli elastic_moduli(const material::FiniteStrainLaw& law, std::span<con
 }
 
 bool evaluate_one_point(const material::FiniteStrainLaw& law, std::span<const double> parameters, double time_increment,
-                        const ElementNodes<8>& nodes, const ElementVector<8>& displacement, std::span<const double> history_old,
-                        std::span<double> history_new, ElementResult<8>& result, bool with_tangent,
-                        const ElasticModuli* elastic) noexcept {
+                        const ElementNodes<8>& nodes, const ElementVector<8>& displacement,
+                        std::span<const double> history_old, std::span<double> history_new, ElementResult<8>& result,
+                        bool with_tangent, const ElasticModuli* elastic) noexcept {
   const Eigen::Map<const Eigen::Matrix<double, 8, 3, Eigen::RowMajor>> u(displacement.data());
   Gradient b;
   double volume = 0.0;
@@ -130,7 +134,8 @@ bool evaluate_one_point(const material::FiniteStrainLaw& law, std::span<const do
   if (!(J > 0.0)) return false;
   const auto size = static_cast<std::size_t>(law.history_size());
   material::Response response;
-  if (!law.update(F, time_increment, parameters, history_old.first(size), history_new.first(size), response, with_tangent || elastic != nullptr))
+  if (!law.update(F, time_increment, parameters, history_old.first(size), history_new.first(size), response,
+                  with_tangent || elastic != nullptr))
     return false;
   const auto plastic_strain = [&](std::span<const double> history) {
     return law.plastic_strain_index() >= 0 ? history[static_cast<std::size_t>(law.plastic_strain_index())] : 0.0;
@@ -167,7 +172,8 @@ bool evaluate_one_point(const material::FiniteStrainLaw& law, std::span<const do
 
     // (i) the moduli, the metric and the regime of the last step
     const Eigen::Matrix3d metric = dX_dxi.transpose() * dX_dxi + tensor(old.segment<6>(2));
-    const auto stress = [&](double along, double across, const Eigen::Matrix3d& n, Stiffness& D) -> Eigen::Matrix<double, 12, 1> {
+    const auto stress = [&](double along, double across, const Eigen::Matrix3d& n,
+                            Stiffness& D) -> Eigen::Matrix<double, 12, 1> {
       D = hourglass_stiffness({elastic->bulk, across * elastic->shear, along * elastic->shear, metric, n}, volume);
       if (along < 1.0) return D * Q.reshaped();
       return old.segment<12>(26) + D * (Q.reshaped() - old.segment<12>(14));
@@ -182,7 +188,8 @@ bool evaluate_one_point(const material::FiniteStrainLaw& law, std::span<const do
       Eigen::Matrix<double, 12, 24> B;
       for (int a = 0; a < 8; ++a)
         for (int alpha = 0; alpha < 4; ++alpha)
-          B.block<3, 3>(3 * alpha, 3 * a) = b_xi.row(a).transpose() * q.col(alpha).transpose() + gamma(a, alpha) * g.transpose();
+          B.block<3, 3>(3 * alpha, 3 * a) =
+              b_xi.row(a).transpose() * q.col(alpha).transpose() + gamma(a, alpha) * g.transpose();
       if (elastic->begins) {
         const double G = elastic->shear * (dep > 0.0 ? mises / (mises + 3.0 * elastic->shear * dep) : 1.0);
         D = hourglass_stiffness({elastic->bulk, G, G, metric, Eigen::Matrix3d::Zero()}, volume);
@@ -198,7 +205,8 @@ bool evaluate_one_point(const material::FiniteStrainLaw& law, std::span<const do
     Eigen::Matrix3d n = Eigen::Matrix3d::Zero();
     if (dep > 0.0) {
       n = s / std::max(s.norm(), 1e-12 * elastic->shear);
-      across = std::clamp(mises / (mises + 3.0 * elastic->shear * result.plastic_strain), least_hourglass_modulus, most_flowing_modulus);
+      across = std::clamp(mises / (mises + 3.0 * elastic->shear * result.plastic_strain), least_hourglass_modulus,
+                          most_flowing_modulus);
       along = std::clamp(tangent_ratio(tau, n, response.tangent, elastic->shear), least_hourglass_modulus, across);
       n = g.transpose() * n * g;
     }
@@ -218,9 +226,10 @@ bool evaluate_one_point(const material::FiniteStrainLaw& law, std::span<const do
   return result.force.allFinite();
 }
 
-bool differentiate_one_point(const material::FiniteStrainLaw& law, std::span<const double> parameters, double time_increment,
-                             const ElementNodes<8>& nodes, const ElementVector<8>& displacement, std::span<const double> history_old,
-                             const ElementColumns<8>& d_displacement, const ElementDirections& along, ElementColumns<8>& d_force) noexcept {
+bool differentiate_one_point(const material::FiniteStrainLaw& law, std::span<const double> parameters,
+                             double time_increment, const ElementNodes<8>& nodes, const ElementVector<8>& displacement,
+                             std::span<const double> history_old, const ElementColumns<8>& d_displacement,
+                             const ElementDirections& along, ElementColumns<8>& d_force) noexcept {
   using ByNode = Eigen::Map<const Eigen::Matrix<double, 8, 3, Eigen::RowMajor>>;
   Gradient b;
   double volume = 0.0;

@@ -5,7 +5,8 @@
 namespace imic3d::mechanics {
 
 namespace {
-/// So many solutions with the factor at hand an unbalanced derivative may still need before the converged tangent is assembled,
+/// So many solutions with the factor at hand an unbalanced derivative may still need before the converged tangent is
+/// assembled,
 constexpr double solutions_of_a_tangent = 7.0;
 /// or, where there are so many derivatives that one of their passes costs two corrections, factorised;
 constexpr std::size_t directions_of_a_factor = 3;
@@ -17,7 +18,8 @@ constexpr std::size_t most_accelerated = 16;
 constexpr std::size_t block_size = 32;
 }  // namespace
 
-PathDerivatives::PathDerivatives(ForceBalance& balance, KeptFactors& factors, std::size_t parameters, const EquilibriumOptions& options, Work& work)
+PathDerivatives::PathDerivatives(ForceBalance& balance, KeptFactors& factors, std::size_t parameters,
+                                 const EquilibriumOptions& options, Work& work)
     : balance_(balance), factors_(factors), parameters_(parameters), options_(options), work_(work) {
   IMIC3D_PETSC(VecDuplicate(balance_.displacement(), correction_.put()));
 }
@@ -43,12 +45,16 @@ void PathDerivatives::start(std::span<const int> free, std::size_t directions, c
   }
   d_external_.assign(all, nullptr);
   d_parameters_.assign(all * parameters_, 0.0);
-  for (std::size_t k = 0; k < free.size(); ++k) d_parameters_[k * parameters_ + static_cast<std::size_t>(free[k])] = 1.0;
+  for (std::size_t k = 0; k < free.size(); ++k)
+    d_parameters_[k * parameters_ + static_cast<std::size_t>(free[k])] = 1.0;
 }
 
-double PathDerivatives::reduction() const { return du_.empty() || du_.size() >= directions_of_a_factor_at_once ? 1.0 : tolerance_; }
+double PathDerivatives::reduction() const {
+  return du_.empty() || du_.size() >= directions_of_a_factor_at_once ? 1.0 : tolerance_;
+}
 
-bool PathDerivatives::differentiate(const Eigen::MatrixXd& d_prescribed, const Eigen::SparseMatrix<double>& d_external, int& corrections) {
+bool PathDerivatives::differentiate(const Eigen::MatrixXd& d_prescribed, const Eigen::SparseMatrix<double>& d_external,
+                                    int& corrections) {
   if (balance_.optical() != nullptr) balance_.add_optical_stiffness();
   factors_.begin_derivatives();
   for (Anderson& accelerated : acceleration_) accelerated.restart();
@@ -66,7 +72,8 @@ void PathDerivatives::begin_with(const Eigen::MatrixXd& d_prescribed, const Eige
     IMIC3D_PETSC(VecZeroEntries(du_[k]));
     if (k < free) continue;
     Eigen::VectorXd given = Eigen::VectorXd::Zero(balance_.numbering().natural_size());
-    for (std::size_t i = 0; i < constrained.size(); ++i) given[constrained[i]] = d_prescribed(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k - free));
+    for (std::size_t i = 0; i < constrained.size(); ++i)
+      given[constrained[i]] = d_prescribed(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(k - free));
     balance_.numbering().to_global(given, du_[k]);
     const auto direction = static_cast<Eigen::Index>(k - free);
     if (d_external.size() == 0 || d_external.col(direction).nonZeros() == 0) continue;
@@ -75,7 +82,8 @@ void PathDerivatives::begin_with(const Eigen::MatrixXd& d_prescribed, const Eige
   }
 }
 
-/// |dF_int/dLambda + dF_int/dxi . dxi/dLambda| + |dF_ext/dLambda| where the displacement moves at most where it is prescribed.
+/// |dF_int/dLambda + dF_int/dxi . dxi/dLambda| + |dF_ext/dLambda| where the displacement moves at most where it is
+/// prescribed.
 double PathDerivatives::given_force(std::size_t k) const {
   double internal = 0.0, external = 0.0;
   IMIC3D_PETSC(VecNorm(d_force_[k], NORM_2, &internal));
@@ -100,7 +108,9 @@ bool PathDerivatives::balance_all(int& corrections) {
       if (norm <= tolerance_ * scale[k]) continue;
       balanced = false;
       const double wanted = tolerance_ * scale[k] / norm;
-      const auto takes_more = [&](double solutions) { return norm >= last[k] || std::log(wanted) < solutions * std::log(norm / last[k]); };
+      const auto takes_more = [&](double solutions) {
+        return norm >= last[k] || std::log(wanted) < solutions * std::log(norm / last[k]);
+      };
       if (by_factor && many && !renewed && takes_more(0.5 * factors_.corrections_of_a_factor())) {
         renewed = true;
         if (!(balance_.assemble_tangent() && factors_.renew())) return false;
@@ -127,7 +137,8 @@ bool PathDerivatives::balance_all(int& corrections) {
 /// What is unbalanced of derivative k joins the block, which is corrected when it is full.
 void PathDerivatives::correct_together(std::size_t k) {
   if (unbalanced_.size() == block_.size())
-    for (auto* vectors : {&unbalanced_, &corrections_}) IMIC3D_PETSC(VecDuplicate(balance_.displacement(), vectors->emplace_back().put()));
+    for (auto* vectors : {&unbalanced_, &corrections_})
+      IMIC3D_PETSC(VecDuplicate(balance_.displacement(), vectors->emplace_back().put()));
   IMIC3D_PETSC(VecCopy(balance_.residual(), unbalanced_[block_.size()]));
   block_.push_back(k);
   if (block_.size() == block_size) correct_block();

@@ -9,7 +9,8 @@ namespace imic3d::mechanics {
 namespace {
 
 /// Natural coordinates of the corners, and of the middles of the edges of a quad8.
-constexpr std::array<std::array<int, 2>, 8> corner = {{{-1, -1}, {1, -1}, {1, 1}, {-1, 1}, {0, -1}, {1, 0}, {0, 1}, {-1, 0}}};
+constexpr std::array<std::array<int, 2>, 8> corner = {
+    {{-1, -1}, {1, -1}, {1, 1}, {-1, 1}, {0, -1}, {1, 0}, {0, 1}, {-1, 0}}};
 const double g = 1.0 / std::sqrt(3.0);
 
 /// dN/dxi at the Gauss points. Bilinear: N = r s / 4 with r = 1 + xi_1 a_1, s = 1 + xi_2 a_2. Serendipity: at a corner
@@ -75,7 +76,8 @@ bool evaluate(const material::FiniteStrainLaw& law, double thickness, std::span<
     if (!law.update(F_of_law, time_increment, parameters, history_old.subspan(offset, size),
                     history_new.subspan(offset, size), response, with_tangent))
       return false;
-    const double stretch = std::exp(history_new[offset + static_cast<std::size_t>(law.thickness_strain_index())]);  // lambda_3
+    // lambda_3
+    const double stretch = std::exp(history_new[offset + static_cast<std::size_t>(law.thickness_strain_index())]);
 
     const Gradient dN = dN_dX * F.inverse();
     Eigen::Matrix2d tau;
@@ -90,9 +92,11 @@ bool evaluate(const material::FiniteStrainLaw& law, double thickness, std::span<
 
     Eigen::Matrix3d c;
     for (int i = 0; i < 3; ++i)
-      for (int j = 0; j < 3; ++j) c(i, j) = dV * response.tangent(in_plane[static_cast<std::size_t>(i)], in_plane[static_cast<std::size_t>(j)]);
+      for (int j = 0; j < 3; ++j)
+        c(i, j) = dV * response.tangent(in_plane[static_cast<std::size_t>(i)], in_plane[static_cast<std::size_t>(j)]);
     Eigen::Matrix<double, 3, dofs> B;
-    for (int a = 0; a < nodes_count; ++a) B.template block<3, 2>(0, 2 * a) << dN(a, 0), 0, 0, dN(a, 1), dN(a, 1), dN(a, 0);
+    for (int a = 0; a < nodes_count; ++a)
+      B.template block<3, 2>(0, 2 * a) << dN(a, 0), 0, 0, dN(a, 1), dN(a, 1), dN(a, 0);
     const Eigen::Matrix<double, 3, dofs> cB = c.lazyProduct(B);
     result.tangent += B.transpose().lazyProduct(cB);
     const Eigen::Matrix<double, nodes_count, nodes_count> stiffening = traction.lazyProduct(dN.transpose());
@@ -106,10 +110,11 @@ bool evaluate(const material::FiniteStrainLaw& law, double thickness, std::span<
 }
 
 template <int nodes_count>
-bool differentiate(const material::FiniteStrainLaw& law, double thickness, std::span<const double> parameters, double time_increment,
-                   const ElementNodes<nodes_count, 2>& nodes, const ElementVector<nodes_count, 2>& displacement,
-                   std::span<const double> history_old, const ElementColumns<nodes_count, 2>& d_displacement,
-                   const ElementDirections& along, ElementColumns<nodes_count, 2>& d_force) noexcept {
+bool differentiate(const material::FiniteStrainLaw& law, double thickness, std::span<const double> parameters,
+                   double time_increment, const ElementNodes<nodes_count, 2>& nodes,
+                   const ElementVector<nodes_count, 2>& displacement, std::span<const double> history_old,
+                   const ElementColumns<nodes_count, 2>& d_displacement, const ElementDirections& along,
+                   ElementColumns<nodes_count, 2>& d_force) noexcept {
   using Gradient = Eigen::Matrix<double, nodes_count, 2>;
   using ByNode = Eigen::Map<const Eigen::Matrix<double, nodes_count, 2, Eigen::RowMajor>>;
   const ByNode u(displacement.data());
@@ -126,7 +131,8 @@ bool differentiate(const material::FiniteStrainLaw& law, double thickness, std::
     const Gradient dN = dN_dX * F.topLeftCorner<2, 2>().inverse();
     for (std::size_t k = 0; k < n; ++k) {
       response.L[k].setZero();
-      response.L[k].template topLeftCorner<2, 2>() = ByNode(d_displacement.col(static_cast<Eigen::Index>(k)).data()).transpose() * dN;
+      response.L[k].template topLeftCorner<2, 2>() =
+          ByNode(d_displacement.col(static_cast<Eigen::Index>(k)).data()).transpose() * dN;
       response.dF[k] = response.L[k] * F;
     }
     if (!response.update(law, F, time_increment, parameters, history_old, point, n, along)) return false;
@@ -134,7 +140,8 @@ bool differentiate(const material::FiniteStrainLaw& law, double thickness, std::
     for (std::size_t k = 0; k < n; ++k) {
       const Eigen::Matrix3d moved = tensor(response.d_kirchhoff[k]) - response.L[k] * tensor(response.kirchhoff);
       const Gradient df = dV * dN * moved.topLeftCorner<2, 2>();
-      for (int a = 0; a < nodes_count; ++a) d_force.col(static_cast<Eigen::Index>(k)).template segment<2>(2 * a) += df.row(a).transpose();
+      for (int a = 0; a < nodes_count; ++a)
+        d_force.col(static_cast<Eigen::Index>(k)).template segment<2>(2 * a) += df.row(a).transpose();
     }
   }
   return d_force.allFinite();

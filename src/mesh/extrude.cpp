@@ -66,7 +66,8 @@ Mesh extrude(const Mesh& quads, double thickness, int layers) {
 
 void grade_layers(Mesh& mesh, double ratio, bool one_face) {
   if (mesh.nodes_per_layer <= 0 || !(ratio > 0.0))
-    throw InputError("layer_ratio", "a mesh that was not extruded, or a ratio that is not positive", "a positive ratio and a 2D mesh");
+    throw InputError("layer_ratio", "a mesh that was not extruded, or a ratio that is not positive",
+                     "a positive ratio and a 2D mesh");
   const Eigen::Index per_layer = mesh.nodes_per_layer, layers = mesh.nodes.rows() / per_layer - 1;
   std::vector<double> depth(static_cast<std::size_t>(layers) + 1, 0.0);
   for (Eigen::Index k = 0; k < layers; ++k) {

@@ -20,8 +20,8 @@ inline constexpr std::array<std::array<int, 4>, 6> hex_faces{
     {{0, 3, 2, 1}, {4, 5, 6, 7}, {0, 1, 5, 4}, {1, 2, 6, 5}, {2, 3, 7, 6}, {3, 0, 4, 7}}};
 
 /// Corner numbers of the edges of a hexahedron, in the order of a hex20's middle nodes 8 ... 19.
-inline constexpr std::array<std::array<int, 2>, 12> hex_edges{{{0, 1}, {1, 2}, {2, 3}, {3, 0}, {4, 5}, {5, 6},
-                                                              {6, 7}, {7, 4}, {0, 4}, {1, 5}, {2, 6}, {3, 7}}};
+inline constexpr std::array<std::array<int, 2>, 12> hex_edges{
+    {{0, 1}, {1, 2}, {2, 3}, {3, 0}, {4, 5}, {5, 6}, {6, 7}, {7, 4}, {0, 4}, {1, 5}, {2, 6}, {3, 7}}};
 
 /// The nodes of an edge or a face in ascending order; unused places are -1.
 using FacetKey = std::array<int, 4>;

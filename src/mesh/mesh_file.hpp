@@ -38,16 +38,11 @@ struct FileContents {
 
 inline int nodes_of(Shape shape) {
   switch (shape) {
-    case Shape::point:
-      return 1;
-    case Shape::line2:
-      return 2;
-    case Shape::quad4:
-      return 4;
-    case Shape::hex8:
-      return 8;
-    case Shape::other:
-      return 0;
+    case Shape::point: return 1;
+    case Shape::line2: return 2;
+    case Shape::quad4: return 4;
+    case Shape::hex8: return 8;
+    case Shape::other: return 0;
   }
   return 0;
 }

@@ -40,7 +40,8 @@ OwnedDM plex_on_root(const Mesh& mesh, Communicator communicator) {
       for (std::size_t c = 0; c < cells.size(); c += 8) std::swap(cells[c + 1], cells[c + 3]);
   }
   OwnedDM plex;
-  IMIC3D_PETSC(DMPlexCreateFromCellListPetsc(communicator.handle, dim, static_cast<PetscInt>(root ? mesh.cells.rows() : 0),
+  IMIC3D_PETSC(DMPlexCreateFromCellListPetsc(communicator.handle, dim,
+                                             static_cast<PetscInt>(root ? mesh.cells.rows() : 0),
                                              static_cast<PetscInt>(coordinates.size()) / dim, corners, PETSC_TRUE,
                                              cells.data(), dim, coordinates.data(), plex.put()));
   return plex;

@@ -247,11 +247,16 @@ class AbaqusReader {
         const long step = at_end(rest) ? 1 : take_integer(rest, lines_, "step");
         if (step <= 0 || last < first)
           lines_.fail(fmt::format("{}, {}, {}", first, last, step), "first, last, step > 0");
-        const auto count = (static_cast<unsigned long>(last) - static_cast<unsigned long>(first)) / static_cast<unsigned long>(step) + 1;
+        const auto count =
+            (static_cast<unsigned long>(last) - static_cast<unsigned long>(first)) / static_cast<unsigned long>(step) +
+            1;
         if (count > most_generated - generated_)
-          lines_.fail(fmt::format("{}, {}, {}", first, last, step), fmt::format("at most {} numbers in all generated sets", most_generated));
+          lines_.fail(fmt::format("{}, {}, {}", first, last, step),
+                      fmt::format("at most {} numbers in all generated sets", most_generated));
         generated_ += count;
-        for (unsigned long i = 0; i < count; ++i) set.members.push_back(static_cast<long>(static_cast<unsigned long>(first) + i * static_cast<unsigned long>(step)));
+        for (unsigned long i = 0; i < count; ++i)
+          set.members.push_back(
+              static_cast<long>(static_cast<unsigned long>(first) + i * static_cast<unsigned long>(step)));
         continue;
       }
       while (true) {

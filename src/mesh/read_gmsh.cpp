@@ -21,46 +21,26 @@ struct GmshType {
 
 GmshType gmsh_type(long type) {
   switch (type) {
-    case 1:
-      return {Shape::line2, 1, "2-node lines"};
-    case 2:
-      return {Shape::other, 2, "3-node triangles"};
-    case 3:
-      return {Shape::quad4, 2, "4-node quadrilaterals"};
-    case 4:
-      return {Shape::other, 3, "4-node tetrahedra"};
-    case 5:
-      return {Shape::hex8, 3, "8-node hexahedra"};
-    case 6:
-      return {Shape::other, 3, "6-node prisms"};
-    case 7:
-      return {Shape::other, 3, "5-node pyramids"};
-    case 8:
-      return {Shape::other, 1, "3-node lines"};
-    case 9:
-      return {Shape::other, 2, "6-node triangles"};
-    case 10:
-      return {Shape::other, 2, "9-node quadrilaterals"};
-    case 11:
-      return {Shape::other, 3, "10-node tetrahedra"};
-    case 12:
-      return {Shape::other, 3, "27-node hexahedra"};
-    case 13:
-      return {Shape::other, 3, "18-node prisms"};
-    case 14:
-      return {Shape::other, 3, "14-node pyramids"};
-    case 15:
-      return {Shape::point, 0, "points"};
-    case 16:
-      return {Shape::other, 2, "8-node quadrilaterals"};
-    case 17:
-      return {Shape::other, 3, "20-node hexahedra"};
-    case 18:
-      return {Shape::other, 3, "15-node prisms"};
-    case 19:
-      return {Shape::other, 3, "13-node pyramids"};
-    default:
-      return {Shape::other, 3, "elements of high order"};
+    case 1: return {Shape::line2, 1, "2-node lines"};
+    case 2: return {Shape::other, 2, "3-node triangles"};
+    case 3: return {Shape::quad4, 2, "4-node quadrilaterals"};
+    case 4: return {Shape::other, 3, "4-node tetrahedra"};
+    case 5: return {Shape::hex8, 3, "8-node hexahedra"};
+    case 6: return {Shape::other, 3, "6-node prisms"};
+    case 7: return {Shape::other, 3, "5-node pyramids"};
+    case 8: return {Shape::other, 1, "3-node lines"};
+    case 9: return {Shape::other, 2, "6-node triangles"};
+    case 10: return {Shape::other, 2, "9-node quadrilaterals"};
+    case 11: return {Shape::other, 3, "10-node tetrahedra"};
+    case 12: return {Shape::other, 3, "27-node hexahedra"};
+    case 13: return {Shape::other, 3, "18-node prisms"};
+    case 14: return {Shape::other, 3, "14-node pyramids"};
+    case 15: return {Shape::point, 0, "points"};
+    case 16: return {Shape::other, 2, "8-node quadrilaterals"};
+    case 17: return {Shape::other, 3, "20-node hexahedra"};
+    case 18: return {Shape::other, 3, "15-node prisms"};
+    case 19: return {Shape::other, 3, "13-node pyramids"};
+    default: return {Shape::other, 3, "elements of high order"};
   }
 }
 
@@ -116,7 +96,8 @@ class GmshReader {
   /// Physical groups, and other tags, are 32-bit numbers.
   long take_group(std::string_view& line) {
     const long group = take_integer(line, lines_, "a physical group");
-    if (std::labs(std::max(group, -LONG_MAX)) > INT_MAX) lines_.fail(fmt::format("{}", group), "the number of a physical group");
+    if (std::labs(std::max(group, -LONG_MAX)) > INT_MAX)
+      lines_.fail(fmt::format("{}", group), "the number of a physical group");
     return group;
   }
 

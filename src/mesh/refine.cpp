@@ -232,7 +232,8 @@ Cells edge_middles(const Mesh& mesh) {
     for (Eigen::Index e = 0; e < edges; ++e) {
       const int node = mesh.cells(c, corners + e);
       if (std::exchange(seen[static_cast<std::size_t>(node)], 1) != 0) continue;
-      const auto& ends = is_hexahedron(mesh.type) ? hex_edges[static_cast<std::size_t>(e)] : quad_edges[static_cast<std::size_t>(e)];
+      const auto& ends =
+          is_hexahedron(mesh.type) ? hex_edges[static_cast<std::size_t>(e)] : quad_edges[static_cast<std::size_t>(e)];
       middles.row(count++) << node, mesh.cells(c, ends[0]), mesh.cells(c, ends[1]);
     }
   middles.conservativeResize(count, 3);

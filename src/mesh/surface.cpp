@@ -12,15 +12,11 @@ namespace imic3d::mesh {
 
 int nodes_per_cell(CellType type) {
   switch (type) {
-    case CellType::line2:
-      return 2;
-    case CellType::quad4:
-      return 4;
+    case CellType::line2: return 2;
+    case CellType::quad4: return 4;
     case CellType::quad8:
-    case CellType::hex8:
-      return 8;
-    case CellType::hex20:
-      return 20;
+    case CellType::hex8: return 8;
+    case CellType::hex20: return 20;
   }
   return 0;
 }
@@ -133,7 +129,9 @@ Surface front_surface(const Mesh& volume) {
   std::vector<Eigen::Triplet<double>> weights;
   for (Eigen::Index i = 0; i < on_volume; ++i)
     weights.emplace_back(static_cast<int>(i), seen[static_cast<std::size_t>(i)], 1.0);
-  const auto at = [&](Eigen::Index face, Eigen::Index k) { return number[static_cast<std::size_t>(faces_seen(face, k))]; };
+  const auto at = [&](Eigen::Index face, Eigen::Index k) {
+    return number[static_cast<std::size_t>(faces_seen(face, k))];
+  };
   quads.cells.resize(split ? 4 * front : front, 4);
   for (Eigen::Index f = 0; f < front; ++f) {
     if (!split) {
@@ -166,7 +164,8 @@ Surface front_surface(const Mesh& volume) {
   for (Eigen::Index e = 0; e < edges.nodes.rows(); ++e)
     edge_at.emplace(edge_key(edges.nodes(e, 0), edges.nodes(e, 1)), e);
   FacetMap<int> in_front;
-  for (Eigen::Index f = 0; !plane && f < front; ++f) in_front.emplace(facet_key(volume.front.row(f), 4), static_cast<int>(f));
+  for (Eigen::Index f = 0; !plane && f < front; ++f)
+    in_front.emplace(facet_key(volume.front.row(f), 4), static_cast<int>(f));
   for (const auto& [name, faces] : volume.facet_groups) {
     std::vector<Eigen::Index> group;
     const Cells whole = with_middles(volume, faces);
@@ -222,7 +221,8 @@ Surface back_surface(const Mesh& volume) {
     turned.front = boundary.nodes(rows, Eigen::all);
   }
   if (turned.front.rows() == 0)
-    throw InputError("mesh", "no face that a camera at the back sees", "boundary quadrilaterals that face -z, or a named back group");
+    throw InputError("mesh", "no face that a camera at the back sees",
+                     "boundary quadrilaterals that face -z, or a named back group");
   const Eigen::VectorXi second = turned.front.col(1);
   turned.front.col(1) = turned.front.col(3);
   turned.front.col(3) = second;
@@ -232,7 +232,9 @@ Surface back_surface(const Mesh& volume) {
 double plane_area(const Mesh& quads) {
   double area = 0.0;
   for (Eigen::Index e = 0; e < quads.cells.rows(); ++e) {
-    const auto diagonal = [&](int a, int b) { return Eigen::Vector2d((quads.nodes.row(quads.cells(e, b)) - quads.nodes.row(quads.cells(e, a))).head<2>()); };
+    const auto diagonal = [&](int a, int b) {
+      return Eigen::Vector2d((quads.nodes.row(quads.cells(e, b)) - quads.nodes.row(quads.cells(e, a))).head<2>());
+    };
     const Eigen::Vector2d p = diagonal(0, 2), q = diagonal(1, 3);
     area += 0.5 * std::abs(p.x() * q.y() - p.y() * q.x());
   }
@@ -268,11 +270,16 @@ std::vector<std::vector<int>> contours(const Mesh& quads) {
 }
 
 std::vector<Bulge> bulges(const Mesh& quads) {
-  constexpr double corner = 40.0 / 180.0 * M_PI, straight = 1e-6, level = 1e-4;  // level: curvature times edge of a contour that is straight but for the digits of its nodes
+  constexpr double
+      corner = 40.0 / 180.0 * M_PI,
+      straight = 1e-6,
+      level = 1e-4;  // level: curvature times edge of a contour that is straight but for the digits of its nodes
   std::vector<Bulge> found;
   for (const auto& contour : contours(quads)) {
     const std::size_t n = contour.size();
-    const auto place = [&](std::size_t i) -> Eigen::Vector2d { return quads.nodes.row(contour[i % n]).head<2>().transpose(); };
+    const auto place = [&](std::size_t i) -> Eigen::Vector2d {
+      return quads.nodes.row(contour[i % n]).head<2>().transpose();
+    };
     const auto cross = [](const Eigen::Vector2d& a, const Eigen::Vector2d& b) { return a.x() * b.y() - a.y() * b.x(); };
     // Of the circle through a node and its neighbours; to the left is positive, NaN at a corner.
     const auto curvature = [&](std::size_t i) {
@@ -289,13 +296,18 @@ std::vector<Bulge> bulges(const Mesh& quads) {
       if (std::isnan(a)) a = b;
       if (std::isnan(b)) b = a;
       if (is_straight(a) || is_straight(b)) continue;
-      // Where a straight part meets an arc the circle through the last node has half the arc's curvature: the other end knows it.
+      // Where a straight part meets an arc the circle through the last node has half the arc's curvature: the other end
+      // knows it.
       const bool after_straight = is_straight(curvature(i + n - 1)), before_straight = is_straight(curvature(i + 2));
       double bent = after_straight && !before_straight ? b : before_straight && !after_straight ? a : 0.5 * (a + b);
-      // Of sixth order by the neighbours' curvature, if that is the smooth contour's, too: six points, of which the outer ones lie on no straight part.
+      // Of sixth order by the neighbours' curvature, if that is the smooth contour's, too: six points, of which the
+      // outer ones lie on no straight part.
       const double before = curvature(i + n - 1), after = curvature(i + 2);
-      const auto smooth = [&](double neighbour, double beyond) { return !std::isnan(neighbour) && !is_straight(neighbour) && !is_straight(beyond); };
-      if (n > 6 && smooth(before, curvature(i + n - 2)) && smooth(after, curvature(i + 3))) bent -= 3.0 / 32.0 * (before + after - a - b);
+      const auto smooth = [&](double neighbour, double beyond) {
+        return !std::isnan(neighbour) && !is_straight(neighbour) && !is_straight(beyond);
+      };
+      if (n > 6 && smooth(before, curvature(i + n - 2)) && smooth(after, curvature(i + 3)))
+        bent -= 3.0 / 32.0 * (before + after - a - b);
       const Eigen::Vector2d edge = place(i + 1) - place(i);
       const double length = edge.norm();
       if (std::abs(bent) * length < straight) continue;

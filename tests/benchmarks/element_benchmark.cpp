@@ -1,5 +1,6 @@
-// Time of one element with its law, plastic at all its points, and of the assembly of a plate, which inserts the tangents into PETSc's
-// matrix (MatSetValuesCOO). Run: OMP_NUM_THREADS=1 build/release/tests/benchmarks/benchmark_element
+// Time of one element with its law, plastic at all its points, and of the assembly of a plate, which inserts the
+// tangents into PETSc's matrix (MatSetValuesCOO). Run: OMP_NUM_THREADS=1
+// build/release/tests/benchmarks/benchmark_element
 #include <benchmark/benchmark.h>
 #include <petsc.h>
 
@@ -28,7 +29,9 @@ mesh::Mesh plate(CellType type, Integration integration, int nx, int ny) {
 }
 
 /// The paper's steel.
-std::shared_ptr<const material::FiniteStrainLaw> steel(bool plane) { return material::make_law({.plane_stress = plane}); }
+std::shared_ptr<const material::FiniteStrainLaw> steel(bool plane) {
+  return material::make_law({.plane_stress = plane});
+}
 const std::vector<double> parameters{198e3, 0.25, 284, 1480, 0.042, 7.16e-5};
 
 /// A stretch with shear and a little bending, which yields everywhere.
@@ -43,7 +46,8 @@ double displacement(double x, double y, int axis) {
 template <int nodes, int axes>
 class Element {
  public:
-  explicit Element(const mesh::Mesh& mesh) : integration_(mesh.integration), law_(steel(axes == 2)), elastic_(elastic_moduli(*law_, parameters)) {
+  explicit Element(const mesh::Mesh& mesh)
+      : integration_(mesh.integration), law_(steel(axes == 2)), elastic_(elastic_moduli(*law_, parameters)) {
     for (int a = 0; a < nodes; ++a)
       for (int i = 0; i < axes; ++i) {
         places_(a, i) = mesh.nodes(mesh.cells(0, a), i);
@@ -64,7 +68,9 @@ class Element {
       return evaluate<nodes>(*law_, 1.0, parameters, 1.0, places_, u_, history_, next_, result, with_tangent);
     } else {
       if constexpr (nodes == 8)
-        if (integration_ != Integration::full) return evaluate_one_point(*law_, parameters, 1.0, places_, u_, history_, next_, result, with_tangent, &elastic_);
+        if (integration_ != Integration::full)
+          return evaluate_one_point(*law_, parameters, 1.0, places_, u_, history_, next_, result, with_tangent,
+                                    &elastic_);
       return evaluate(*law_, parameters, 1.0, places_, u_, history_, next_, result, with_tangent);
     }
   }
@@ -91,10 +97,18 @@ void element(benchmark::State& state, const mesh::Mesh& mesh, bool with_tangent)
   }
   if (!made.yields()) state.SkipWithError("the element does not yield");
 }
-void hex20(benchmark::State& state, bool with_tangent) { element<20, 3>(state, plate(CellType::hex20, Integration::full, 1, 1), with_tangent); }
-void hex8(benchmark::State& state, bool with_tangent) { element<8, 3>(state, plate(CellType::hex8, Integration::full, 1, 1), with_tangent); }
-void hex8s(benchmark::State& state, bool with_tangent) { element<8, 3>(state, plate(CellType::hex8, Integration::one_point_stabilised, 1, 1), with_tangent); }
-void quad8(benchmark::State& state, bool with_tangent) { element<8, 2>(state, plate(CellType::quad8, Integration::full, 1, 1), with_tangent); }
+void hex20(benchmark::State& state, bool with_tangent) {
+  element<20, 3>(state, plate(CellType::hex20, Integration::full, 1, 1), with_tangent);
+}
+void hex8(benchmark::State& state, bool with_tangent) {
+  element<8, 3>(state, plate(CellType::hex8, Integration::full, 1, 1), with_tangent);
+}
+void hex8s(benchmark::State& state, bool with_tangent) {
+  element<8, 3>(state, plate(CellType::hex8, Integration::one_point_stabilised, 1, 1), with_tangent);
+}
+void quad8(benchmark::State& state, bool with_tangent) {
+  element<8, 2>(state, plate(CellType::quad8, Integration::full, 1, 1), with_tangent);
+}
 BENCHMARK_CAPTURE(hex20, force, false);
 BENCHMARK_CAPTURE(hex20, force_and_tangent, true);
 BENCHMARK_CAPTURE(hex8, force, false);
@@ -137,8 +151,10 @@ double spent_on(const char* event) {
 void assembly(benchmark::State& state, CellType type, Integration integration, bool with_tangent) {
   const mesh::Mesh mesh = plate(type, integration, 20, 20);
   const mesh::Partition partition = mesh::partition(mesh, Communicator{MPI_COMM_SELF});
-  Assembler assembler(partition, mesh, steel(mesh::dimension(type) == 2), std::vector<char>(static_cast<std::size_t>(3 * mesh.nodes.rows()), 0));
-  const OwnedVec u = displacement(mesh, partition, assembler), force = zeros(assembler), increment = zeros(assembler), lifting = zeros(assembler);
+  Assembler assembler(partition, mesh, steel(mesh::dimension(type) == 2),
+                      std::vector<char>(static_cast<std::size_t>(3 * mesh.nodes.rows()), 0));
+  const OwnedVec u = displacement(mesh, partition, assembler), force = zeros(assembler), increment = zeros(assembler),
+                 lifting = zeros(assembler);
   const double all = spent_on("imic3dTangent"), insertion = spent_on("MatSetValuesCOO");
   for (auto _ : state)
     if (!assembler.assemble(u, 1.0, parameters, force, with_tangent ? increment.get() : nullptr, lifting)) std::abort();
@@ -146,11 +162,13 @@ void assembly(benchmark::State& state, CellType type, Integration integration, b
   PetscInt unknowns = 0;
   IMIC3D_PETSC(VecGetSize(u, &unknowns));
   state.counters["unknowns"] = static_cast<double>(unknowns);
-  if (with_tangent) state.counters["insertion_share"] = (spent_on("MatSetValuesCOO") - insertion) / (spent_on("imic3dTangent") - all);
+  if (with_tangent)
+    state.counters["insertion_share"] = (spent_on("MatSetValuesCOO") - insertion) / (spent_on("imic3dTangent") - all);
 }
 BENCHMARK_CAPTURE(assembly, hex20_forces, CellType::hex20, Integration::full, false)->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(assembly, hex20_tangent, CellType::hex20, Integration::full, true)->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(assembly, hex8s_tangent, CellType::hex8, Integration::one_point_stabilised, true)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(assembly, hex8s_tangent, CellType::hex8, Integration::one_point_stabilised, true)
+    ->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(assembly, quad8_tangent, CellType::quad8, Integration::full, true)->Unit(benchmark::kMillisecond);
 
 }  // namespace

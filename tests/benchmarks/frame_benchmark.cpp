@@ -1,8 +1,10 @@
-// One Gauss-Newton iteration of the correlation on images of a given size, part by part, and the memory that it takes; and series
-// of frames of which no more than two are held. The images are made (waves.hpp), so that the error of the result is known.
+// One Gauss-Newton iteration of the correlation on images of a given size, part by part, and the memory that it takes;
+// and series of frames of which no more than two are held. The images are made (waves.hpp), so that the error of the
+// result is known.
 //   [mpirun -n R] benchmark_frame iteration UNKNOWNS MEGAPIXELS...
 //   benchmark_frame threads MEGAPIXELS REPEATS                       (one thread against two, in turn)
-//   [mpirun -n R] benchmark_frame series UNKNOWNS MEGAPIXELS FRAMES FOLDER    (writes four image files there and reads them in turn)
+//   [mpirun -n R] benchmark_frame series UNKNOWNS MEGAPIXELS FRAMES FOLDER    (writes four image files there and reads
+//   them in turn)
 #include <fmt/format.h>
 #include <omp.h>
 #include <spdlog/spdlog.h>
@@ -55,7 +57,8 @@ struct Size {
   int width, height, nx, ny;
 };
 Size size_of(double megapixels, int unknowns) {
-  const int width = static_cast<int>(std::round(std::sqrt(megapixels * 1e6 * 1.25))), height = static_cast<int>(std::round(megapixels * 1e6 / width));
+  const int width = static_cast<int>(std::round(std::sqrt(megapixels * 1e6 * 1.25))),
+            height = static_cast<int>(std::round(megapixels * 1e6 / width));
   const double nodes = 0.5 * unknowns;  // per row, as many pixels a node as per column
   const int nx = static_cast<int>(std::round(std::sqrt(nodes * width / height))) - 1;
   return {width, height, nx, static_cast<int>(std::round(nodes / (nx + 1))) - 1};
@@ -63,19 +66,22 @@ Size size_of(double megapixels, int unknowns) {
 constexpr double margin = 20.0;
 
 Motion motion_of(const Size& size, double amount) {
-  return {.slope = amount * Eigen::Matrix2d{{1e-3, 4e-4}, {-3e-4, -3e-4}}, .shift = amount * Eigen::Vector2d(2.3, -1.6),
+  return {.slope = amount * Eigen::Matrix2d{{1e-3, 4e-4}, {-3e-4, -3e-4}},
+          .shift = amount * Eigen::Vector2d(2.3, -1.6),
           .centre = {0.5 * size.width, 0.5 * size.height}};
 }
 
 void iteration(int unknowns, const std::vector<double>& megapixels) {
-  say(fmt::format("{} rank(s), {} thread(s); the least of three times in s: wall, and of the processor for all threads of a rank",
-                  world.size(), omp_get_max_threads()));
+  say(fmt::format(
+      "{} rank(s), {} thread(s); the least of three times in s: wall, and of the processor for all threads of a rank",
+      world.size(), omp_get_max_threads()));
   const auto row = [](const auto&... values) {
     std::string line;
     ((line += fmt::format(" {:>10}", values)), ...);
     say(line);
   };
-  row("Mpx", "unknowns", "", "spline", "operators", "M", "factor", "b", "solve", "iteration", "error/px", "peak/GB", "bytes/px");
+  row("Mpx", "unknowns", "", "spline", "operators", "M", "factor", "b", "solve", "iteration", "error/px", "peak/GB",
+      "bytes/px");
   const double before = peak();
   for (const double mpx : megapixels) {
     const Size size = size_of(mpx, unknowns);
@@ -87,7 +93,8 @@ void iteration(int unknowns, const std::vector<double>& megapixels) {
     {
       const imaging::Image reference = waves(size.width, size.height);
       spline.least(seconds([&] { f = imaging::BSpline(reference); }));
-      operators.least(seconds([&] { operators_of_f = std::make_unique<correlation::Correlation>(quads, one_to_one(), f); }));
+      operators.least(
+          seconds([&] { operators_of_f = std::make_unique<correlation::Correlation>(quads, one_to_one(), f); }));
     }
     {
       const imaging::Image image = waves(size.width, size.height, motion);
@@ -111,10 +118,11 @@ void iteration(int unknowns, const std::vector<double>& megapixels) {
     const double error = (U - truth).norm() / std::sqrt(static_cast<double>(truth.size()));
     const Time all = of_M + of_factor + of_b + of_solve;
     const auto shown = [](double value) { return fmt::format("{:.3f}", value); };
-    row(shown(mpx), operators_of_f->unknowns(), "wall", shown(spline.wall), shown(operators.wall), shown(of_M.wall), shown(of_factor.wall),
-        shown(of_b.wall), shown(of_solve.wall), shown(all.wall), fmt::format("{:.5f}", error), shown(1e-9 * peak()), shown((peak() - before) / (mpx * 1e6)));
-    row("", "", "processor", shown(spline.cpu), shown(operators.cpu), shown(of_M.cpu), shown(of_factor.cpu), shown(of_b.cpu), shown(of_solve.cpu),
-        shown(all.cpu), "", "", "");
+    row(shown(mpx), operators_of_f->unknowns(), "wall", shown(spline.wall), shown(operators.wall), shown(of_M.wall),
+        shown(of_factor.wall), shown(of_b.wall), shown(of_solve.wall), shown(all.wall), fmt::format("{:.5f}", error),
+        shown(1e-9 * peak()), shown((peak() - before) / (mpx * 1e6)));
+    row("", "", "processor", shown(spline.cpu), shown(operators.cpu), shown(of_M.cpu), shown(of_factor.cpu),
+        shown(of_b.cpu), shown(of_solve.cpu), shown(all.cpu), "", "", "");
   }
 }
 
@@ -137,7 +145,8 @@ void threads(double megapixels, int repeats) {
       {"M", [&] { (void)dic.M(U).nonZeros(); }},
       {"factor", [&] { (void)Factor(M).info(); }},
       {"solve", [&] { x = factor.solve(b); }}};
-  say(fmt::format("{:.1f} megapixels, {} unknowns, least of {} times [ms]: 1 thread, 2 threads, ratio", megapixels, M.rows(), repeats));
+  say(fmt::format("{:.1f} megapixels, {} unknowns, least of {} times [ms]: 1 thread, 2 threads, ratio", megapixels,
+                  M.rows(), repeats));
   for (const auto& [name, work] : parts) {
     double one = INFINITY, two = INFINITY;
     for (int k = 0; k < repeats; ++k) {
@@ -153,7 +162,8 @@ void series(int unknowns, double megapixels, int frames, const std::filesystem::
   constexpr int files = 4;
   const auto name = [&](int k) { return folder / fmt::format("wave_{}.bmp", k); };
   if (world.is_root())
-    for (int k = 0; k < files; ++k) imaging::write_image(waves(size.width, size.height, motion_of(size, 0.4 * k)), name(k));
+    for (int k = 0; k < files; ++k)
+      imaging::write_image(waves(size.width, size.height, motion_of(size, 0.4 * k)), name(k));
   world.barrier();
   const mesh::Mesh quads = sheet(size.width, size.height, size.nx, size.ny, margin);
   const auto start = std::chrono::steady_clock::now();
@@ -167,14 +177,18 @@ void series(int unknowns, double megapixels, int frames, const std::filesystem::
     const Eigen::VectorXd truth = nodal(quads, motion_of(size, 0.4 * (frame % files)));
     worst = std::max(worst, (result.displacement - truth).norm() / std::sqrt(static_cast<double>(truth.size())));
   };
-  (void)dic.run(world, frames, [&](int frame) { return imaging::read_image(name(frame % files)); }, done);
+  (void)dic.run(
+      world, frames, [&](int frame) { return imaging::read_image(name(frame % files)); }, done);
   const auto end = std::chrono::steady_clock::now();
-  say(fmt::format("{} frames of {:.1f} megapixels, {} unknowns, {} rank(s), {} thread(s): as floats the series takes {:.2f} GB", frames, megapixels,
-                  dic.cameras().unknowns(), world.size(), omp_get_max_threads(), 4e-9 * frames * megapixels * 1e6));
+  say(fmt::format(
+      "{} frames of {:.1f} megapixels, {} unknowns, {} rank(s), {} thread(s): as floats the series takes {:.2f} GB",
+      frames, megapixels, dic.cameras().unknowns(), world.size(), omp_get_max_threads(),
+      4e-9 * frames * megapixels * 1e6));
   say(fmt::format("operators {:.2f} s, frames {:.2f} s each, largest rms error of a frame {:.5f} px",
-                  std::chrono::duration<double>(built - start).count(), std::chrono::duration<double>(end - built).count() / frames, worst));
-  say(fmt::format("peak of a rank {:.2f} GB, {:.1f} bytes/px; of that until the operators stand {:.1f} bytes/px", 1e-9 * world.max(peak()),
-                  world.max(peak()) / (megapixels * 1e6), of_operators / (megapixels * 1e6)));
+                  std::chrono::duration<double>(built - start).count(),
+                  std::chrono::duration<double>(end - built).count() / frames, worst));
+  say(fmt::format("peak of a rank {:.2f} GB, {:.1f} bytes/px; of that until the operators stand {:.1f} bytes/px",
+                  1e-9 * world.max(peak()), world.max(peak()) / (megapixels * 1e6), of_operators / (megapixels * 1e6)));
   world.barrier();
   if (world.is_root())
     for (int k = 0; k < files; ++k) std::filesystem::remove(name(k));
@@ -190,7 +204,8 @@ int run(const std::vector<std::string>& words) {
   } else if (words.size() == 5 && words[0] == "series") {
     series(std::stoi(words[1]), std::stod(words[2]), std::stoi(words[3]), words[4]);
   } else {
-    say("benchmark_frame iteration UNKNOWNS MEGAPIXELS... | threads MEGAPIXELS REPEATS | series UNKNOWNS MEGAPIXELS FRAMES FOLDER");
+    say("benchmark_frame iteration UNKNOWNS MEGAPIXELS... | threads MEGAPIXELS REPEATS | series UNKNOWNS MEGAPIXELS "
+        "FRAMES FOLDER");
     return 2;
   }
   return 0;

@@ -1,5 +1,6 @@
-// What a pixel costs, beside what the machine can do: memory bandwidth and arithmetic in the same program. Rates are by the
-// processor's time of one thread. Run: OMP_NUM_THREADS=1 build/release/tests/benchmarks/benchmark_image; docs/performance.md has the arithmetic.
+// What a pixel costs, beside what the machine can do: memory bandwidth and arithmetic in the same program. Rates are by
+// the processor's time of one thread. Run: OMP_NUM_THREADS=1 build/release/tests/benchmarks/benchmark_image;
+// docs/performance.md has the arithmetic.
 #include <benchmark/benchmark.h>
 
 #include <Eigen/Geometry>
@@ -58,7 +59,8 @@ void arithmetic(benchmark::State& state) {
       for (int v = 0; v < vectors; ++v) x[v] = x[v] * a + b;
     for (int v = 0; v < vectors; ++v) benchmark::DoNotOptimize(x[v]);
   }
-  state.counters["flop/s"] = benchmark::Counter(2.0 * vectors * lanes * turns, benchmark::Counter::kIsIterationInvariantRate);
+  state.counters["flop/s"] =
+      benchmark::Counter(2.0 * vectors * lanes * turns, benchmark::Counter::kIsIterationInvariantRate);
 }
 BENCHMARK(arithmetic);
 
@@ -75,7 +77,8 @@ const imaging::BSpline& spline() {
   return made;
 }
 void pixels(benchmark::State& state, std::size_t count) {
-  state.counters["px/s"] = benchmark::Counter(static_cast<double>(count), benchmark::Counter::kIsIterationInvariantRate);
+  state.counters["px/s"] =
+      benchmark::Counter(static_cast<double>(count), benchmark::Counter::kIsIterationInvariantRate);
 }
 
 void spline_coefficients(benchmark::State& state) {
@@ -121,7 +124,8 @@ BENCHMARK_CAPTURE(interpolation, value_and_slope, true);
 
 // ---- the pixel pass ----
 
-const Motion stretch{.slope = Eigen::Matrix2d{{0.01, 0.004}, {-0.003, -0.003}}, .shift = {2.3, -1.6}, .centre = {1024, 1024}};
+const Motion stretch{
+    .slope = Eigen::Matrix2d{{0.01, 0.004}, {-0.003, -0.003}}, .shift = {2.3, -1.6}, .centre = {1024, 1024}};
 
 Correlation sheet_of(double element, const CorrelationOptions& options = {}) {
   const int n = static_cast<int>((width - 80) / element);
@@ -129,7 +133,8 @@ Correlation sheet_of(double element, const CorrelationOptions& options = {}) {
 }
 
 /// Residual, b and element sums of one deformed image: a right-hand side. Elements of `range` pixels.
-void right_hand_side(benchmark::State& state, const CorrelationOptions& options, Gradient gradient, Precision precision = Precision::single) {
+void right_hand_side(benchmark::State& state, const CorrelationOptions& options, Gradient gradient,
+                     Precision precision = Precision::single) {
   const Correlation correlation = sheet_of(static_cast<double>(state.range(0)), options);
   const imaging::BSpline g(waves(width, height, stretch));
   const Eigen::VectorXd U = nodal(correlation.surface(), stretch);
@@ -139,11 +144,22 @@ void right_hand_side(benchmark::State& state, const CorrelationOptions& options,
   if (!(rms < 2.0)) state.SkipWithError("the motion is not the one of the images");
   pixels(state, correlation.quadrature().pixels());
 }
-BENCHMARK_CAPTURE(right_hand_side, plain, {}, Gradient::reference)->Arg(10)->Arg(20)->Arg(40)->Arg(100)->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(right_hand_side, full_precision, {}, Gradient::reference, Precision::full)->Arg(20)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(right_hand_side, plain, {}, Gradient::reference)
+    ->Arg(10)
+    ->Arg(20)
+    ->Arg(40)
+    ->Arg(100)
+    ->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(right_hand_side, full_precision, {}, Gradient::reference, Precision::full)
+    ->Arg(20)
+    ->Unit(benchmark::kMillisecond);
 BENCHMARK_CAPTURE(right_hand_side, transported, {}, Gradient::transported)->Arg(20)->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(right_hand_side, smoothed, {.low_pass = 1.0}, Gradient::transported)->Arg(20)->Unit(benchmark::kMillisecond);
-BENCHMARK_CAPTURE(right_hand_side, brightness, {.brightness = true}, Gradient::transported)->Arg(20)->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(right_hand_side, smoothed, {.low_pass = 1.0}, Gradient::transported)
+    ->Arg(20)
+    ->Unit(benchmark::kMillisecond);
+BENCHMARK_CAPTURE(right_hand_side, brightness, {.brightness = true}, Gradient::transported)
+    ->Arg(20)
+    ->Unit(benchmark::kMillisecond);
 
 /// The same through a perspective camera with distortion.
 void right_hand_side_pinhole(benchmark::State& state) {
@@ -157,7 +173,8 @@ void right_hand_side_pinhole(benchmark::State& state) {
   const Correlation correlation(quads, eye, spline(), {.dofs_per_node = 3});
   const Eigen::VectorXd U = Eigen::VectorXd::LinSpaced(correlation.unknowns(), 0.5, 2.5);
   const Communicator alone{MPI_COMM_SELF};
-  for (auto _ : state) benchmark::DoNotOptimize(correlation.evaluate(spline(), U, alone, Gradient::transported).squares);
+  for (auto _ : state)
+    benchmark::DoNotOptimize(correlation.evaluate(spline(), U, alone, Gradient::transported).squares);
   pixels(state, correlation.quadrature().pixels());
 }
 BENCHMARK(right_hand_side_pinhole)->Unit(benchmark::kMillisecond);

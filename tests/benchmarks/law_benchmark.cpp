@@ -54,10 +54,13 @@ void stress_and_dual_tangent_plastic(benchmark::State& state) {
   update(state, LogStrainLaw<J2<PowerLinear>, false>(J2<PowerLinear>{}), true, true);
 }
 /// One step from the virgin state with the given effects at their null values.
-void with_effects(benchmark::State& state, std::vector<std::string> effects, bool with_tangent, bool plane_stress = false) {
+void with_effects(benchmark::State& state, std::vector<std::string> effects, bool with_tangent,
+                  bool plane_stress = false) {
   const auto law = make_law({.plane_stress = plane_stress, .effects = std::move(effects)});
-  std::vector<double> parameters{198e3, 0.25, 284, 1480, 0.042, 7.16e-5}, history(static_cast<std::size_t>(law->history_size())), next(history);
-  for (std::size_t i = parameters.size(); i < law->parameters().size(); ++i) parameters.push_back(*law->parameters()[i].null_value);
+  std::vector<double> parameters{198e3, 0.25, 284, 1480, 0.042, 7.16e-5},
+      history(static_cast<std::size_t>(law->history_size())), next(history);
+  for (std::size_t i = parameters.size(); i < law->parameters().size(); ++i)
+    parameters.push_back(*law->parameters()[i].null_value);
   law->initialise(history);
   Matrix3 F;
   F << 1.02, 0.006, -0.004, 0.002, 0.99, 0.001, -0.002, 0.005, 0.99;
@@ -71,8 +74,12 @@ void with_effects(benchmark::State& state, std::vector<std::string> effects, boo
 }
 void kinematic_rate_stress_plastic(benchmark::State& state) { with_effects(state, {"kinematic", "rate"}, false); }
 void kinematic_rate_tangent_plastic(benchmark::State& state) { with_effects(state, {"kinematic", "rate"}, true); }
-void kinematic_rate_stress_in_the_plane(benchmark::State& state) { with_effects(state, {"kinematic", "rate"}, false, true); }
-void kinematic_rate_tangent_in_the_plane(benchmark::State& state) { with_effects(state, {"kinematic", "rate"}, true, true); }
+void kinematic_rate_stress_in_the_plane(benchmark::State& state) {
+  with_effects(state, {"kinematic", "rate"}, false, true);
+}
+void kinematic_rate_tangent_in_the_plane(benchmark::State& state) {
+  with_effects(state, {"kinematic", "rate"}, true, true);
+}
 void hill_stress_plastic(benchmark::State& state) { with_effects(state, {"hill"}, false); }
 void hill_tangent_plastic(benchmark::State& state) { with_effects(state, {"hill"}, true); }
 void hill_stress_in_the_plane(benchmark::State& state) { with_effects(state, {"hill"}, false, true); }

@@ -1,5 +1,6 @@
 #pragma once
-// Images of a size at will whose motion is known exactly: plane waves moved by an affine map, evaluated at the inverted map.
+// Images of a size at will whose motion is known exactly: plane waves moved by an affine map, evaluated at the inverted
+// map.
 
 #include <Eigen/Core>
 #include <Eigen/LU>
@@ -32,10 +33,12 @@ inline imaging::Image waves(int width, int height, const Motion& motion = {}) {
 #pragma omp parallel for schedule(static)
   for (int y = 0; y < height; ++y) {
     // x(X) is affine, so that along a row each wave turns by the same angle from pixel to pixel.
-    const Eigen::Vector2d start = motion.centre + inverse * (Eigen::Vector2d(0, y) - motion.centre - motion.shift), step = inverse.col(0);
+    const Eigen::Vector2d start = motion.centre + inverse * (Eigen::Vector2d(0, y) - motion.centre - motion.shift),
+                          step = inverse.col(0);
     std::array<double, 12> c, s, dc, ds;
     for (std::size_t w = 0; w < 12; ++w)
-      c[w] = std::cos(k[w].dot(start)), s[w] = std::sin(k[w].dot(start)), dc[w] = std::cos(k[w].dot(step)), ds[w] = std::sin(k[w].dot(step));
+      c[w] = std::cos(k[w].dot(start)), s[w] = std::sin(k[w].dot(start)), dc[w] = std::cos(k[w].dot(step)),
+      ds[w] = std::sin(k[w].dot(step));
     for (int x = 0; x < width; ++x) {
       double sum = 0.0;
       for (std::size_t w = 0; w < 12; ++w) {
@@ -56,7 +59,8 @@ inline mesh::Mesh sheet(int width, int height, int nx, int ny, double margin) {
   quads.cells.resize(nx * ny, 4);
   for (int j = 0; j <= ny; ++j)
     for (int i = 0; i <= nx; ++i)
-      quads.nodes.row(j * (nx + 1) + i) << margin + (width - 1 - 2 * margin) * i / nx, margin + (height - 1 - 2 * margin) * j / ny, 0.0;
+      quads.nodes.row(j * (nx + 1) + i) << margin + (width - 1 - 2 * margin) * i / nx,
+          margin + (height - 1 - 2 * margin) * j / ny, 0.0;
   for (int j = 0; j < ny; ++j)
     for (int i = 0; i < nx; ++i) {
       const int n = j * (nx + 1) + i;

@@ -35,7 +35,8 @@ TEST(BoundedStep, OnABoundItStaysAndLeavesInwards) {
 TEST(BoundedStep, WithoutCurvatureNothingMoves) {
   Eigen::MatrixXd flat = Eigen::MatrixXd::Zero(2, 2);
   flat(0, 0) = 2.0;
-  const Eigen::VectorXd step = bounded_step(flat, Eigen::Vector2d(4.0, 1.0), Eigen::Vector2d(-9, -9), Eigen::Vector2d(9, 9));
+  const Eigen::VectorXd step =
+      bounded_step(flat, Eigen::Vector2d(4.0, 1.0), Eigen::Vector2d(-9, -9), Eigen::Vector2d(9, 9));
   EXPECT_EQ(step[0], 2.0);
   EXPECT_EQ(step[1], 0.0);
 }

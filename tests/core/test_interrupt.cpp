@@ -25,7 +25,8 @@ TEST(Interrupt, ASignalOnOneRankStopsAll) {
 
 TEST(Interrupt, EachSignalIsNamedAndForgottenAfterwards) {
   const Communicator world;
-  for (const auto& [signal, name] : {std::pair{SIGTERM, "SIGTERM"}, {SIGUSR1, "SIGUSR1"}, {SIGINT, "SIGINT"}, {SIGHUP, "SIGHUP"}}) {
+  for (const auto& [signal, name] :
+       {std::pair{SIGTERM, "SIGTERM"}, {SIGUSR1, "SIGUSR1"}, {SIGINT, "SIGINT"}, {SIGHUP, "SIGHUP"}}) {
     {
       const SignalWatch watch;
       std::raise(signal);
@@ -65,7 +66,11 @@ TEST(Interrupt, WhatNohupIgnoresStaysIgnored) {
 
 TEST(Interrupt, KeepsItsTypeOnEveryRank) {
   const Communicator world;
-  EXPECT_THROW(collectively(world, [&] { if (world.rank() == world.size() - 1) throw Interrupted("SIGTERM"); }), Interrupted);
+  EXPECT_THROW(collectively(world,
+                            [&] {
+                              if (world.rank() == world.size() - 1) throw Interrupted("SIGTERM");
+                            }),
+               Interrupted);
 }
 
 }  // namespace test_interrupt

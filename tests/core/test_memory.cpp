@@ -17,7 +17,8 @@ TEST(Memory, IsTheLeastThatMachineAndControlGroupsAllow) {
   const auto root = std::filesystem::temp_directory_path() / ("imic3d_memory_" + std::to_string(Communicator{}.rank()));
   std::filesystem::remove_all(root);
   EXPECT_EQ(available_memory(root), INFINITY);
-  write(root / "proc/meminfo", "MemTotal:       24000 kB\nMemFree:  1000 kB\nMemAvailable:   20000 kB\nBuffers: 3 kB\n");
+  write(root / "proc/meminfo",
+        "MemTotal:       24000 kB\nMemFree:  1000 kB\nMemAvailable:   20000 kB\nBuffers: 3 kB\n");
   EXPECT_EQ(available_memory(root), 20000.0 * 1024.0);
   write(root / "proc/self/cgroup", "1:name=systemd:/elsewhere\n0::/job/step\n");
   write(root / "sys/fs/cgroup/job/step/memory.max", "max\n");

@@ -12,10 +12,15 @@ namespace test_parallel {
 TEST(Collectively, AnErrorOnOneRankIsSeenOnAll) {
   const Communicator world;
   const int last = world.size() - 1;
-  EXPECT_THROW(collectively(world, [&] { if (world.rank() == last) throw InputError("mesh", "nothing", "something"); }),
+  EXPECT_THROW(collectively(world,
+                            [&] {
+                              if (world.rank() == last) throw InputError("mesh", "nothing", "something");
+                            }),
                InputError);
   try {
-    collectively(world, [&] { if (world.rank() == last) throw ConvergenceError("step 3"); });
+    collectively(world, [&] {
+      if (world.rank() == last) throw ConvergenceError("step 3");
+    });
     FAIL();
   } catch (const ConvergenceError& error) {
     EXPECT_STREQ(error.what(), "step 3");
@@ -39,8 +44,8 @@ TEST(GroupPlan, TakesTheGroupsThatEndFirst) {
   // Perfect scaling: no split is faster than one group. None: as many groups as tasks.
   EXPECT_EQ(plan_groups(4, {.tasks = 4, .serial = 0.0}).groups(), 1);
   EXPECT_EQ(plan_groups(8, {.tasks = 4, .serial = 1.0}).groups(), 4);
-  // Three tasks on two ranks at half serial: two rounds of one against three of 3/4. After a task of the first group alone: three
-  // against four of 3/4, so one group is as fast, and the fewer are taken.
+  // Three tasks on two ranks at half serial: two rounds of one against three of 3/4. After a task of the first group
+  // alone: three against four of 3/4, so one group is as fast, and the fewer are taken.
   EXPECT_EQ(plan_groups(2, {.tasks = 3, .serial = 0.5}).groups(), 2);
   EXPECT_EQ(plan_groups(2, {.tasks = 3, .serial = 0.5, .before = 1}).groups(), 1);
   const GroupPlan uneven = plan_groups(5, {.tasks = 4, .serial = 0.5, .before = 1}, 3);

@@ -29,7 +29,8 @@ TEST(Whitening, MakesIndependentNumbersAndKeepsTheFirstApart) {
     EXPECT_GT(std::abs(W(1, 0)), 1e-3);
   }
   const Eigen::MatrixXd none(count, 0);
-  EXPECT_LT((Whitening(deviation, none, last)(covariance) - deviation.cwiseInverse().asDiagonal() * covariance).norm(), 1e-12);
+  EXPECT_LT((Whitening(deviation, none, last)(covariance) - deviation.cwiseInverse().asDiagonal() * covariance).norm(),
+            1e-12);
 }
 
 }  // namespace test_whitening

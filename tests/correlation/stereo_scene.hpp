@@ -1,6 +1,6 @@
 #pragma once
-// Images of perspective cameras whose motion is known exactly: an analytic texture on a surface that moves as a formula says.
-// Each pixel's rays are met with the deformed surface; no image, mesh or correlation takes part in that.
+// Images of perspective cameras whose motion is known exactly: an analytic texture on a surface that moves as a formula
+// says. Each pixel's rays are met with the deformed surface; no image, mesh or correlation takes part in that.
 
 #include <Eigen/Geometry>
 #include <numbers>
@@ -56,14 +56,17 @@ inline Sight sight_of(const imaging::PinholeCamera& camera) {
 }
 
 /// 16-bit range, 3 x 3 Gauss points a pixel; the texture is given on the plane, (0, 0) mm in its middle.
-inline imaging::Image render(const Speckle& speckle, const Sight& sight, int width, int height, const Displacement& u = still) {
+inline imaging::Image render(const Speckle& speckle, const Sight& sight, int width, int height,
+                             const Displacement& u = still) {
   imaging::Image image(width, height, 16);
-  const double points[3] = {-0.5 * std::sqrt(0.6), 0.0, 0.5 * std::sqrt(0.6)}, weights[3] = {5.0 / 18, 8.0 / 18, 5.0 / 18};
+  const double points[3] = {-0.5 * std::sqrt(0.6), 0.0, 0.5 * std::sqrt(0.6)},
+               weights[3] = {5.0 / 18, 8.0 / 18, 5.0 / 18};
   for (int y = 0; y < height; ++y) {
     Eigen::Vector2d guess(0.0, 0.0);
     for (int x = 0; x < width; ++x) {
       const Eigen::Vector2d centre = guess = met(sight(x, y), u, guess);
-      const Eigen::Vector2d right = met(sight(x + 0.5, y), u, centre) - centre, down = met(sight(x, y + 0.5), u, centre) - centre;
+      const Eigen::Vector2d right = met(sight(x + 0.5, y), u, centre) - centre,
+                            down = met(sight(x, y + 0.5), u, centre) - centre;
       double sum = 0.0;
       for (int j = 0; j < 3; ++j)
         for (int i = 0; i < 3; ++i) {
@@ -83,7 +86,11 @@ inline const Speckle& texture() {
 
 /// A camera 100 mm away that looks at the origin from an angle [degree] about the vertical, y up in the image.
 inline imaging::PinholeCamera looking_from(double angle, int width, int height, double shift = 0.0) {
-  const imaging::Intrinsics lens{.fx = 1500.0, .fy = 1503.0, .cx = 0.5 * width + shift, .cy = 0.5 * height, .skew = 0.0,
+  const imaging::Intrinsics lens{.fx = 1500.0,
+                                 .fy = 1503.0,
+                                 .cx = 0.5 * width + shift,
+                                 .cy = 0.5 * height,
+                                 .skew = 0.0,
                                  .distortion = {0.4, -3.0, 0.002, -0.001}};
   imaging::Pose pose;
   pose.rotation = Eigen::AngleAxisd(angle * std::numbers::pi / 180.0, Eigen::Vector3d::UnitY()).toRotationMatrix() *

@@ -254,7 +254,8 @@ TEST(Correlation, LightThatChangesFromPlaceToPlaceMovesNothing) {
     return Eigen::VectorXd(M.solve(correlation.evaluate(g, zero, alone).b)).cwiseAbs().maxCoeff() *
            std::sqrt(std::abs(correlation.pixels_per_length().determinant()));
   };
-  std::printf("moved by the light: %.3f px with one gain, %.3f px with one for each element\n", moved(all), moved(local));
+  std::printf("moved by the light: %.3f px with one gain, %.3f px with one for each element\n", moved(all),
+              moved(local));
   EXPECT_LT(moved(local), 0.15 * moved(all));
   EXPECT_GT(local.evaluate(g, zero, alone).coefficient, all.evaluate(g, zero, alone).coefficient);
   // The residual in pixels is that of the sums.

@@ -97,9 +97,12 @@ INSTANTIATE_TEST_SUITE_P(Dic, KnownMotion,
                                                                         -4e-5 * r.y() * r.y());
                                                }}));
 
-/// A row of elements of 3.5 px along one edge, of which a border of 3 px leaves hardly a pixel: its outer nodes continue their neighbours.
+/// A row of elements of 3.5 px along one edge, of which a border of 3 px leaves hardly a pixel: its outer nodes
+/// continue their neighbours.
 TEST(GlobalDic, NodesWithoutPixelsOfTheirOwnContinueTheirNeighbours) {
-  const Motion motion = [](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.4 + 0.004 * x.x(), 0.003 * x.y() - 0.2); };
+  const Motion motion = [](const Eigen::Vector2d& x) {
+    return Eigen::Vector2d(0.4 + 0.004 * x.x(), 0.003 * x.y() - 0.2);
+  };
   mesh::Mesh quads = rectangle(20, 20, 140, 140, 10, 10);
   for (int i = 0; i < 11; ++i) quads.nodes(i, 1) = 32.0 - 3.5;  // the first row of nodes
   ASSERT_EQ(quads.nodes.col(1).minCoeff(), 28.5);
@@ -117,7 +120,8 @@ TEST(GlobalDic, NodesWithoutPixelsOfTheirOwnContinueTheirNeighbours) {
   }
 }
 
-/// Regularisation moves nodes that no pixel tells of; what the pixels tell of the ends is smoothed, and drawn, without it.
+/// Regularisation moves nodes that no pixel tells of; what the pixels tell of the ends is smoothed, and drawn, without
+/// it.
 TEST(GlobalDic, PixelsAloneMeasureWithRegularisationToo) {
   mesh::Mesh quads = rectangle(20, 20, 140, 140, 10, 10);
   for (int i = 0; i < 11; ++i) quads.nodes(i, 1) = 32.0 - 2.5;  // a border of 3 px leaves this row nothing
@@ -129,7 +133,8 @@ TEST(GlobalDic, PixelsAloneMeasureWithRegularisationToo) {
     const Measure measure = measured_by(dic.cameras(), dic.held());
     const Eigen::MatrixXd noise = noise_draws(measure, 0.01 * 65535, 50);
     EXPECT_LT(noise.cwiseAbs().maxCoeff(), 3.0) << regularisation;  // [px]
-    const auto cut_offs = cut_offs_of_least_error(measure, noise, {0, 1, 2, 60}, Eigen::VectorXd::Constant(50, 0.01 * 65535), 60.0);
+    const auto cut_offs =
+        cut_offs_of_least_error(measure, noise, {0, 1, 2, 60}, Eigen::VectorXd::Constant(50, 0.01 * 65535), 60.0);
     EXPECT_EQ(cut_offs.size(), 50U) << regularisation;
   }
 }
@@ -172,14 +177,17 @@ TEST(GlobalDic, NoiseOfTheDisplacementIsTheOnePredictedWithSmoothedImages) { noi
 struct Smoothed {
   Speckle speckle{150, 150, 1.7, 5};
   mesh::Mesh quads = rectangle(15, 15, 135, 135, 12, 12);
-  Cameras correlation{{std::make_shared<Correlation>(quads, camera(), imaging::BSpline(photograph(speckle, 150, 150)))}};
+  Cameras correlation{
+      {std::make_shared<Correlation>(quads, camera(), imaging::BSpline(photograph(speckle, 150, 150)))}};
   Measure measure = measured_by(correlation);
   double sigma = 0.02 * 65535;
   std::vector<int> nodes;
   Smoothed() {
     for (int i = 0; i <= 12; ++i) nodes.push_back(i), nodes.push_back(12 * 13 + i);
   }
-  [[nodiscard]] Eigen::VectorXd field(const std::function<Eigen::Vector2d(const Eigen::Vector2d&)>& u) const { return nodal(quads, *camera(), u); }
+  [[nodiscard]] Eigen::VectorXd field(const std::function<Eigen::Vector2d(const Eigen::Vector2d&)>& u) const {
+    return nodal(quads, *camera(), u);
+  }
   /// At the nodes, but for one.
   [[nodiscard]] double square_error(const Eigen::MatrixXd& U, const Eigen::VectorXd& truth, int but_for = -1) const {
     double sum = 0.0;
@@ -188,16 +196,19 @@ struct Smoothed {
     return sum;
   }
   [[nodiscard]] std::vector<double> cut_offs(const Eigen::MatrixXd& measured, double longest) const {
-    return cut_offs_of_least_error(measure, measured, nodes, Eigen::VectorXd::Constant(measured.cols(), sigma), longest);
+    return cut_offs_of_least_error(measure, measured, nodes, Eigen::VectorXd::Constant(measured.cols(), sigma),
+                                   longest);
   }
   /// Errors with the cut-offs that are chosen for every frame over those with the best one for all frames.
-  [[nodiscard]] double over_the_least_error(const Eigen::MatrixXd& noise, const Eigen::VectorXd& truth, double* cut_off_of_least_error, int but_for = -1) const {
+  [[nodiscard]] double over_the_least_error(const Eigen::MatrixXd& noise, const Eigen::VectorXd& truth,
+                                            double* cut_off_of_least_error, int but_for = -1) const {
     constexpr double longest = 60.0;
     const Eigen::MatrixXd measured = noise.colwise() + truth;
     double least = square_error(measured, truth, but_for);
     *cut_off_of_least_error = 0.0;
     for (double cut_off = longest; cut_off > 3.7; cut_off /= std::sqrt(2.0))
-      if (const double error = square_error(smooth(measure, measured, cut_off), truth, but_for); error < least) least = error, *cut_off_of_least_error = cut_off;
+      if (const double error = square_error(smooth(measure, measured, cut_off), truth, but_for); error < least)
+        least = error, *cut_off_of_least_error = cut_off;
     return square_error(smooth(measure, measured, cut_offs(measured, longest)), truth, but_for) / least;
   }
 };
@@ -210,9 +221,12 @@ TEST(Smoothing, CutOffsAreThoseOfLeastError) {
     const char* name;
     Eigen::VectorXd field;
     double most;
-  } fields[] = {{"straight", test.field([](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.01 * x.x(), 0.0); }), 60.0},
-                {"slightly curved", test.field([](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.0, 0.6 * std::sin(0.08 * x.x())); }), 59.0},
-                {"curved", test.field([](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.0, 0.5 * std::sin(0.16 * x.x())); }), 25.0}};
+  } fields[] = {
+      {"straight", test.field([](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.01 * x.x(), 0.0); }), 60.0},
+      {"slightly curved",
+       test.field([](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.0, 0.6 * std::sin(0.08 * x.x())); }), 59.0},
+      {"curved",
+       test.field([](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.0, 0.5 * std::sin(0.16 * x.x())); }), 25.0}};
   for (const auto& [name, field, most] : fields) {
     double best = 0.0;
     const double ratio = test.over_the_least_error(noise, field, &best);
@@ -220,18 +234,28 @@ TEST(Smoothing, CutOffsAreThoseOfLeastError) {
     EXPECT_LT(ratio, 1.1) << name;
     EXPECT_LE(best, most) << name;
   }
-  EXPECT_LT(test.square_error(smooth(test.measure, noise, test.cut_offs(noise, 60.0)), Eigen::VectorXd::Zero(noise.rows())), 0.3 * test.square_error(noise, Eigen::VectorXd::Zero(noise.rows())));
+  EXPECT_LT(
+      test.square_error(smooth(test.measure, noise, test.cut_offs(noise, 60.0)), Eigen::VectorXd::Zero(noise.rows())),
+      0.3 * test.square_error(noise, Eigen::VectorXd::Zero(noise.rows())));
 }
 
 /// What smoothing bends of a curve falls by more than the noise that it leaves grows.
 TEST(Smoothing, AStepShorterBendsHalfAsMuch) {
   const Smoothed test;
-  const Eigen::VectorXd curved = test.field([](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.0, 0.5 * std::sin(0.16 * x.x())); }), zero = Eigen::VectorXd::Zero(curved.size());
+  const Eigen::VectorXd curved = test.field(
+                            [](const Eigen::Vector2d&x) { return Eigen::Vector2d(0.0, 0.5 * std::sin(0.16 * x.x())); }),
+                        zero = Eigen::VectorXd::Zero(curved.size());
   const Eigen::MatrixXd noise = noise_draws(test.measure, test.sigma, 100);
   const auto least = test.cut_offs(noise.colwise() + curved, 60.0), shorter = undersmoothed(least, 60.0);
-  const auto bent = [&](const std::vector<double>& cut_offs) { return test.square_error(smooth(test.measure, curved.replicate(1, 100), cut_offs), curved); };
-  const auto left = [&](const std::vector<double>& cut_offs) { return test.square_error(smooth(test.measure, noise, cut_offs), zero); };
-  std::cout << "[          ] bent " << std::sqrt(bent(least) / bent(shorter)) << " times less, noise " << std::sqrt(left(shorter) / left(least)) << " times as large, bent over noise " << std::sqrt(bent(least) / left(least)) << " -> " << std::sqrt(bent(shorter) / left(shorter)) << '\n';
+  const auto bent = [&](const std::vector<double>& cut_offs) {
+    return test.square_error(smooth(test.measure, curved.replicate(1, 100), cut_offs), curved);
+  };
+  const auto left = [&](const std::vector<double>& cut_offs) {
+    return test.square_error(smooth(test.measure, noise, cut_offs), zero);
+  };
+  std::cout << "[          ] bent " << std::sqrt(bent(least) / bent(shorter)) << " times less, noise "
+            << std::sqrt(left(shorter) / left(least)) << " times as large, bent over noise "
+            << std::sqrt(bent(least) / left(least)) << " -> " << std::sqrt(bent(shorter) / left(shorter)) << '\n';
   EXPECT_LT(bent(shorter), 0.25 * bent(least));
   EXPECT_LT(left(shorter), 2.0 * left(least));
   EXPECT_EQ(undersmoothed({60.0, 30.0, 0.0}, 60.0), (std::vector<double>{60.0, 30.0 / std::sqrt(2.0), 0.0}));
@@ -242,12 +266,18 @@ TEST(Smoothing, WavesLongerThanTheEndsLeaveAnAffineMotion) {
   const Smoothed test;
   const Eigen::MatrixXd noise = noise_draws(test.measure, test.sigma, 100);
   const auto error = [&](const Eigen::VectorXd& field, double longest) {
-    return std::sqrt(test.square_error(smooth(test.measure, noise.colwise() + field, test.cut_offs(noise.colwise() + field, longest)), field));
+    return std::sqrt(test.square_error(
+        smooth(test.measure, noise.colwise() + field, test.cut_offs(noise.colwise() + field, longest)), field));
   };
-  const Eigen::VectorXd strained = test.field([](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.01 * x.x(), 0.03 * x.y()); });
-  const Eigen::VectorXd curved = test.field([](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.0, 0.5 * std::sin(0.16 * x.x())); });
-  const double straight = error(strained, 480.0) / error(strained, 60.0), bent = error(curved, 480.0) / error(curved, 60.0);
-  std::cout << "[          ] waves up to four times the mesh's width, in place of half of it: error of a uniform strain " << straight << ", of a curve " << bent << '\n';
+  const Eigen::VectorXd strained =
+      test.field([](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.01 * x.x(), 0.03 * x.y()); });
+  const Eigen::VectorXd curved =
+      test.field([](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.0, 0.5 * std::sin(0.16 * x.x())); });
+  const double straight = error(strained, 480.0) / error(strained, 60.0),
+               bent = error(curved, 480.0) / error(curved, 60.0);
+  std::cout
+      << "[          ] waves up to four times the mesh's width, in place of half of it: error of a uniform strain "
+      << straight << ", of a curve " << bent << '\n';
   EXPECT_LT(straight, 0.7);
   EXPECT_LT(bent, 1.02);
 }
@@ -255,17 +285,22 @@ TEST(Smoothing, WavesLongerThanTheEndsLeaveAnAffineMotion) {
 /// Frames of unequal noise, such as one out of focus: each has the cut-off that its own asks for.
 TEST(Smoothing, EachFrameIsJudgedByItsOwnNoise) {
   const Smoothed test;
-  const Eigen::VectorXd curved = test.field([](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.0, 0.5 * std::sin(0.16 * x.x())); });
+  const Eigen::VectorXd curved =
+      test.field([](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.0, 0.5 * std::sin(0.16 * x.x())); });
   constexpr int half = 20;
   const double sizes[] = {1.0, 8.0};
   Eigen::MatrixXd measured = noise_draws(test.measure, test.sigma, 2 * half);
   Eigen::VectorXd sigma(2 * half);
-  for (int k = 0; k < 2; ++k) measured.middleCols(half * k, half) *= sizes[k], sigma.segment(half * k, half).setConstant(sizes[k] * test.sigma);
+  for (int k = 0; k < 2; ++k)
+    measured.middleCols(half * k, half) *= sizes[k], sigma.segment(half * k, half).setConstant(sizes[k] * test.sigma);
   measured.colwise() += curved;
   const auto chosen = cut_offs_of_least_error(test.measure, measured, test.nodes, sigma, 60.0);
   for (int k = 0; k < 2; ++k) {
-    const auto by_itself = cut_offs_of_least_error(test.measure, measured.middleCols(half * k, half), test.nodes, sigma.segment(half * k, half), 60.0);
-    for (int t = 2; t < half - 2; ++t) EXPECT_EQ(chosen[static_cast<std::size_t>(half * k + t)], by_itself[static_cast<std::size_t>(t)]) << "frame " << half * k + t;
+    const auto by_itself = cut_offs_of_least_error(test.measure, measured.middleCols(half * k, half), test.nodes,
+                                                   sigma.segment(half * k, half), 60.0);
+    for (int t = 2; t < half - 2; ++t)
+      EXPECT_EQ(chosen[static_cast<std::size_t>(half * k + t)], by_itself[static_cast<std::size_t>(t)])
+          << "frame " << half * k + t;
   }
   EXPECT_LT(chosen[half / 2], chosen[half + half / 2]);
 }
@@ -277,25 +312,33 @@ TEST(Smoothing, ANodeThatIsHardlySeenDoesNotOutweighTheOthers) {
   Eigen::VectorXd seen = Eigen::VectorXd::Ones(test.measure.M.rows());
   seen.segment<2>(2 * hardly_seen).setConstant(0.05);
   test.measure.M = seen.asDiagonal() * test.measure.M * seen.asDiagonal();
-  const Eigen::VectorXd curved = test.field([](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.0, 0.5 * std::sin(0.16 * x.x())); });
+  const Eigen::VectorXd curved =
+      test.field([](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.0, 0.5 * std::sin(0.16 * x.x())); });
   double best = 0.0;
   EXPECT_LT(test.over_the_least_error(noise_draws(test.measure, test.sigma, 100), curved, &best, hardly_seen), 1.1);
 }
 
-/// Of a wave at the cut-off, of which least squares leave half, three quarters are left; of one of half that length nearly nothing, of one of twice that length nearly all.
+/// Of a wave at the cut-off, of which least squares leave half, three quarters are left; of one of half that length
+/// nearly nothing, of one of twice that length nearly all.
 TEST(Smoothing, LeavesThreeQuartersOfAWaveAtTheCutOff) {
   const Speckle speckle(510, 510, 1.7, 5);
   const mesh::Mesh quads = rectangle(15, 15, 495, 495, 48, 48);
-  const Cameras correlation({std::make_shared<Correlation>(quads, camera(), imaging::BSpline(photograph(speckle, 510, 510)))});
+  const Cameras correlation(
+      {std::make_shared<Correlation>(quads, camera(), imaging::BSpline(photograph(speckle, 510, 510)))});
   const Measure measure = measured_by(correlation);
-  for (const auto& [part, expected] : {std::pair(1.0, 0.75), std::pair(0.5, 1.0 - std::pow(16.0 / 17.0, 2)), std::pair(2.0, 1.0 - std::pow(1.0 / 17.0, 2))}) {
+  for (const auto& [part, expected] : {std::pair(1.0, 0.75), std::pair(0.5, 1.0 - std::pow(16.0 / 17.0, 2)),
+                                       std::pair(2.0, 1.0 - std::pow(1.0 / 17.0, 2))}) {
     const double wave = 80.0;
-    const Eigen::VectorXd U = nodal(quads, *camera(), [&](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.0, std::sin(2.0 * M_PI * x.x() / wave)); });
+    const Eigen::VectorXd U = nodal(quads, *camera(), [&](const Eigen::Vector2d& x) {
+      return Eigen::Vector2d(0.0, std::sin(2.0 * M_PI * x.x() / wave));
+    });
     const Eigen::VectorXd left = smooth(measure, U, wave / part);
     double with = 0.0, of = 0.0;  // away from the edges
     for (Eigen::Index i = 0; i < quads.nodes.rows(); ++i)
-      if ((quads.nodes.row(i).head<2>().array() - 255.0).abs().maxCoeff() < 120.0) with += left[2 * i + 1] * U[2 * i + 1], of += U[2 * i + 1] * U[2 * i + 1];
-    std::cout << "[          ] wave of " << part << " times the cut-off: " << with / of << " left, " << expected << " expected\n";
+      if ((quads.nodes.row(i).head<2>().array() - 255.0).abs().maxCoeff() < 120.0)
+        with += left[2 * i + 1] * U[2 * i + 1], of += U[2 * i + 1] * U[2 * i + 1];
+    std::cout << "[          ] wave of " << part << " times the cut-off: " << with / of << " left, " << expected
+              << " expected\n";
     EXPECT_NEAR(with / of, expected, 0.06);
   }
 }
@@ -334,7 +377,9 @@ void large_strain_is_the_same_in_smoothed_images(double along, double across, do
   const mesh::Mesh quads = rectangle(50, 40, 190, 160, 14, 12);
   const Eigen::Matrix2d F = Eigen::Rotation2Dd(0.2).toRotationMatrix() * Eigen::Matrix2d{{along, 0.05}, {0.05, across}};
   const Eigen::Vector2d middle(120, 100);
-  const Motion motion = [&](const Eigen::Vector2d& x) { return Eigen::Vector2d((F - Eigen::Matrix2d::Identity()) * (x - middle)); };
+  const Motion motion = [&](const Eigen::Vector2d& x) {
+    return Eigen::Vector2d((F - Eigen::Matrix2d::Identity()) * (x - middle));
+  };
   const Image deformed = photograph(speckle, width, height, motion);
   Eigen::VectorXd start = nodal(quads, *camera(), motion);
   std::map<double, std::pair<Miss, double>> found;  // of the low pass: error, residual in parts of the contrast
@@ -344,15 +389,19 @@ void large_strain_is_the_same_in_smoothed_images(double along, double across, do
     EXPECT_TRUE(frame.converged);
     const std::vector<float>& f = dic.correlation().quadrature().f;
     const Eigen::ArrayXf grey = Eigen::Map<const Eigen::ArrayXf>(f.data(), static_cast<Eigen::Index>(f.size()));
-    found[low_pass] = {miss(frame.displacement, quads, *camera(), motion), frame.rms / static_cast<double>(std::sqrt((grey - grey.mean()).square().mean()))};
-    std::cout << "[          ] low pass " << low_pass << ": rms error " << found[low_pass].first.rms << " px, residual " << found[low_pass].second << " of the contrast\n";
+    found[low_pass] = {miss(frame.displacement, quads, *camera(), motion),
+                       frame.rms / static_cast<double>(std::sqrt((grey - grey.mean()).square().mean()))};
+    std::cout << "[          ] low pass " << low_pass << ": rms error " << found[low_pass].first.rms << " px, residual "
+              << found[low_pass].second << " of the contrast\n";
   }
   EXPECT_LT(found[1.0].first.rms, worse * found[0.0].first.rms);
   EXPECT_LT(found[1.0].second, worse * found[0.0].second);
 }
 
 TEST(GlobalDic, LargeStrainIsTheSameInSmoothedImages) { large_strain_is_the_same_in_smoothed_images(1.18, 0.90, 1.5); }
-TEST(GlobalDic, LargeCompressionIsFollowedInSmoothedImages) { large_strain_is_the_same_in_smoothed_images(1.15, 0.62, 5.0); }
+TEST(GlobalDic, LargeCompressionIsFollowedInSmoothedImages) {
+  large_strain_is_the_same_in_smoothed_images(1.15, 0.62, 5.0);
+}
 
 /// Where it reaches as far as half of an element, noise of an element's strain would drive the strain itself.
 TEST(GlobalDic, AWideLowPassDoesNotFollowNoise) {
@@ -366,7 +415,8 @@ TEST(GlobalDic, AWideLowPassDoesNotFollowNoise) {
   const GlobalDic dic(quads, *camera(), reference, {.low_pass = 2.0}, "mesh");
   const DicFrame frame = dic.correlate(deformed, nodal(quads, *camera(), motion), 0, 0, alone);
   EXPECT_TRUE(frame.converged);
-  std::cout << "[          ] rms error " << miss(frame.displacement, quads, *camera(), motion).rms << " px, " << frame.iterations << " iterations\n";
+  std::cout << "[          ] rms error " << miss(frame.displacement, quads, *camera(), motion).rms << " px, "
+            << frame.iterations << " iterations\n";
   EXPECT_LE(frame.iterations, 7);
 }
 
@@ -410,13 +460,16 @@ TEST(GlobalDic, RanksAndGroupsDoNotChangeTheResult) {
   }
 }
 
-/// Paint that comes off in two of four frames is left out, and then they converge: where no pixel tells, the motion continues its neighbours'.
+/// Paint that comes off in two of four frames is left out, and then they converge: where no pixel tells, the motion
+/// continues its neighbours'.
 TEST(GlobalDic, PlacesWithoutTheReferencesSpeckleAreLeftOut) {
   const mesh::Mesh quads = rectangle(20, 20, 150, 140, 13, 12);
   const Speckle beneath(180, 160, 1.7, 9);
   const Eigen::Vector2d middle(70.0, 90.0);
   constexpr double radius = 13.0;
-  const Motion motion = [](const Eigen::Vector2d& x) { return Eigen::Vector2d(0.8 + 0.003 * x.x(), -0.4 - 0.002 * x.y()); };
+  const Motion motion = [](const Eigen::Vector2d& x) {
+    return Eigen::Vector2d(0.8 + 0.003 * x.x(), -0.4 - 0.002 * x.y());
+  };
   std::mt19937 generator(3);
   const auto photo = [&](bool loose, double noise) {
     Image g = photograph(scene().speckle, 180, 160, motion);
@@ -432,7 +485,9 @@ TEST(GlobalDic, PlacesWithoutTheReferencesSpeckleAreLeftOut) {
   const DicOptions options{.low_pass = 1.0, .border = 3.0};
   const GlobalDic dic(quads, *camera(), f, options, "mesh");
   const std::vector<Image> images = {photo(false, 0.01), photo(false, 0.01), photo(true, 0.01), photo(true, 0.01)};
-  const auto of = [](const std::vector<Image>& series) { return [&series](int frame) { return series[static_cast<std::size_t>(frame)]; }; };
+  const auto of = [](const std::vector<Image>& series) {
+    return [&series](int frame) { return series[static_cast<std::size_t>(frame)]; };
+  };
   const auto before = dic.run(alone, 4, of(images));
   EXPECT_GT(before[3].rms, 3.0 * before[0].rms);
   DicOptions without = options;
@@ -457,11 +512,13 @@ TEST(GlobalDic, PlacesWithoutTheReferencesSpeckleAreLeftOut) {
     double largest = 0.0;  // of the nodes in and around the place
     const Eigen::VectorXd error = frame.displacement - nodal(quads, *camera(), motion);
     for (Eigen::Index i = 0; i < quads.nodes.rows(); ++i)
-      if ((quads.nodes.row(i).head<2>().transpose() - middle).norm() < radius + 20.0) largest = std::max(largest, error.segment<2>(2 * i).norm());
+      if ((quads.nodes.row(i).head<2>().transpose() - middle).norm() < radius + 20.0)
+        largest = std::max(largest, error.segment<2>(2 * i).norm());
     std::cout << "[          ] around the place the motion is off by up to " << largest << " px\n";
     EXPECT_LT(largest, 0.13);
   }
-  // Two frames of ten, as when a specimen breaks, are worth less than the place; a picture that is spoilt as a whole tells of no place.
+  // Two frames of ten, as when a specimen breaks, are worth less than the place; a picture that is spoilt as a whole
+  // tells of no place.
   std::vector<DicFrame> many(8, before[0]);
   many.insert(many.end(), 2, before[3]);
   EXPECT_TRUE(lost_elements(dic.cameras(), many).empty());
@@ -469,10 +526,12 @@ TEST(GlobalDic, PlacesWithoutTheReferencesSpeckleAreLeftOut) {
   EXPECT_TRUE(lost_elements(dic.cameras(), spoilt).empty());
 }
 
-/// What tells of a lost place: more than the speckle's own contrast is left, in enough pixels, and not all over the picture.
+/// What tells of a lost place: more than the speckle's own contrast is left, in enough pixels, and not all over the
+/// picture.
 TEST(GlobalDic, APlaceIsLostByItsContrastItsPixelsAndItsSize) {
   mesh::Mesh quads = rectangle(20, 20, 140, 140, 10, 10);
-  for (int i = 0; i < 11; ++i) quads.nodes(i, 1) = 32.0 - 4.2;  // a border of 3 px leaves the first row of elements few pixels
+  for (int i = 0; i < 11; ++i)
+    quads.nodes(i, 1) = 32.0 - 4.2;  // a border of 3 px leaves the first row of elements few pixels
   const GlobalDic dic(quads, *camera(), scene().reference, {.low_pass = 1.0, .border = 3.0}, "mesh");
   const auto& q = dic.correlation().quadrature();
   const double contrast = std::sqrt(variance_of_elements(q)[55]);
@@ -511,7 +570,8 @@ TEST(GlobalDic, ASeriesIsTakenUpWhereItWasLeft) {
   const GlobalDic::Source source = image;
   const GlobalDic dic(quads, *camera(), scene().reference, {.brightness = true}, "mesh");
   std::vector<DicSeries> kept;
-  const auto whole = dic.run(world, count, GlobalDic::SourceOfAll(of(source)), {}, {}, [&](const DicSeries& known) { kept.push_back(known); });
+  const auto whole = dic.run(world, count, GlobalDic::SourceOfAll(of(source)), {}, {},
+                             [&](const DicSeries& known) { kept.push_back(known); });
   ASSERT_GE(kept.size(), 2U);
   EXPECT_LT(kept.front().starts.size(), static_cast<std::size_t>(count + 1));
   EXPECT_TRUE(kept.front().frames.empty());
@@ -519,7 +579,9 @@ TEST(GlobalDic, ASeriesIsTakenUpWhereItWasLeft) {
   for (const DicSeries& known : kept) {
     std::fill(read.begin(), read.end(), 0);
     std::vector<int> done;
-    const auto again = dic.run(world, count, GlobalDic::SourceOfAll(of(source)), [&](int frame, const DicFrame&) { done.push_back(frame); }, known);
+    const auto again = dic.run(
+        world, count, GlobalDic::SourceOfAll(of(source)), [&](int frame, const DicFrame&) { done.push_back(frame); },
+        known);
     EXPECT_THAT(done, ::testing::ElementsAre(0, 1, 2, 3, 4));
     for (std::size_t frame = 0; frame < known.frames.size(); ++frame) EXPECT_EQ(read[frame], 0) << "is known";
     for (std::size_t frame = 0; frame < count; ++frame) {

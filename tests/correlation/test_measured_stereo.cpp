@@ -53,8 +53,13 @@ TEST(MeasuredStereo, TriangulationOfEachCameraAloneAgrees) {
   std::vector<RigView> rig;
   const auto calibrated = imaging::read_calibration(data() / "cal.xml");
   for (int c = 0; c < 2; ++c)
-    rig.push_back({calibrated.at(static_cast<std::size_t>(c)).camera(), imaging::read_image(data() / ("GT4-0000_" + std::to_string(c) + ".tif"))});
-  const std::vector<PlacedPoint> points = {{-48.444, 17.787, 150, 300}, {42.534, 16.87, 1700, 300}, {42.506, -2.921, 1700, 650}, {-45.458, -2.846, 200, 650}, {-0.04, -17.313, 960, 900}};
+    rig.push_back({calibrated.at(static_cast<std::size_t>(c)).camera(),
+                   imaging::read_image(data() / ("GT4-0000_" + std::to_string(c) + ".tif"))});
+  const std::vector<PlacedPoint> points = {{-48.444, 17.787, 150, 300},
+                                           {42.534, 16.87, 1700, 300},
+                                           {42.506, -2.921, 1700, 650},
+                                           {-45.458, -2.846, 200, 650},
+                                           {-0.04, -17.313, 960, 900}};
   const SpecimenPose pose = find_pose(quads, rig, points, {.shape = 15.0});
   EXPECT_LT(pose.rms_shape, 0.25);
   EXPECT_EQ(pose.matched, pose.patches);
@@ -64,8 +69,10 @@ TEST(MeasuredStereo, TriangulationOfEachCameraAloneAgrees) {
   std::vector<View> views;
   std::vector<std::vector<fs::path>> images(2);
   for (std::size_t c = 0; c < 2; ++c) {
-    views.push_back({.camera = std::make_shared<imaging::PinholeCamera>(pose.cameras[c]), .reference = rig[c].reference});
-    for (const char* frame : {"0001", "0003", "0005", "0273"}) images[c].push_back(data() / ("GT4-" + std::string(frame) + "_" + std::to_string(c) + ".tif"));
+    views.push_back(
+        {.camera = std::make_shared<imaging::PinholeCamera>(pose.cameras[c]), .reference = rig[c].reference});
+    for (const char* frame : {"0001", "0003", "0005", "0273"})
+      images[c].push_back(data() / ("GT4-" + std::string(frame) + "_" + std::to_string(c) + ".tif"));
   }
   const GlobalDic together(quads, views, 3, options);
   EXPECT_TRUE(together.cameras().hardly_seen(together.cameras().M()).empty());
@@ -73,7 +80,8 @@ TEST(MeasuredStereo, TriangulationOfEachCameraAloneAgrees) {
   std::vector<std::vector<InImage>> own(2);  // [camera][frame]
   for (std::size_t c = 0; c < 2; ++c) {
     const GlobalDic dic(quads, views[c].camera, rig[c].reference, options, "camera");
-    for (const DicFrame& frame : dic.run(alone, images[c])) own[c].push_back(dic.correlation().pixel_displacement(frame.displacement));
+    for (const DicFrame& frame : dic.run(alone, images[c]))
+      own[c].push_back(dic.correlation().pixel_displacement(frame.displacement));
   }
   double noise = 0.0;
   for (std::size_t t = 0; t < 4; ++t) {
@@ -83,7 +91,8 @@ TEST(MeasuredStereo, TriangulationOfEachCameraAloneAgrees) {
     for (Eigen::Index i = 0; i < quads.nodes.rows(); ++i) {
       const Eigen::Vector3d X = quads.nodes.row(i).transpose();
       std::vector<Eigen::Vector2d> pixels;
-      for (std::size_t c = 0; c < 2; ++c) pixels.emplace_back(pose.cameras[c].project(X) + own[c][t].row(i).transpose());
+      for (std::size_t c = 0; c < 2; ++c)
+        pixels.emplace_back(pose.cameras[c].project(X) + own[c][t].row(i).transpose());
       const Triangulated found = triangulate(pose.cameras, pixels);
       const Eigen::Vector3d difference = found.point - X - stereo[t].displacement.segment<3>(3 * i);
       in_plane += difference.head<2>().squaredNorm() / (2.0 * n), through += difference[2] * difference[2] / n;
@@ -93,9 +102,11 @@ TEST(MeasuredStereo, TriangulationOfEachCameraAloneAgrees) {
       const double sigma = stereo[0].rms / (together.noise_response().level * std::sqrt(2.0));
       noise = together.standard_deviation(sigma, 1).norm() / std::sqrt(n);
     }
-    std::cout << "[          ] frame " << images[0][t].filename().string() << ": cameras together against each alone, rms " << 1000 * std::sqrt(in_plane)
-              << " um in the plane, " << 1000 * std::sqrt(through) << " um through it; rays miss each other by at most " << 1000 * largest_gap
-              << " um; noise of a node " << 1000 * noise << " um; residuals " << stereo[t].cameras[0].rms << ", " << stereo[t].cameras[1].rms << "; mean u_z "
+    std::cout << "[          ] frame " << images[0][t].filename().string()
+              << ": cameras together against each alone, rms " << 1000 * std::sqrt(in_plane) << " um in the plane, "
+              << 1000 * std::sqrt(through) << " um through it; rays miss each other by at most " << 1000 * largest_gap
+              << " um; noise of a node " << 1000 * noise << " um; residuals " << stereo[t].cameras[0].rms << ", "
+              << stereo[t].cameras[1].rms << "; mean u_z "
               << 1000 * stereo[t].displacement.reshaped(3, quads.nodes.rows()).row(2).mean() << " um\n";
     EXPECT_LT(std::sqrt(in_plane), 0.1 * noise);
     EXPECT_LT(std::sqrt(through), 0.5 * noise);

@@ -1,5 +1,6 @@
-// The pixel pass against a plain one: every pixel by itself, in double precision, from the formulas (Eqs 5-9). Local coordinates
-// are found by Newton's method on the camera's projection of the surface, positions are projected, not interpolated.
+// The pixel pass against a plain one: every pixel by itself, in double precision, from the formulas (Eqs 5-9). Local
+// coordinates are found by Newton's method on the camera's projection of the surface, positions are projected, not
+// interpolated.
 #include <gtest/gtest.h>
 
 #include <Eigen/LU>
@@ -44,7 +45,8 @@ double variance(const std::vector<double>& values) {
   return sum / static_cast<double>(values.size());
 }
 
-Plain plain(const Scene& scene, const Correlation& of, const BSpline& f, const BSpline& g, const Eigen::VectorXd& U, bool transported) {
+Plain plain(const Scene& scene, const Correlation& of, const BSpline& f, const BSpline& g, const Eigen::VectorXd& U,
+            bool transported) {
   const int dofs = of.dofs_per_node();
   const auto corner = [&](int e, int i, bool moved) {
     const int node = scene.quads.cells(e, i);
@@ -75,7 +77,9 @@ Plain plain(const Scene& scene, const Correlation& of, const BSpline& f, const B
           if (miss.norm() < 1e-10) break;
           Eigen::Matrix2d tangent;
           for (int c = 0; c < 2; ++c)
-            tangent.col(c) = (seen_at(e, at + h * Eigen::Vector2d::Unit(c), false) - seen_at(e, at - h * Eigen::Vector2d::Unit(c), false)) / (2 * h);
+            tangent.col(c) = (seen_at(e, at + h * Eigen::Vector2d::Unit(c), false) -
+                              seen_at(e, at - h * Eigen::Vector2d::Unit(c), false)) /
+                             (2 * h);
           at += tangent.inverse() * miss;
         }
         const Eigen::Vector2d x = seen_at(e, at, true);
@@ -84,10 +88,11 @@ Plain plain(const Scene& scene, const Correlation& of, const BSpline& f, const B
           continue;
         }
         const auto of_f = f.sample(pixel.x(), pixel.y());
-        result.pixels.push_back({e, shapes(at), static_cast<double>(of_f.value), static_cast<double>(g.sample(x.x(), x.y()).value),
-                                 of_f.slope.cast<double>()});
+        result.pixels.push_back({e, shapes(at), static_cast<double>(of_f.value),
+                                 static_cast<double>(g.sample(x.x(), x.y()).value), of_f.slope.cast<double>()});
       }
-  // f = gain g + offset: same mean and standard deviation, of all pixels or of each element's (64 for a gain, 4 for an offset).
+  // f = gain g + offset: same mean and standard deviation, of all pixels or of each element's (64 for a gain, 4 for an
+  // offset).
   const auto light = [](const std::vector<double>& a, const std::vector<double>& b, double gain) {
     double difference = 0.0;
     for (std::size_t i = 0; i < a.size(); ++i) difference += (a[i] - gain * b[i]) / static_cast<double>(a.size());
@@ -115,9 +120,11 @@ Plain plain(const Scene& scene, const Correlation& of, const BSpline& f, const B
       const PlainPixel& p = result.pixels[k];
       const double r = p.f - gain * p.g - offset;
       result.element_squares[e] += r * r;
-      const Eigen::Vector2d slope = transported ? Eigen::Vector2d(F[static_cast<std::size_t>(e)].inverse().transpose() * p.slope) : p.slope;
+      const Eigen::Vector2d slope =
+          transported ? Eigen::Vector2d(F[static_cast<std::size_t>(e)].inverse().transpose() * p.slope) : p.slope;
       for (int i = 0; i < 4; ++i) {
-        const Eigen::Vector3d force = scene.eye->jacobian(corner(e, i, true)).transpose() * slope * (r * p.N[static_cast<std::size_t>(i)]);
+        const Eigen::Vector3d force =
+            scene.eye->jacobian(corner(e, i, true)).transpose() * slope * (r * p.N[static_cast<std::size_t>(i)]);
         for (int a = 0; a < dofs; ++a) result.b[scene.quads.cells(e, i) * dofs + a] += force[a];
       }
     }
@@ -133,15 +140,17 @@ void compare(const char* name, const Scene& scene, const Eigen::VectorXd& U, dou
   ASSERT_EQ(U.size(), correlation.unknowns());
   for (const bool transported : {false, true}) {
     const Plain truth = plain(scene, correlation, f, g, U, transported);
-    const Evaluation seen = correlation.evaluate(g, U, alone, transported ? Gradient::transported : Gradient::reference);
+    const Evaluation seen =
+        correlation.evaluate(g, U, alone, transported ? Gradient::transported : Gradient::reference);
     EXPECT_EQ(seen.pixels, static_cast<double>(truth.pixels.size())) << name;
     EXPECT_EQ(seen.dropped, truth.dropped) << name;
     EXPECT_NEAR(seen.gain, truth.gain, 1e-6 * truth.gain) << name;
     EXPECT_NEAR(seen.offset, truth.offset, 1e-6 * 65535) << name;
     const double of_b = (seen.b - truth.b).cwiseAbs().maxCoeff() / truth.b.cwiseAbs().maxCoeff();
-    const double of_squares = (seen.element_squares - truth.element_squares).cwiseAbs().maxCoeff() / truth.element_squares.maxCoeff();
-    std::printf("[          ] %s%s: %zu pixels, %.0f left the image; b %.1e, squares %.1e\n", name, transported ? ", transported" : "",
-                truth.pixels.size(), truth.dropped, of_b, of_squares);
+    const double of_squares =
+        (seen.element_squares - truth.element_squares).cwiseAbs().maxCoeff() / truth.element_squares.maxCoeff();
+    std::printf("[          ] %s%s: %zu pixels, %.0f left the image; b %.1e, squares %.1e\n", name,
+                transported ? ", transported" : "", truth.pixels.size(), truth.dropped, of_b, of_squares);
     EXPECT_LT(of_b, tolerance) << name;
     EXPECT_LT(of_squares, tolerance) << name;
     // Pixel by pixel.
@@ -153,7 +162,8 @@ void compare(const char* name, const Scene& scene, const Eigen::VectorXd& U, dou
       const auto& pixel = truth.pixels[p++];
       const double gain = seen.element_gain[pixel.element], offset = seen.element_offset[pixel.element];
       const double expected = pixel.f - gain * pixel.g - offset;
-      worst = std::max(worst, std::abs(static_cast<double>(r) - expected)), largest = std::max(largest, std::abs(expected));
+      worst = std::max(worst, std::abs(static_cast<double>(r) - expected)),
+      largest = std::max(largest, std::abs(expected));
     }
     EXPECT_EQ(p, truth.pixels.size()) << name;
     EXPECT_LT(worst, tolerance * std::max(largest, 65535.0)) << name;
@@ -175,9 +185,10 @@ Eigen::VectorXd some(Eigen::Index size, double amount) {
   return U;
 }
 
-Scene flat(mesh::Mesh quads, double pixels_per_length, double column, double row, double angle, CorrelationOptions options = {}) {
-  return {std::move(quads), camera(pixels_per_length, column, row, true, angle), photograph(pattern(), 160, 140), photograph(pattern(), 160, 140, bent),
-          std::move(options)};
+Scene flat(mesh::Mesh quads, double pixels_per_length, double column, double row, double angle,
+           CorrelationOptions options = {}) {
+  return {std::move(quads), camera(pixels_per_length, column, row, true, angle), photograph(pattern(), 160, 140),
+          photograph(pattern(), 160, 140, bent), std::move(options)};
 }
 
 constexpr double rounding = 1e-6;  // a float's, over a few operations
@@ -191,9 +202,11 @@ TEST(PixelPass, OfElementsOfAllSizesIsThePlainOne) {
 
 TEST(PixelPass, OfLightIsThePlainOne) {
   for (const bool local : {false, true}) {
-    Scene scene = flat(rectangle(1.0, 1.2, 10.8, 10.4, 7, 5), 10.0, 15.0, 128.0, -0.03, {.brightness = true, .local_brightness = local});
+    Scene scene = flat(rectangle(1.0, 1.2, 10.8, 10.4, 7, 5), 10.0, 15.0, 128.0, -0.03,
+                       {.brightness = true, .local_brightness = local});
     for (int y = 0; y < 140; ++y)
-      for (int x = 0; x < 160; ++x) scene.deformed(x, y) = (0.8F + 0.001F * static_cast<float>(x)) * scene.deformed(x, y) + 2000.0F;
+      for (int x = 0; x < 160; ++x)
+        scene.deformed(x, y) = (0.8F + 0.001F * static_cast<float>(x)) * scene.deformed(x, y) + 2000.0F;
     compare(local ? "light of each element" : "light of all", scene, some(2 * 8 * 6, 0.1), rounding);
   }
 }
@@ -204,7 +217,8 @@ TEST(PixelPass, AtTheBordersIsThePlainOne) {
   for (int y = 40; y < 70; ++y)
     for (int x = 50; x < 90; ++x)
       if ((x - 70) * (x - 70) + (y - 55) * (y - 55) < 200 || (x + y) % 7 == 0) mask(x, y) = 0.0F;
-  Scene scene = flat(rectangle(0.0, 0.0, 16.5, 14.5, 9, 8), 10.0, -3.0, 142.0, 0.0, {.quadrature = {.mask = &mask, .clip = true}});
+  Scene scene = flat(rectangle(0.0, 0.0, 16.5, 14.5, 9, 8), 10.0, -3.0, 142.0, 0.0,
+                     {.quadrature = {.mask = &mask, .clip = true}});
   compare("borders", scene, some(2 * 10 * 9, 0.3), rounding);
   scene.options.local_brightness = true;
   compare("borders, local light", scene, some(2 * 10 * 9, 0.3), rounding);
@@ -223,19 +237,23 @@ TEST(PixelPass, OfLargeStrainAndFarMotionIsThePlainOne) {
   const Scene scene = flat(rectangle(1.0, 1.2, 10.8, 10.4, 6, 6), 5.0, 15.0, 68.0, 0.0);
   Eigen::VectorXd U(98);
   for (Eigen::Index n = 0; n < 49; ++n)
-    U.segment<2>(2 * n) << 4.1 + 0.9 * scene.quads.nodes(n, 0) + 0.2 * scene.quads.nodes(n, 1), -3.0 + 0.4 * scene.quads.nodes(n, 1);
+    U.segment<2>(2 * n) << 4.1 + 0.9 * scene.quads.nodes(n, 0) + 0.2 * scene.quads.nodes(n, 1),
+        -3.0 + 0.4 * scene.quads.nodes(n, 1);
   compare("far and strained", scene, U, rounding);
 }
 
 // Differences over 1e-7 px against those over 1e-3 px: of what is known to 6e-8 px only nothing would be left.
 TEST(PixelPass, InFullPrecisionIsSmooth) {
-  const auto compare_differences = [](const char* name, const Scene& scene, const Eigen::VectorXd& U, double pixels_per_length) {
+  const auto compare_differences = [](const char* name, const Scene& scene, const Eigen::VectorXd& U,
+                                      double pixels_per_length) {
     const BSpline f(scene.reference), g(scene.deformed);
     const Correlation correlation(scene.quads, scene.eye, f, scene.options);
     const Eigen::VectorXd direction = some(U.size(), 1.0).reverse();
     const auto slope = [&](double step, Precision precision) -> Eigen::VectorXd {
       const Eigen::VectorXd dU = step / pixels_per_length * direction;
-      return (correlation.evaluate(g, U + dU, alone, Gradient::reference, precision).b - correlation.evaluate(g, U - dU, alone, Gradient::reference, precision).b) / (2.0 * step);
+      return (correlation.evaluate(g, U + dU, alone, Gradient::reference, precision).b -
+              correlation.evaluate(g, U - dU, alone, Gradient::reference, precision).b) /
+             (2.0 * step);
     };
     const Eigen::VectorXd truth = slope(1e-3, Precision::full);
     const auto error = [&](Precision precision) { return (slope(1e-7, precision) - truth).norm() / truth.norm(); };
@@ -243,21 +261,27 @@ TEST(PixelPass, InFullPrecisionIsSmooth) {
     std::printf("[          ] %s: single %.1e, full %.1e\n", name, single, full);
     EXPECT_LT(full, 1e-5) << name;
     EXPECT_GT(single, 1e-2) << name;  // else the test tells nothing
-    const Evaluation coarse = correlation.evaluate(g, U, alone), fine = correlation.evaluate(g, U, alone, Gradient::reference, Precision::full);
+    const Evaluation coarse = correlation.evaluate(g, U, alone),
+                     fine = correlation.evaluate(g, U, alone, Gradient::reference, Precision::full);
     EXPECT_LT((coarse.b - fine.b).norm(), 1e-6 * fine.b.norm()) << name;
     EXPECT_NEAR(coarse.squares, fine.squares, 1e-6 * fine.squares) << name;
     EXPECT_EQ(coarse.dropped, fine.dropped) << name;
   };
   const Scene scene = flat(rectangle(1.0, 1.2, 10.8, 10.4, 7, 6), 10.0, 15.0, 128.0, 0.05, {.local_brightness = true});
   compare_differences("telecentric", scene, some(2 * 8 * 7, 0.1), 10.0);
-  const Scene border = flat(rectangle(0.0, 0.0, 16.5, 14.5, 9, 8), 10.0, -3.0, 142.0, 0.0, {.brightness = true, .quadrature = {.clip = true}});
+  const Scene border = flat(rectangle(0.0, 0.0, 16.5, 14.5, 9, 8), 10.0, -3.0, 142.0, 0.0,
+                            {.brightness = true, .quadrature = {.clip = true}});
   compare_differences("borders", border, some(2 * 10 * 9, 0.3), 10.0);
-  const Scene tilted{rectangle(-3.5, -3.0, 3.5, 3.0, 15, 13), std::make_shared<imaging::PinholeCamera>(looking_from(15.0, 160, 140)),
-                     photograph(pattern(), 160, 140), photograph(pattern(), 160, 140, bent), {.dofs_per_node = 3, .quadrature = {.clip = true}}};
+  const Scene tilted{rectangle(-3.5, -3.0, 3.5, 3.0, 15, 13),
+                     std::make_shared<imaging::PinholeCamera>(looking_from(15.0, 160, 140)),
+                     photograph(pattern(), 160, 140),
+                     photograph(pattern(), 160, 140, bent),
+                     {.dofs_per_node = 3, .quadrature = {.clip = true}}};
   compare_differences("perspective", tilted, some(3 * tilted.quads.nodes.rows(), 0.02), 20.0);
 }
 
-// The biquadratic map of the elements is not the projection itself, which is what is projected here, but of elements of 7 px it is nearly so.
+// The biquadratic map of the elements is not the projection itself, which is what is projected here, but of elements of
+// 7 px it is nearly so.
 TEST(PixelPass, OfPerspectiveCamerasIsThePlainOne) {
   std::vector<std::shared_ptr<const Correlation>> correlations;
   std::vector<BSpline> splines;
@@ -265,16 +289,21 @@ TEST(PixelPass, OfPerspectiveCamerasIsThePlainOne) {
   const std::vector<double> noise{1.0, 2.0};
   int c = 0;
   for (const double angle : {-12.0, 15.0}) {
-    Scene scene{rectangle(-3.5, -3.0, 3.5, 3.0, 15, 13), std::make_shared<imaging::PinholeCamera>(looking_from(angle, 160, 140)),
-                photograph(pattern(), 160, 140), photograph(pattern(), 160, 140, bent), {.dofs_per_node = 3, .quadrature = {.clip = true}}};
-    for (Eigen::Index n = 0; n < scene.quads.nodes.rows(); ++n) scene.quads.nodes(n, 2) = 0.02 * scene.quads.nodes(n, 0) * scene.quads.nodes(n, 0);
+    Scene scene{rectangle(-3.5, -3.0, 3.5, 3.0, 15, 13),
+                std::make_shared<imaging::PinholeCamera>(looking_from(angle, 160, 140)),
+                photograph(pattern(), 160, 140),
+                photograph(pattern(), 160, 140, bent),
+                {.dofs_per_node = 3, .quadrature = {.clip = true}}};
+    for (Eigen::Index n = 0; n < scene.quads.nodes.rows(); ++n)
+      scene.quads.nodes(n, 2) = 0.02 * scene.quads.nodes(n, 0) * scene.quads.nodes(n, 0);
     U = some(3 * scene.quads.nodes.rows(), 0.02);
     compare("perspective", scene, U, 3e-6);
     const BSpline f(scene.reference);
     correlations.push_back(std::make_shared<Correlation>(scene.quads, scene.eye, f, scene.options));
     splines.emplace_back(scene.deformed);
     // Weights 1/sigma^2 whose inverse has the mean 1: 1.6 and 0.4.
-    const Eigen::VectorXd own = (c++ == 0 ? 1.6 : 0.4) * plain(scene, *correlations.back(), f, splines.back(), U, false).b;
+    const Eigen::VectorXd own =
+        (c++ == 0 ? 1.6 : 0.4) * plain(scene, *correlations.back(), f, splines.back(), U, false).b;
     b = b.size() == 0 ? own : Eigen::VectorXd(b + own);
   }
   const Cameras cameras(correlations, noise);
@@ -294,7 +323,8 @@ TEST(PixelPass, MatrixIsThePlainOne) {
       for (int i = 0; i < 4; ++i)
         for (int j = 0; j < 4; ++j)
           M.block<2, 2>(2 * scene.quads.cells(p.element, i), 2 * scene.quads.cells(p.element, j)) +=
-              p.N[static_cast<std::size_t>(i)] * p.N[static_cast<std::size_t>(j)] * (J.transpose() * p.slope) * (J.transpose() * p.slope).transpose();
+              p.N[static_cast<std::size_t>(i)] * p.N[static_cast<std::size_t>(j)] * (J.transpose() * p.slope) *
+              (J.transpose() * p.slope).transpose();
     EXPECT_LT((Eigen::MatrixXd(correlation.M()) - M).cwiseAbs().maxCoeff(), rounding * M.cwiseAbs().maxCoeff());
   }
 }

@@ -15,13 +15,15 @@ using imaging::PinholeCamera;
 using imaging::Pose;
 
 /// The rig's frame is another than the specimen's.
-const Pose true_pose{Eigen::AngleAxisd(0.4, Eigen::Vector3d(1, 2, -1).normalized()).toRotationMatrix(), {20.0, -7.0, 33.0}};
+const Pose true_pose{Eigen::AngleAxisd(0.4, Eigen::Vector3d(1, 2, -1).normalized()).toRotationMatrix(),
+                     {20.0, -7.0, 33.0}};
 
 std::vector<RigView> views(const Displacement& shape) {
   std::vector<RigView> result;
   for (const double angle : {-12.0, 10.0}) {
     const PinholeCamera eye = looking_from(angle, 170, 150);
-    result.push_back({{eye.intrinsics(), eye.pose() * inverse(true_pose)}, render(texture(), sight_of(eye), 170, 150, shape)});
+    result.push_back(
+        {{eye.intrinsics(), eye.pose() * inverse(true_pose)}, render(texture(), sight_of(eye), 170, 150, shape)});
   }
   return result;
 }
@@ -58,8 +60,9 @@ TEST(SpecimenPose, IsFoundOnTheImages) {
   const auto seen = views(still);
   const SpecimenPose exact = find_pose(quads(), seen, points(0.0), {});
   const auto [off, away] = misses(exact);
-  std::cout << "[          ] off the plane by " << 1000 * off << " um, nodes by " << 1000 * away << " um; residual " << exact.rms_start << ", then "
-            << exact.rms_pose << "; " << exact.matched << " of " << exact.patches << " patches, rms " << 1000 * exact.plane_rms << " um\n";
+  std::cout << "[          ] off the plane by " << 1000 * off << " um, nodes by " << 1000 * away << " um; residual "
+            << exact.rms_start << ", then " << exact.rms_pose << "; " << exact.matched << " of " << exact.patches
+            << " patches, rms " << 1000 * exact.plane_rms << " um\n";
   EXPECT_LT(off, 0.002);  // 0.03 px
   EXPECT_LT(away, 0.004);
   EXPECT_LT(exact.rms_pose, 0.1);
@@ -83,8 +86,9 @@ TEST(SpecimenPose, ShapeThatIsNotFlat) {
     const double off = std::abs(at.z() - shape(at.x(), at.y()).z());
     worst = std::max(worst, off), squares += off * off / static_cast<double>(quads().nodes.rows());
   }
-  std::cout << "[          ] shape off by " << 1000 * std::sqrt(squares) << " um, at most " << 1000 * worst << " um; residual " << flat.rms_pose
-            << " flat, " << found.rms_shape << " with the shape of " << 1000 * (found.shape.maxCoeff() - found.shape.minCoeff()) << " um\n";
+  std::cout << "[          ] shape off by " << 1000 * std::sqrt(squares) << " um, at most " << 1000 * worst
+            << " um; residual " << flat.rms_pose << " flat, " << found.rms_shape << " with the shape of "
+            << 1000 * (found.shape.maxCoeff() - found.shape.minCoeff()) << " um\n";
   EXPECT_LT(std::sqrt(squares), 0.006);
   EXPECT_LT(found.rms_shape, 0.5 * flat.rms_pose);
 }
@@ -92,12 +96,16 @@ TEST(SpecimenPose, ShapeThatIsNotFlat) {
 TEST(SpecimenPose, ACameraThatWasKnockedIsPutRight) {
   auto seen = views(still);
   const Pose& at = seen[1].camera.pose();
-  const double knock = 0.03 * std::numbers::pi / 180.0;  // about the line of sight of the first row: not seen as a depth
-  seen[1].camera = PinholeCamera(seen[1].camera.intrinsics(),
-                                 {Eigen::AngleAxisd(knock, Eigen::Vector3d::UnitX()).toRotationMatrix() * at.rotation, at.translation});
-  const SpecimenPose as_given = find_pose(quads(), seen, points(0.0), {}), refined = find_pose(quads(), seen, points(0.0), {.cameras = true});
-  std::cout << "[          ] residual " << as_given.rms_pose << ", with the camera refined " << refined.rms_cameras << "; turned by "
-            << refined.camera_change[1].head<3>().transpose() << " degrees, moved by " << refined.camera_change[1].tail<3>().transpose() << " mm\n";
+  const double knock =
+      0.03 * std::numbers::pi / 180.0;  // about the line of sight of the first row: not seen as a depth
+  seen[1].camera = PinholeCamera(
+      seen[1].camera.intrinsics(),
+      {Eigen::AngleAxisd(knock, Eigen::Vector3d::UnitX()).toRotationMatrix() * at.rotation, at.translation});
+  const SpecimenPose as_given = find_pose(quads(), seen, points(0.0), {}),
+                     refined = find_pose(quads(), seen, points(0.0), {.cameras = true});
+  std::cout << "[          ] residual " << as_given.rms_pose << ", with the camera refined " << refined.rms_cameras
+            << "; turned by " << refined.camera_change[1].head<3>().transpose() << " degrees, moved by "
+            << refined.camera_change[1].tail<3>().transpose() << " mm\n";
   EXPECT_LT(refined.rms_cameras, 0.3 * as_given.rms_pose);
   EXPECT_LT(refined.camera_change[0].norm(), 1e-12);
 }

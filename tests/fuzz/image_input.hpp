@@ -16,7 +16,8 @@ inline void image(const std::uint8_t* data, std::size_t size) {
   expect_result_or_input_error([&] {
     const auto header = imaging::read_header(file);
     const double pixels = static_cast<double>(header.width) * header.height;
-    if (pixels <= 1e6 || pixels > 1e8) (void)imaging::read_image(file);  // more than 1e8 must be refused: no input is so long
+    if (pixels <= 1e6 || pixels > 1e8)
+      (void)imaging::read_image(file);  // more than 1e8 must be refused: no input is so long
   });
 }
 

@@ -30,7 +30,9 @@ inline std::filesystem::path write(const std::string& name, const void* data, st
   std::ofstream(file, std::ios::binary).write(static_cast<const char*>(data), static_cast<std::streamsize>(size));
   return file;
 }
-inline std::filesystem::path write(const std::string& name, const std::string& text) { return write(name, text.data(), text.size()); }
+inline std::filesystem::path write(const std::string& name, const std::string& text) {
+  return write(name, text.data(), text.size());
+}
 
 /// The inputs that were found once: every file of tests/fuzz/found/KIND.
 template <class Read>

@@ -15,9 +15,12 @@ inline void loads(const std::uint8_t* data, std::size_t size) {
     auto records = io::read_loads(file);
     io::remove_lag(records, 0.5);
   });
-  expect_result_or_input_error([&] { (void)io::read_curve(file, {.strain = "strain", .stress = "stress", .time = ""}); });
+  expect_result_or_input_error(
+      [&] { (void)io::read_curve(file, {.strain = "strain", .stress = "stress", .time = ""}); });
   expect_result_or_input_error([&] { (void)io::read_points(file, {}); });
-  expect_result_or_input_error([&] { (void)io::expand(io::parse_frames({reinterpret_cast<const char*>(data), size})); });
+  expect_result_or_input_error([&] {
+    (void)io::expand(io::parse_frames({reinterpret_cast<const char*>(data), size}));
+  });
 }
 
 }  // namespace imic3d::fuzz

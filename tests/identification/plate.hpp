@@ -25,7 +25,8 @@ inline mesh::Mesh strip(int columns = 3, int rows = 4) {
       if (j == rows) quads.node_groups["top"].push_back(id(i, j));
     }
   for (int j = 0; j < rows; ++j)
-    for (int i = 0; i < columns; ++i) quads.cells.row(j * columns + i) << id(i, j), id(i + 1, j), id(i + 1, j + 1), id(i, j + 1);
+    for (int i = 0; i < columns; ++i)
+      quads.cells.row(j * columns + i) << id(i, j), id(i + 1, j), id(i + 1, j + 1), id(i, j + 1);
   return quads;
 }
 
@@ -40,8 +41,8 @@ struct Plate {
   /// The record of a specimen with the true parameters whose top moves by `stretch` [mm] in each frame.
   explicit Plate(const std::vector<double>& stretch, Communicator world = {}) { pull(stretch, world); }
   /// The same with another law.
-  Plate(const std::vector<double>& stretch, std::shared_ptr<const material::FiniteStrainLaw> other, std::vector<double> values,
-        Communicator world = {}) {
+  Plate(const std::vector<double>& stretch, std::shared_ptr<const material::FiniteStrainLaw> other,
+        std::vector<double> values, Communicator world = {}) {
     law = std::move(other), truth = std::move(values);
     pull(stretch, world);
   }
@@ -58,7 +59,8 @@ struct Plate {
       record.frames.push_back(static_cast<int>(t) + 1);
       for (const Face& face : specimen.faces)
         for (Eigen::Index i = 0; i < face.nodes(); ++i)
-          record.surface_displacement(face.first_unknown + face.components * i + 1, t) = stretch[static_cast<std::size_t>(t)] * face.surface.mesh.nodes(i, 1) / 8.0;
+          record.surface_displacement(face.first_unknown + face.components * i + 1, t) =
+              stretch[static_cast<std::size_t>(t)] * face.surface.mesh.nodes(i, 1) / 8.0;
     }
     record.driving = record.surface_displacement;
     ForwardModel model(world, specimen, law, record, {.with_fields = false}, 1, 1);
@@ -67,7 +69,8 @@ struct Plate {
     record.force = path.reaction;
 
     images.M.resize(path.surface.rows(), path.surface.rows());
-    for (Eigen::Index i = 0; i < path.surface.rows(); ++i) images.M.insert(i, i) = 4e8 * (1.0 + 0.3 * static_cast<double>(i % 3));
+    for (Eigen::Index i = 0; i < path.surface.rows(); ++i)
+      images.M.insert(i, i) = 4e8 * (1.0 + 0.3 * static_cast<double>(i % 3));
     images.pixels_per_length = 50.0;
     images.evaluate = [this](int t, const Eigen::VectorXd& u, const Communicator&) {
       const Eigen::VectorXd gap = record.surface_displacement.col(t) - u;

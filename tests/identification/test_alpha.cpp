@@ -19,7 +19,8 @@ struct Paths {
 };
 Paths paths_of(Plate& plate, double alpha, int increments = 1) {
   const Communicator world;
-  ForwardModel model(world, plate.specimen, plate.law, plate.record, {.increments = increments, .with_fields = false}, 1, 1);
+  ForwardModel model(world, plate.specimen, plate.law, plate.record, {.increments = increments, .with_fields = false},
+                     1, 1);
   auto wrong = plate.truth;
   wrong[2] *= 1.05;
   Paths result;
@@ -56,7 +57,8 @@ TEST(Alpha, NearOneTheImagesDecide) {
   ASSERT_EQ(paths.pulled.frames, static_cast<int>(stretch.size())) << paths.pulled.message;
   const auto& dic = plate.record.surface_displacement;
   EXPECT_LT((paths.pulled.surface - dic).norm(), 1e-5 * dic.norm());
-  EXPECT_GT((paths.forces.surface - dic).norm(), 1e-2 * dic.norm());  // which the wrong parameters alone would miss
+  // which the wrong parameters alone would miss
+  EXPECT_GT((paths.forces.surface - dic).norm(), 1e-2 * dic.norm());
 }
 
 TEST(Alpha, BetweenFramesTheWayOfTheDicIsFollowed) {
@@ -74,8 +76,9 @@ TEST(Alpha, TheTruthIsFoundAtEveryAlpha) {
     ForwardModel model(world, plate.specimen, plate.law, plate.record, {.with_fields = false}, 2, 0);
     auto parameters = plate.truth;
     parameters[2] *= 0.9;
-    const auto result = gauss_newton(world, model, plate.images, testing::information(plate), {.free = {2}, .frames = {0, 1, 2, 3, 4}},
-                                     {.alpha = alpha, .eta = 1e-6}, parameters);
+    const auto result =
+        gauss_newton(world, model, plate.images, testing::information(plate), {.free = {2}, .frames = {0, 1, 2, 3, 4}},
+                     {.alpha = alpha, .eta = 1e-6}, parameters);
     EXPECT_TRUE(result.converged) << alpha;
     EXPECT_NEAR(parameters[2] / plate.truth[2], 1.0, 1e-5) << alpha;
   }

@@ -1,5 +1,5 @@
-// The covariance of the parameters against the scatter of identifications from noisy data, each source of noise alone and
-// all together (Eq. 14 and its extension).
+// The covariance of the parameters against the scatter of identifications from noisy data, each source of noise alone
+// and all together (Eq. 14 and its extension).
 
 #include <gtest/gtest.h>
 
@@ -21,7 +21,8 @@ const std::vector<double> frame_noise = {1.0, 2.0, 1.0, 1.0, 3.0, 1.0};  // of e
 
 Plate plate_with_frame_noise() {
   Plate plate(stretch);
-  plate.images.frame_noise = Eigen::Map<const Eigen::VectorXd>(frame_noise.data(), static_cast<Eigen::Index>(frame_noise.size()));
+  plate.images.frame_noise =
+      Eigen::Map<const Eigen::VectorXd>(frame_noise.data(), static_cast<Eigen::Index>(frame_noise.size()));
   return plate;
 }
 
@@ -31,7 +32,8 @@ struct Sources {
 
 GaussNewtonOptions options_with(Functional functional, int draws) {
   GaussNewtonOptions options{.functional = functional, .eta = 1e-3, .force_noise = 20.0};
-  options.noise_model = {.image = sigma, .references = references, .force = force_sigma, .driving = {}, .draws = draws, .seed = 5};
+  options.noise_model = {
+      .image = sigma, .references = references, .force = force_sigma, .driving = {}, .draws = draws, .seed = 5};
   return options;
 }
 
@@ -58,7 +60,8 @@ Eigen::Vector2d scatter(Functional functional, const Sources& sources, int draws
     }
     ForwardModel model(world, noisy.specimen, noisy.law, noisy.record, {.with_fields = false}, 3, 0);
     auto parameters = noisy.truth;
-    const auto result = gauss_newton(world, model, noisy.images, testing::information(noisy), stage, options_with(functional, own_draws), parameters);
+    const auto result = gauss_newton(world, model, noisy.images, testing::information(noisy), stage,
+                                     options_with(functional, own_draws), parameters);
     EXPECT_TRUE(result.converged);
     found.col(d) << parameters[0], parameters[2];
   }
@@ -71,13 +74,18 @@ void compare(Functional functional, int draws, bool each_alone) {
   Plate plate = plate_with_frame_noise();
   ForwardModel model(world, plate.specimen, plate.law, plate.record, {.with_fields = false}, 3, 0);
   auto parameters = plate.truth;
-  const auto predicted = gauss_newton(world, model, plate.images, testing::information(plate), stage, options_with(functional, 400), parameters).covariance;
+  const auto predicted = gauss_newton(world, model, plate.images, testing::information(plate), stage,
+                                      options_with(functional, 400), parameters)
+                             .covariance;
   const auto check = [&](const char* name, const Eigen::MatrixXd& covariance, const Sources& sources) {
-    const Eigen::Vector2d measured = scatter(functional, sources, draws, functional == Functional::force_driven ? 0 : 24), expected = covariance.diagonal().cwiseSqrt();
+    const Eigen::Vector2d measured =
+                              scatter(functional, sources, draws, functional == Functional::force_driven ? 0 : 24),
+                          expected = covariance.diagonal().cwiseSqrt();
     for (int j = 0; j < 2; ++j) {
       EXPECT_GT(expected[j], 0.0) << name;
       EXPECT_NEAR(measured[j] / expected[j], 1.0, 0.15) << name << ", parameter " << j;
-      std::printf("%-9s parameter %d: measured %.4g, predicted %.4g, ratio %.3f\n", name, j, measured[j], expected[j], measured[j] / expected[j]);
+      std::printf("%-9s parameter %d: measured %.4g, predicted %.4g, ratio %.3f\n", name, j, measured[j], expected[j],
+                  measured[j] / expected[j]);
     }
   };
   if (each_alone) {
@@ -90,23 +98,39 @@ void compare(Functional functional, int draws, bool each_alone) {
 
 /// The response to noise by direct differentiation is that of simulations with the noise.
 TEST(Covariance, DirectlyAndByDifferences) {
-  for (const Functional functional : {Functional::force_driven, Functional::displacement_driven, Functional::combined}) {
+  for (const Functional functional :
+       {Functional::force_driven, Functional::displacement_driven, Functional::combined}) {
     std::vector<Covariance> both;
     std::vector<Eigen::MatrixXd> errors;
-    for (int d = 0; d < 2; ++d) errors.emplace_back(1e-6 * Eigen::MatrixXd::Random(Plate(stretch).record.surface_displacement.rows(), 6));
+    for (int d = 0; d < 2; ++d)
+      errors.emplace_back(1e-6 * Eigen::MatrixXd::Random(Plate(stretch).record.surface_displacement.rows(), 6));
     for (const Sensitivities sensitivities : {Sensitivities::direct, Sensitivities::perturbed}) {
       Plate plate(stretch);
       ForwardModel model({}, plate.specimen, plate.law, plate.record, {.with_fields = false}, 3, 0);
       auto parameters = plate.truth;
-      GaussNewtonOptions options{.functional = functional, .force_noise = 20.0, .sensitivities = sensitivities, .perturbation = 1e-5};
-      options.noise_model = {.image = 0.01 * sigma, .references = references, .force = 0.01 * force_sigma, .driving = [](const Eigen::MatrixXd& error) -> Eigen::MatrixXd { return 0.5 * error; }, .calibration = errors, .draws = 6, .seed = 5};
-      both.push_back(gauss_newton({}, model, plate.images, testing::information(plate), stage, options, parameters).covariance);
+      GaussNewtonOptions options{
+          .functional = functional, .force_noise = 20.0, .sensitivities = sensitivities, .perturbation = 1e-5};
+      options.noise_model = {.image = 0.01 * sigma,
+                             .references = references,
+                             .force = 0.01 * force_sigma,
+                             .driving = [](const Eigen::MatrixXd& error) -> Eigen::MatrixXd { return 0.5 * error; },
+                             .calibration = errors,
+                             .draws = 6,
+                             .seed = 5};
+      both.push_back(
+          gauss_newton({}, model, plate.images, testing::information(plate), stage, options, parameters).covariance);
     }
-    const std::vector<std::pair<const char*, Eigen::MatrixXd Covariance::*>> parts = {{"images", &Covariance::image}, {"force", &Covariance::force}, {"boundary", &Covariance::boundary}, {"calibration", &Covariance::calibration}, {"total", &Covariance::total}};
+    const std::vector<std::pair<const char*, Eigen::MatrixXd Covariance::*>> parts = {
+        {"images", &Covariance::image},
+        {"force", &Covariance::force},
+        {"boundary", &Covariance::boundary},
+        {"calibration", &Covariance::calibration},
+        {"total", &Covariance::total}};
     for (const auto& [name, part] : parts)
       for (int j = 0; j < 2; ++j) {
         EXPECT_GT((both[0].*part)(j, j), 0.0);
-        EXPECT_NEAR((both[1].*part)(j, j) / (both[0].*part)(j, j), 1.0, 0.02) << name << " of parameter " << j << ", functional " << static_cast<int>(functional);
+        EXPECT_NEAR((both[1].*part)(j, j) / (both[0].*part)(j, j), 1.0, 0.02)
+            << name << " of parameter " << j << ", functional " << static_cast<int>(functional);
       }
   }
 }
@@ -117,8 +141,10 @@ TEST(Covariance, WithoutNoiseThatCannotBeSimulated) {
   ForwardModel model({}, plate.specimen, plate.law, plate.record, {.with_fields = false}, 3, 0);
   auto parameters = plate.truth;
   parameters[0] *= 1.05;
-  GaussNewtonOptions options{.functional = Functional::displacement_driven, .force_noise = 20.0, .sensitivities = Sensitivities::perturbed};
-  options.noise_model = {.image = 1e6 * sigma, .references = references, .force = force_sigma, .driving = {}, .draws = 2, .seed = 5};
+  GaussNewtonOptions options{
+      .functional = Functional::displacement_driven, .force_noise = 20.0, .sensitivities = Sensitivities::perturbed};
+  options.noise_model = {
+      .image = 1e6 * sigma, .references = references, .force = force_sigma, .driving = {}, .draws = 2, .seed = 5};
   const auto result = gauss_newton({}, model, plate.images, testing::information(plate), stage, options, parameters);
   EXPECT_TRUE(result.converged);
   EXPECT_NEAR(parameters[0] / plate.truth[0], 1.0, 1e-3);
@@ -156,12 +182,15 @@ TEST(Covariance, OfTheForceOfEachFrame) {
     for (double& value : of_reference) value = sigma / std::sqrt(references) * normal(random);
     for (auto frame : driving.colwise())
       for (Eigen::Index i = 0; i < root.size(); ++i) frame[i] += (of_reference[i] + sigma * normal(random)) / root[i];
-    const auto path = model.simulate(Control::displacement, {{.parameters = plate.truth, .driving = &driving}}, 6).front();
-    for (int t = 0; t < 6; ++t) squares[t] += std::pow(path.reaction[t] - plate.record.force[t], 2) + force_sigma * force_sigma;
+    const auto path =
+        model.simulate(Control::displacement, {{.parameters = plate.truth, .driving = &driving}}, 6).front();
+    for (int t = 0; t < 6; ++t)
+      squares[t] += std::pow(path.reaction[t] - plate.record.force[t], 2) + force_sigma * force_sigma;
   }
   for (int t = 0; t < 6; ++t) EXPECT_NEAR(difference[t] / std::sqrt(squares[t] / draws), 1.0, 0.25) << "frame " << t;
   EXPECT_LT(difference[5], 0.5 * difference[0]);
-  for (int t = 0; t < 6; ++t) std::printf("frame %d: %.3g N, simulated %.3g\n", t, difference[t], std::sqrt(squares[t] / draws));
+  for (int t = 0; t < 6; ++t)
+    std::printf("frame %d: %.3g N, simulated %.3g\n", t, difference[t], std::sqrt(squares[t] / draws));
 }
 
 TEST(Covariance, OfTheForceDrivenFunctional) { compare(Functional::force_driven, 100, false); }

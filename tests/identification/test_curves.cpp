@@ -12,7 +12,8 @@
 namespace imic3d::identification {
 namespace test_curves {
 
-const std::vector<double> truth = {200e3, 0.3, 250, 450, 12, 0, 0.015, 1e-3};  // E nu S_y S_inf b H C_rate rate_0
+// E nu S_y S_inf b H C_rate rate_0
+const std::vector<double> truth = {200e3, 0.3, 250, 450, 12, 0, 0.015, 1e-3};
 const std::vector<std::string> rate = {"rate"};
 
 std::shared_ptr<const material::FiniteStrainLaw> voce(std::vector<std::string> effects = rate) {
@@ -48,7 +49,8 @@ const std::vector<int> free_parameters = {2, 3, 4, 6};
 
 TEST(Curves, PredictTheClosedForm) {
   // One step a row: its rate is then the closed form's, also in the first one, which is elastic in part.
-  const CurveSet set(voce(), {bar("slow", 1e-3, 0.0, 1), bar("fast", 10.0, 0.0, 2)}, {.largest_step = 0.01, .given_steps = true});
+  const CurveSet set(voce(), {bar("slow", 1e-3, 0.0, 1), bar("fast", 10.0, 0.0, 2)},
+                     {.largest_step = 0.01, .given_steps = true});
   const Eigen::VectorXd predicted = set.predict(truth);
   ASSERT_EQ(predicted.size(), 2 * 117);
   EXPECT_LT((predicted - set.measured()).cwiseAbs().maxCoeff(), 1e-7);
@@ -161,11 +163,20 @@ TEST(Curves, NoiseOfTheStrainWeighsWhereTheCurveIsSteep) {
     for (const double noise : {0.0, of_strain}) {
       std::mt19937 engine(static_cast<unsigned>(seed) + 100U);
       std::normal_distribution<double> normal;
-      Curve curve{.name = "bar", .group = "bar", .history = {}, .stress = Eigen::VectorXd::Zero(400), .engineering = true, .deviation = of_stress, .estimated = true, .use = std::vector<char>(400, Curve::fitted)};
-      curve.history.strain = Eigen::VectorXd::LinSpaced(400, 0.0, 0.05), curve.history.time = curve.history.strain / 1e-3;
+      Curve curve{.name = "bar",
+                  .group = "bar",
+                  .history = {},
+                  .stress = Eigen::VectorXd::Zero(400),
+                  .engineering = true,
+                  .deviation = of_stress,
+                  .estimated = true,
+                  .use = std::vector<char>(400, Curve::fitted)};
+      curve.history.strain = Eigen::VectorXd::LinSpaced(400, 0.0, 0.05),
+      curve.history.time = curve.history.strain / 1e-3;
       const CurveSet exact(voce({}), {curve});
       curve.stress = exact.predict({truth.begin(), truth.begin() + 6});
-      for (Eigen::Index row = 1; row < 400; ++row) curve.stress[row] += of_stress * normal(engine), curve.history.strain[row] += noise * normal(engine);
+      for (Eigen::Index row = 1; row < 400; ++row)
+        curve.stress[row] += of_stress * normal(engine), curve.history.strain[row] += noise * normal(engine);
       CurveSet set(voce({}), {curve});
       const std::vector<int> free = {0, 2, 3, 4};
       CurveFit result = fit(set, set.parameters(), {190e3, 0.3, 230, 470, 14, 0}, free);
@@ -184,10 +195,12 @@ TEST(Curves, NoiseOfTheStrainWeighsWhereTheCurveIsSteep) {
   EXPECT_NEAR(seen, of_strain, 0.15 * of_strain);
   EXPECT_GT(std::sqrt(without), 3.0);
   EXPECT_LT(std::sqrt(with), 1.6);
-  std::printf("E off by %.2f standard deviations, %.2f with the strain's noise, which is seen as %.2g\n", std::sqrt(without), std::sqrt(with), seen);
+  std::printf("E off by %.2f standard deviations, %.2f with the strain's noise, which is seen as %.2g\n",
+              std::sqrt(without), std::sqrt(with), seen);
 }
 
-/// Rows that are closer than the strain's noise, and a bar that is unloaded between two of them: the simulated bar would unload whenever the strain seems to, flow by the largest of many numbers, and be off all along each branch.
+/// Rows that are closer than the strain's noise, and a bar that is unloaded between two of them: the simulated bar
+/// would unload whenever the strain seems to, flow by the largest of many numbers, and be off all along each branch.
 TEST(Curves, NoiseOfTheStrainOfAnUnloadedBar) {
   constexpr Eigen::Index count = 2000;
   const auto course = [](double t) { return 1e-3 * (t < 10.013 ? t : t < 12.507 ? 20.026 - t : t - 4.988); };
@@ -196,11 +209,22 @@ TEST(Curves, NoiseOfTheStrainOfAnUnloadedBar) {
   for (unsigned seed = 0; seed < seeds; ++seed) {
     std::mt19937 engine(seed);
     std::normal_distribution<double> normal;
-    Curve curve{.name = "bar", .group = "bar", .history = {}, .stress = Eigen::VectorXd::Zero(count), .engineering = true, .deviation = 1.0, .estimated = true, .use = std::vector<char>(count, Curve::fitted)};
-    curve.history.time = Eigen::VectorXd::LinSpaced(count, 0.0, 40.0), curve.history.strain = curve.history.time.unaryExpr(course);
-    curve.history.turns = {{static_cast<Eigen::Index>(std::ceil(10.013 / 40.0 * (count - 1))), true, 10.013, course(10.013)}, {static_cast<Eigen::Index>(std::ceil(12.507 / 40.0 * (count - 1))), true, 12.507, course(12.507)}};
+    Curve curve{.name = "bar",
+                .group = "bar",
+                .history = {},
+                .stress = Eigen::VectorXd::Zero(count),
+                .engineering = true,
+                .deviation = 1.0,
+                .estimated = true,
+                .use = std::vector<char>(count, Curve::fitted)};
+    curve.history.time = Eigen::VectorXd::LinSpaced(count, 0.0, 40.0),
+    curve.history.strain = curve.history.time.unaryExpr(course);
+    curve.history.turns = {
+        {static_cast<Eigen::Index>(std::ceil(10.013 / 40.0 * (count - 1))), true, 10.013, course(10.013)},
+        {static_cast<Eigen::Index>(std::ceil(12.507 / 40.0 * (count - 1))), true, 12.507, course(12.507)}};
     curve.stress = CurveSet(voce({}), {curve}).predict({truth.begin(), truth.begin() + 6});
-    for (Eigen::Index row = 1; row < count; ++row) curve.stress[row] += normal(engine), curve.history.strain[row] += 2e-5 * normal(engine);
+    for (Eigen::Index row = 1; row < count; ++row)
+      curve.stress[row] += normal(engine), curve.history.strain[row] += 2e-5 * normal(engine);
     curve.history.turns.clear();
     const std::vector<int> free = {0, 2, 3, 4};
     const auto off = [&](const Curve& one) {
@@ -209,7 +233,11 @@ TEST(Curves, NoiseOfTheStrainOfAnUnloadedBar) {
       set.weigh(result.parameters);
       result = fit(set, set.parameters(), result.parameters, free);
       double squares = 0.0;
-      for (Eigen::Index j = 0; j < 4; ++j) squares += std::pow(result.parameters[static_cast<std::size_t>(free[static_cast<std::size_t>(j)])] - truth[static_cast<std::size_t>(free[static_cast<std::size_t>(j)])], 2) / result.covariance(j, j);
+      for (Eigen::Index j = 0; j < 4; ++j)
+        squares += std::pow(result.parameters[static_cast<std::size_t>(free[static_cast<std::size_t>(j)])] -
+                                truth[static_cast<std::size_t>(free[static_cast<std::size_t>(j)])],
+                            2) /
+                   result.covariance(j, j);
       return squares / (4.0 * seeds);
     };
     recorded += off(curve);
@@ -218,17 +246,27 @@ TEST(Curves, NoiseOfTheStrainOfAnUnloadedBar) {
   }
   EXPECT_GT(std::sqrt(recorded), 5.0);
   EXPECT_LT(std::sqrt(read), 1.6);
-  std::printf("E, S_y, S_inf and b off by %.2f standard deviations, %.2f with the strain's course and turns\n", std::sqrt(recorded), std::sqrt(read));
+  std::printf("E, S_y, S_inf and b off by %.2f standard deviations, %.2f with the strain's course and turns\n",
+              std::sqrt(recorded), std::sqrt(read));
 }
 
-/// A law without back-stress turns its corners elsewhere than the bar does: what that leaves on the steep rows is no noise of the strain.
+/// A law without back-stress turns its corners elsewhere than the bar does: what that leaves on the steep rows is no
+/// noise of the strain.
 TEST(Curves, WhatTheLawErrsByIsNoNoiseOfTheStrain) {
   std::mt19937 engine(1);
   std::normal_distribution<double> normal;
   constexpr Eigen::Index rows = 400;
-  Curve curve{.name = "cycles", .group = "cycles", .history = {}, .stress = Eigen::VectorXd::Zero(rows), .engineering = true, .deviation = 1.0, .estimated = true, .use = std::vector<char>(rows, Curve::fitted)};
+  Curve curve{.name = "cycles",
+              .group = "cycles",
+              .history = {},
+              .stress = Eigen::VectorXd::Zero(rows),
+              .engineering = true,
+              .deviation = 1.0,
+              .estimated = true,
+              .use = std::vector<char>(rows, Curve::fitted)};
   curve.history.strain.resize(rows), curve.history.time = Eigen::VectorXd::LinSpaced(rows, 0.0, rows - 1.0);
-  for (Eigen::Index i = 0; i < rows; ++i) curve.history.strain[i] = 0.01 * std::asin(std::sin(2.0 * M_PI * static_cast<double>(i) / 80.0)) / (0.5 * M_PI);
+  for (Eigen::Index i = 0; i < rows; ++i)
+    curve.history.strain[i] = 0.01 * std::asin(std::sin(2.0 * M_PI * static_cast<double>(i) / 80.0)) / (0.5 * M_PI);
   const CurveSet truly(voce({"kinematic"}), {curve});
   curve.stress = truly.predict({200e3, 0.3, 250, 300, 12, 0, 40e3, 250});
   for (double& stress : curve.stress) stress += normal(engine);

@@ -10,15 +10,17 @@ namespace test_gauss_newton {
 
 using testing::Plate;
 
-/// A yield stress so low that the specimen could not carry the force: the reaction of the DIC-driven simulation tells what it must be.
+/// A yield stress so low that the specimen could not carry the force: the reaction of the DIC-driven simulation tells
+/// what it must be.
 TEST(GaussNewton, BeginsWhereTheReactionMeetsTheForce) {
   Plate plate({0.002, 0.004, 0.01, 0.02, 0.03, 0.04});
   for (const double factor : {0.6, 1.5}) {
     ForwardModel model({}, plate.specimen, plate.law, plate.record, {.with_fields = false}, 1, 1);
     auto parameters = plate.truth;
     parameters[2] *= factor;
-    const auto result = gauss_newton({}, model, plate.images, testing::information(plate), {.free = {2}, .frames = {0, 1, 2, 3, 4, 5}},
-                                     {.eta = 1e-4, .sensitivities = Sensitivities::direct}, parameters);
+    const auto result =
+        gauss_newton({}, model, plate.images, testing::information(plate), {.free = {2}, .frames = {0, 1, 2, 3, 4, 5}},
+                     {.eta = 1e-4, .sensitivities = Sensitivities::direct}, parameters);
     EXPECT_TRUE(result.converged);
     EXPECT_TRUE(result.message.empty()) << result.message;
     EXPECT_EQ(result.iterates.front().frames, 6);
@@ -27,8 +29,8 @@ TEST(GaussNewton, BeginsWhereTheReactionMeetsTheForce) {
   }
 }
 
-/// Two stages: the second begins where the first ended, and the last step of each is not simulated. Factors are made where a frame is new or far from
-/// where it was.
+/// Two stages: the second begins where the first ended, and the last step of each is not simulated. Factors are made
+/// where a frame is new or far from where it was.
 TEST(GaussNewton, SimulatesNoMoreThanItMust) {
   Plate plate({0.002, 0.004, 0.01, 0.02, 0.03, 0.04});
   ForwardModel model({}, plate.specimen, plate.law, plate.record, {.with_fields = false}, 1, 1);
@@ -36,7 +38,8 @@ TEST(GaussNewton, SimulatesNoMoreThanItMust) {
   parameters[0] *= 0.95, parameters[2] *= 0.9;
   int iterations = 0;
   for (const Stage& stage : {Stage{.free = {0}, .frames = {0, 1}}, Stage{.free = {2}, .frames = {0, 1, 2, 3, 4, 5}}}) {
-    const auto result = gauss_newton({}, model, plate.images, testing::information(plate), stage, {.eta = 1e-4, .sensitivities = Sensitivities::direct}, parameters);
+    const auto result = gauss_newton({}, model, plate.images, testing::information(plate), stage,
+                                     {.eta = 1e-4, .sensitivities = Sensitivities::direct}, parameters);
     EXPECT_TRUE(result.converged);
     iterations += static_cast<int>(result.iterates.size()) - 1;
     // What is observed after the last step, of the first order, is what a simulation shows.
@@ -61,7 +64,8 @@ TEST(GaussNewton, SimulatesNoMoreThanItMust) {
   RecordProperty("factorisations", work.factorisations);
 }
 
-/// By one solution what the simulations of all draws give, on any split into groups; and the next series begins where it would have.
+/// By one solution what the simulations of all draws give, on any split into groups; and the next series begins where
+/// it would have.
 TEST(GaussNewton, NoiseOfTheReactionIsThatOfSimulatedDraws) {
   Plate plate({0.002, 0.004});
   std::mt19937 random(5);
@@ -73,7 +77,10 @@ TEST(GaussNewton, NoiseOfTheReactionIsThatOfSimulatedDraws) {
   for (Eigen::Index k = 0; k < draws.cols(); ++k) {
     const Eigen::MatrixXd driving = draws.col(k);
     ForwardModel alone({}, plate.specimen, plate.law, plate.record, {.with_fields = false}, 1, 1);
-    squares += std::pow(alone.simulate(Control::displacement, {{.parameters = plate.truth, .driving = &driving}}, 1).front().reaction[0], 2);
+    squares += std::pow(alone.simulate(Control::displacement, {{.parameters = plate.truth, .driving = &driving}}, 1)
+                            .front()
+                            .reaction[0],
+                        2);
   }
   EXPECT_NEAR(reaction_noise({}, model, draws, plate.truth) / std::sqrt(squares / 6.0), 1.0, 1e-4);
   for (const Solution& last : model.solutions()) EXPECT_TRUE(last.displacement.empty());

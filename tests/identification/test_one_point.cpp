@@ -12,7 +12,8 @@ namespace test_one_point {
 
 using testing::Plate;
 
-/// Number of displacements [3 * nodes, those of the mid-plane's symmetry held] without energy in K, and in K + P^T M P with M = 1.
+/// Number of displacements [3 * nodes, those of the mid-plane's symmetry held] without energy in K, and in K + P^T M P
+/// with M = 1.
 struct Modes {
   long mechanics, with_images;
 };
@@ -35,19 +36,22 @@ Modes modes_without_energy(mesh::Integration integration, int columns, int rows,
   return {zero(K), zero(K + Eigen::MatrixXd(specimen.projection.transpose() * specimen.projection))};
 }
 
-/// The images see all hourglass modes of the face, and with them all of the mesh but 3 a layer, however many elements it has: nodes of
-/// one plane behind the face that move in turn to and fro along x, y or z (of the face itself along z).
+/// The images see all hourglass modes of the face, and with them all of the mesh but 3 a layer, however many elements
+/// it has: nodes of one plane behind the face that move in turn to and fro along x, y or z (of the face itself along
+/// z).
 TEST(OnePoint, ModesThatTheImagesSee) {
   for (const auto& [columns, rows] : {std::pair{3, 4}, {4, 6}})
     for (int layers : {1, 2, 3}) {
-      const auto modes = [&](mesh::Integration integration) { return modes_without_energy(integration, columns, rows, layers); };
+      const auto modes = [&](mesh::Integration integration) {
+        return modes_without_energy(integration, columns, rows, layers);
+      };
       for (const auto integration : {mesh::Integration::full, mesh::Integration::one_point_stabilised}) {
         EXPECT_EQ(modes(integration).mechanics, 3);  // rigid
         EXPECT_EQ(modes(integration).with_images, 0);
       }
       const Modes one_point = modes(mesh::Integration::one_point);
-      std::printf("hex8r, %d x %d x %d elements: %ld modes without energy, %ld with the images\n", columns, rows, layers, one_point.mechanics,
-                  one_point.with_images);
+      std::printf("hex8r, %d x %d x %d elements: %ld modes without energy, %ld with the images\n", columns, rows,
+                  layers, one_point.mechanics, one_point.with_images);
       EXPECT_GT(one_point.mechanics, 3 * layers + 20);
       EXPECT_EQ(one_point.with_images, 3 * layers);
     }
@@ -63,8 +67,9 @@ void finds_the_truth(mesh::Integration integration, std::initializer_list<double
     ForwardModel model(world, plate.specimen, plate.law, plate.record, {.with_fields = false}, 2, 0);
     auto parameters = plate.truth;
     parameters[2] *= 0.9;
-    const auto result = gauss_newton(world, model, plate.images, testing::information(plate), {.free = {2}, .frames = {0, 1, 2, 3, 4}},
-                                     {.alpha = alpha, .eta = 1e-6, .sensitivities = sensitivities}, parameters);
+    const auto result =
+        gauss_newton(world, model, plate.images, testing::information(plate), {.free = {2}, .frames = {0, 1, 2, 3, 4}},
+                     {.alpha = alpha, .eta = 1e-6, .sensitivities = sensitivities}, parameters);
     EXPECT_TRUE(result.converged) << alpha << " " << result.message;
     EXPECT_NEAR(parameters[2] / plate.truth[2], 1.0, 1e-5) << alpha;
   }
@@ -79,7 +84,8 @@ TEST(OnePointNightly, WithoutStabilisationItFindsTheTruthWithTheImagesByPerturba
   finds_the_truth(mesh::Integration::one_point, {1e-3, 0.3, 0.9}, Sensitivities::perturbed);
 }
 TEST(OnePoint, StabilisedItIsNotDifferentiated) {
-  EXPECT_THROW(finds_the_truth(mesh::Integration::one_point_stabilised, {0.0}, Sensitivities::direct), std::invalid_argument);
+  EXPECT_THROW(finds_the_truth(mesh::Integration::one_point_stabilised, {0.0}, Sensitivities::direct),
+               std::invalid_argument);
 }
 
 }  // namespace test_one_point

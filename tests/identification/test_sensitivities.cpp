@@ -33,7 +33,9 @@ void expect_derivatives(Control control) {
   const auto distribution = model.distribute_forces({{.parameters = plate.truth}}, frames, driven).front();
   if (control == Control::images) model.follow_images(plate.images, 0.3, parameters);
   const Run run{.parameters = parameters, .forces = &distribution, .free = free_parameters};
-  const auto keep = [&](int, int t, const mechanics::FrameState& state) { plastic[static_cast<std::size_t>(t)] = state.plastic_strain; };
+  const auto keep = [&](int, int t, const mechanics::FrameState& state) {
+    plastic[static_cast<std::size_t>(t)] = state.plastic_strain;
+  };
   const Path path = model.simulate(control, {run}, frames, keep).front();
   ASSERT_EQ(path.frames, frames) << path.message;
   EXPECT_GT(plastic[4].minCoeff(), 1e-3) << name(control) << " must yield";
@@ -50,7 +52,8 @@ void expect_derivatives(Control control) {
         return ((a - b) / (2.0 * h * parameters[j]) - derivative).norm() / derivative.norm();
       };
       errors.push_back(error(both[0].surface, both[1].surface, path.d_surface[j]));
-      if (control == Control::displacement) errors.back() = std::max(errors.back(), error(both[0].reaction, both[1].reaction, path.d_reaction[j]));
+      if (control == Control::displacement)
+        errors.back() = std::max(errors.back(), error(both[0].reaction, both[1].reaction, path.d_reaction[j]));
       char line[60];
       std::snprintf(line, sizeof line, "\n  %.0e  %.2e", h, errors.back());
       table += line;
@@ -73,7 +76,8 @@ TEST(DirectSensitivities, AreDerivativesOfThePathUnderEveryControl) {
 void expect_derivatives_in_directions() {
   const Communicator world;
   Plate plate(stretch);
-  ForwardModel model(world, plate.specimen, plate.law, plate.record, {.max_iterations = 40, .tolerance = 1e-13, .derivative_tolerance = 1e-11}, 1, 1);
+  ForwardModel model(world, plate.specimen, plate.law, plate.record,
+                     {.max_iterations = 40, .tolerance = 1e-13, .derivative_tolerance = 1e-11}, 1, 1);
   std::mt19937 random(5);
   std::normal_distribution<double> noise;
   Run run{.parameters = plate.truth, .free = {2}};
@@ -88,11 +92,16 @@ void expect_derivatives_in_directions() {
   for (std::size_t k = 0; k < 2; ++k) {
     std::vector<double> errors;
     for (const double h : {1e-3, 1e-5, 1e-6, 1e-7, 1e-11}) {
-      const Eigen::MatrixXd more = plate.record.driving + h * of_surface[k], less = plate.record.driving - h * of_surface[k];
-      const auto both = model.simulate(Control::displacement, {Run{.parameters = plate.truth, .driving = &more}, Run{.parameters = plate.truth, .driving = &less}}, frames);
+      const Eigen::MatrixXd more = plate.record.driving + h * of_surface[k],
+                            less = plate.record.driving - h * of_surface[k];
+      const auto both = model.simulate(
+          Control::displacement,
+          {Run{.parameters = plate.truth, .driving = &more}, Run{.parameters = plate.truth, .driving = &less}}, frames);
       if (both[0].increments != path.increments) continue;
-      errors.push_back(std::max(((both[0].surface - both[1].surface) / (2 * h) - path.d_surface[1 + k]).norm() / path.d_surface[1 + k].norm(),
-                                ((both[0].reaction - both[1].reaction) / (2 * h) - path.d_reaction[1 + k]).norm() / path.d_reaction[1 + k].norm()));
+      errors.push_back(std::max(
+          ((both[0].surface - both[1].surface) / (2 * h) - path.d_surface[1 + k]).norm() / path.d_surface[1 + k].norm(),
+          ((both[0].reaction - both[1].reaction) / (2 * h) - path.d_reaction[1 + k]).norm() /
+              path.d_reaction[1 + k].norm()));
     }
     ASSERT_GE(errors.size(), 3U);
     const double best = *std::min_element(errors.begin(), errors.end());
@@ -111,7 +120,10 @@ TEST(DirectSensitivities, IdentifyWhatPerturbedOnesDo) {
     Functional functional;
     double alpha;
   };
-  for (const auto& [functional, alpha] : {Way{Functional::displacement_driven, 0.0}, {Functional::force_driven, 0.0}, {Functional::combined, 0.0}, {Functional::force_driven, 0.3}}) {
+  for (const auto& [functional, alpha] : {Way{Functional::displacement_driven, 0.0},
+                                          {Functional::force_driven, 0.0},
+                                          {Functional::combined, 0.0},
+                                          {Functional::force_driven, 0.3}}) {
     Plate plate(stretch);
     std::mt19937 random(3);
     std::normal_distribution<double> noise(0.0, 2e-4);
@@ -120,8 +132,14 @@ TEST(DirectSensitivities, IdentifyWhatPerturbedOnesDo) {
       ForwardModel model(world, plate.specimen, plate.law, plate.record, {.with_fields = false}, 3, 0);
       auto parameters = plate.truth;
       parameters[0] *= 1.05, parameters[2] *= 0.95;
-      const auto result = gauss_newton(world, model, plate.images, testing::information(plate), {.free = {0, 2}, .frames = {0, 1, 2, 3, 4, 5}},
-                                       {.functional = functional, .alpha = alpha, .eta = 1e-8, .force_noise = 5.0, .sensitivities = sensitivities, .perturbation = 1e-5},
+      const auto result = gauss_newton(world, model, plate.images, testing::information(plate),
+                                       {.free = {0, 2}, .frames = {0, 1, 2, 3, 4, 5}},
+                                       {.functional = functional,
+                                        .alpha = alpha,
+                                        .eta = 1e-8,
+                                        .force_noise = 5.0,
+                                        .sensitivities = sensitivities,
+                                        .perturbation = 1e-5},
                                        parameters);
       EXPECT_TRUE(result.converged) << result.message;
       return parameters;
@@ -150,9 +168,13 @@ TEST(DirectSensitivities, SpareTheSimulationOfAStraightStep) {
     ForwardModel model(world, plate.specimen, plate.law, plate.record, {.with_fields = false}, 3, 0);
     Found found{.parameters = plate.truth, .eta = {}, .frames = 0};
     found.parameters[0] *= 1.2, found.parameters[2] *= 0.85;
-    const auto result = gauss_newton(world, model, plate.images, testing::information(plate), {.free = {0, 2}, .frames = {0, 1, 2, 3, 4, 5}},
-                                     {.functional = Functional::displacement_driven, .eta = eta, .force_noise = 5.0, .sensitivities = Sensitivities::direct}, found.parameters,
-                                     [&](const Iterate& iterate) { found.eta.push_back(iterate.eta); });
+    const auto result = gauss_newton(
+        world, model, plate.images, testing::information(plate), {.free = {0, 2}, .frames = {0, 1, 2, 3, 4, 5}},
+        {.functional = Functional::displacement_driven,
+         .eta = eta,
+         .force_noise = 5.0,
+         .sensitivities = Sensitivities::direct},
+        found.parameters, [&](const Iterate& iterate) { found.eta.push_back(iterate.eta); });
     EXPECT_TRUE(result.converged) << result.message;
     found.frames = model.work().frames;
     return found;

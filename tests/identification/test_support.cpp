@@ -19,16 +19,19 @@ std::pair<Eigen::Index, int> free_and_guided(const Specimen& specimen) {
     if (component == 2) continue;
     motions.conservativeResize(motions.rows() + 1, 3);
     const auto& at = specimen.volume.nodes;
-    motions.bottomRows(1) << (component == 0 ? 1.0 : 0.0), (component == 1 ? 1.0 : 0.0), (component == 0 ? -at(node, 1) : at(node, 0));
+    motions.bottomRows(1) << (component == 0 ? 1.0 : 0.0), (component == 1 ? 1.0 : 0.0),
+        (component == 0 ? -at(node, 1) : at(node, 0));
     guided += std::binary_search(specimen.loaded.begin(), specimen.loaded.end(), node) ? 1 : 0;
   }
   EXPECT_EQ(motions.rows(), 3) << "statically determinate";
   return {3 - Eigen::FullPivLU<Eigen::MatrixXd>(motions).rank(), guided};
 }
 
-/// A specimen that is held at one end alone buckles under a quarter of the compression that one bears whose other end is guided.
+/// A specimen that is held at one end alone buckles under a quarter of the compression that one bears whose other end
+/// is guided.
 TEST(Support, GuidesTheLoadedEnd) {
-  const auto [left, guided] = free_and_guided(make_specimen(mesh::extrude(testing::strip(), 0.5, 1), "bottom", "top", 1, true));
+  const auto [left, guided] =
+      free_and_guided(make_specimen(mesh::extrude(testing::strip(), 0.5, 1), "bottom", "top", 1, true));
   EXPECT_EQ(left, 0);
   EXPECT_EQ(guided, 1);
 }

@@ -47,7 +47,8 @@ TEST(BSpline, IsExactForCubicPolynomialsInside) {
 TEST(BSpline, CurvatureIsTheOneOfAPolynomial) {
   Image image(60, 50);
   for (int y = 0; y < image.height; ++y)
-    for (int x = 0; x < image.width; ++x) image(x, y) = static_cast<float>(0.03 * x * x - 0.05 * y * y + 0.07 * x * y + 2.0 * x - y);
+    for (int x = 0; x < image.width; ++x)
+      image(x, y) = static_cast<float>(0.03 * x * x - 0.05 * y * y + 0.07 * x * y + 2.0 * x - y);
   std::vector<float> values(20 + lanes - 1);
   BSpline(image).curvature_row(20, 25, 20, 3.0F, 5.0F, 7.0F, values.data());
   for (std::size_t i = 0; i < 20; ++i) EXPECT_NEAR(values[i], 3.0 * 0.06 + 2.0 * 5.0 * 0.07 + 7.0 * -0.10, 2e-3);
@@ -72,7 +73,8 @@ TEST(BSpline, GradientIsTheDerivativeOfTheValue) {
   EXPECT_LT(errors[2], 1e-2 * std::abs(slope) + 1e-2);
 }
 
-// Pixels side by side: cells change along the row by single steps, by jumps and at every pixel, up to a pixel from the borders.
+// Pixels side by side: cells change along the row by single steps, by jumps and at every pixel, up to a pixel from the
+// borders.
 TEST(BSpline, RowsAreTheValuesOfTheirPixels) {
   const Image image = random_image(90, 41);
   const BSpline spline(image);
@@ -94,7 +96,8 @@ TEST(BSpline, RowsAreTheValuesOfTheirPixels) {
         spline.shifted_row(column, row, dx.data(), dy.data(), count, values.data());
         for (int i = 0; i < count; ++i) {
           const auto k = static_cast<std::size_t>(i);
-          ASSERT_NEAR(values[k], spline.value(column + i + static_cast<double>(dx[k]), row + static_cast<double>(dy[k])), 3e-4)
+          ASSERT_NEAR(values[k],
+                      spline.value(column + i + static_cast<double>(dx[k]), row + static_cast<double>(dy[k])), 3e-4)
               << kind << ": " << i << " of " << count << ", row " << row;
         }
       }

@@ -1,5 +1,5 @@
-// Calibration against known cameras. The points come from OpenCV's projection, the images from rays through every part of
-// every pixel: neither from the projection that the fit uses.
+// Calibration against known cameras. The points come from OpenCV's projection, the images from rays through every part
+// of every pixel: neither from the projection that the fit uses.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -48,7 +48,8 @@ std::vector<CalibratedCamera> true_cameras(std::size_t count) {
     const double angle = c == 0 ? 0.0 : c == 1 ? -0.35 : 0.3;
     camera.pose.rotation = turn(0.02 * d, angle, -0.03 * d);
     // The point 300 before the first camera stays near the middle of each.
-    camera.pose.translation = Eigen::Vector3d(2.0 * d, -d, 300.0 + 8.0 * d) - camera.pose.rotation * Eigen::Vector3d(0, 0, 300.0);
+    camera.pose.translation =
+        Eigen::Vector3d(2.0 * d, -d, 300.0 + 8.0 * d) - camera.pose.rotation * Eigen::Vector3d(0, 0, 300.0);
   }
   return cameras;
 }
@@ -62,13 +63,14 @@ std::vector<Pose> true_targets(const Target& target, std::size_t count, unsigned
   std::vector<Pose> poses(count);
   for (auto& pose : poses) {
     pose.rotation = turn(0.45 * uniform(random), 0.35 * uniform(random), 0.3 * uniform(random));
-    pose.translation =
-        Eigen::Vector3d(9.0 * uniform(random), 7.0 * uniform(random), 300.0 + 25.0 * uniform(random)) - pose.rotation * 0.5 * last;
+    pose.translation = Eigen::Vector3d(9.0 * uniform(random), 7.0 * uniform(random), 300.0 + 25.0 * uniform(random)) -
+                       pose.rotation * 0.5 * last;
   }
   return poses;
 }
 
-std::vector<cv::Point2d> by_opencv(const CalibratedCamera& camera, const Pose& target, const std::vector<Eigen::Vector3d>& points) {
+std::vector<cv::Point2d> by_opencv(const CalibratedCamera& camera, const Pose& target,
+                                   const std::vector<Eigen::Vector3d>& points) {
   const Pose seen = camera.pose * target;
   cv::Matx33d R;
   for (int i = 0; i < 3; ++i)
@@ -85,8 +87,8 @@ std::vector<cv::Point2d> by_opencv(const CalibratedCamera& camera, const Pose& t
   return pixels;
 }
 
-std::vector<CameraSightings> sightings(const std::vector<CalibratedCamera>& cameras, const std::vector<Pose>& targets, const Target& target,
-                                       double noise, unsigned seed) {
+std::vector<CameraSightings> sightings(const std::vector<CalibratedCamera>& cameras, const std::vector<Pose>& targets,
+                                       const Target& target, double noise, unsigned seed) {
   std::mt19937 random(seed);
   std::normal_distribution<double> normal(0.0, noise);
   std::vector<CameraSightings> all;
@@ -108,7 +110,9 @@ struct Errors {
   Eigen::MatrixXd covariance;
   std::vector<std::string> names;
 
-  [[nodiscard]] double chi_squared() const { return error.dot(solve_symmetric(covariance, error).col(0)) / static_cast<double>(error.size()); }
+  [[nodiscard]] double chi_squared() const {
+    return error.dot(solve_symmetric(covariance, error).col(0)) / static_cast<double>(error.size());
+  }
   [[nodiscard]] Eigen::VectorXd in_deviations() const { return error.cwiseQuotient(covariance.diagonal().cwiseSqrt()); }
 };
 
@@ -148,7 +152,8 @@ Errors errors_of(const RigCalibration& result, const std::vector<CalibratedCamer
 
 const Target board{.type = TargetType::chessboard, .rows = 7, .columns = 9, .spacing = 10.0};
 const Target grid{.type = TargetType::circles, .rows = 7, .columns = 9, .spacing = 10.0, .diameter = 6.0};
-const Target staggered{.type = TargetType::asymmetric_circles, .rows = 11, .columns = 4, .spacing = 7.0, .diameter = 6.5};
+const Target staggered{
+    .type = TargetType::asymmetric_circles, .rows = 11, .columns = 4, .spacing = 7.0, .diameter = 6.5};
 
 TEST(Target, orders_are_the_rotations_of_the_grid) {
   EXPECT_EQ(board.orders().size(), 2u);
@@ -176,8 +181,10 @@ TEST(Calibrate, exact_points_give_the_true_cameras) {
 
 TEST(Calibrate, all_twelve_terms_can_be_found) {
   auto truth = true_cameras(2);
-  for (auto& camera : truth) camera.intrinsics.distortion = {-0.2, 0.4, 0.001, -0.002, 0.0, 0.0, 0.0, 0.0, 0.004, 0.02, -0.003, 0.01};
-  const auto result = calibrate_rig(board, sightings(truth, true_targets(board, 12, 1), board, 0.0, 1), {0, 1, 2, 3, 8, 9, 10, 11});
+  for (auto& camera : truth)
+    camera.intrinsics.distortion = {-0.2, 0.4, 0.001, -0.002, 0.0, 0.0, 0.0, 0.0, 0.004, 0.02, -0.003, 0.01};
+  const auto result =
+      calibrate_rig(board, sightings(truth, true_targets(board, 12, 1), board, 0.0, 1), {0, 1, 2, 3, 8, 9, 10, 11});
   EXPECT_LT(result.rms, 1e-7);
   EXPECT_NEAR(result.cameras[1].intrinsics.distortion[8], 0.004, 1e-5);
   EXPECT_NEAR(result.cameras[0].intrinsics.distortion[11], 0.01, 1e-4);
@@ -192,7 +199,8 @@ TEST(Calibrate, covariance_is_that_of_many_draws) {
   double chi_squared = 0.0, deviation = 0.0;
   for (int draw = 0; draw < draws; ++draw) {
     auto seen = sightings(truth, targets, board, 0.05, 100 + static_cast<unsigned>(draw));
-    seen[0].pixels[2].clear(), seen[1].pixels[5].clear(), seen[2].pixels[5].clear();  // frames that not all cameras have
+    // frames that not all cameras have
+    seen[0].pixels[2].clear(), seen[1].pixels[5].clear(), seen[2].pixels[5].clear();
     const auto result = calibrate_rig(board, seen, five_terms);
     const Errors errors = errors_of(result, truth);
     if (draw == 0) squares = predicted = Eigen::VectorXd::Zero(errors.error.size());
@@ -216,17 +224,20 @@ TEST(Calibrate, agrees_with_OpenCVs_stereo_calibration) {
   std::vector<std::vector<cv::Point2f>> images[2];
   for (std::size_t f = 0; f < 10; ++f) {
     objects.emplace_back();
-    for (const auto& p : board.points()) objects.back().emplace_back(static_cast<float>(p[0]), static_cast<float>(p[1]), 0.0F);
+    for (const auto& p : board.points())
+      objects.back().emplace_back(static_cast<float>(p[0]), static_cast<float>(p[1]), 0.0F);
     for (std::size_t c = 0; c < 2; ++c) {
       images[c].emplace_back();
-      for (const auto& p : seen[c].pixels[f]) images[c].back().emplace_back(static_cast<float>(p[0]), static_cast<float>(p[1]));
+      for (const auto& p : seen[c].pixels[f])
+        images[c].back().emplace_back(static_cast<float>(p[0]), static_cast<float>(p[1]));
     }
   }
   cv::Mat K[2], D[2], R, T, E, F;
   std::vector<cv::Mat> rotations, translations;
   for (int c = 0; c < 2; ++c) cv::calibrateCamera(objects, images[c], {420, 340}, K[c], D[c], rotations, translations);
-  const double rms = cv::stereoCalibrate(objects, images[0], images[1], K[0], D[0], K[1], D[1], {420, 340}, R, T, E, F,
-                                         cv::CALIB_USE_INTRINSIC_GUESS, {cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 500, 1e-12});
+  const double rms =
+      cv::stereoCalibrate(objects, images[0], images[1], K[0], D[0], K[1], D[1], {420, 340}, R, T, E, F,
+                          cv::CALIB_USE_INTRINSIC_GUESS, {cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 500, 1e-12});
   EXPECT_NEAR(result.rms, rms, 1e-4 * rms);
   EXPECT_NEAR(result.cameras[0].intrinsics.fx, K[0].at<double>(0, 0), 0.02);
   EXPECT_NEAR(result.cameras[1].pose.translation[2], T.at<double>(2), 0.02);
@@ -249,12 +260,13 @@ TEST(Calibrate, too_little_is_said) {
   auto few = seen;
   for (std::size_t f = 2; f < 6; ++f) few[1].pixels[f].clear();
   EXPECT_THAT([&] { (void)calibrate_rig(board, few, five_terms); },
-              testing::ThrowsMessage<InputError>("camera camera b: the target was found in 2 of 6 images; allowed: at least 3"));
+              testing::ThrowsMessage<InputError>(
+                  "camera camera b: the target was found in 2 of 6 images; allowed: at least 3"));
   auto apart = seen;
   for (std::size_t f = 0; f < 3; ++f) apart[0].pixels[f].clear(), apart[1].pixels[f + 3].clear();
-  EXPECT_THAT(
-      [&] { (void)calibrate_rig(board, apart, five_terms); },
-      testing::ThrowsMessage<InputError>("camera camera b: no image of the target at the same time as camera a; allowed: at least 1"));
+  EXPECT_THAT([&] { (void)calibrate_rig(board, apart, five_terms); },
+              testing::ThrowsMessage<InputError>(
+                  "camera camera b: no image of the target at the same time as camera a; allowed: at least 1"));
   auto parallel = true_targets(board, 6, 4);
   for (auto& pose : parallel) pose.rotation.setIdentity();
   EXPECT_THAT([&] { (void)calibrate_rig(board, sightings(true_cameras(1), parallel, board, 0.05, 1), {0}); },
@@ -271,8 +283,10 @@ double grey(const Target& target, double x, double y) {
   } else {
     const int row = static_cast<int>(std::lround(y / target.spacing));
     const bool staggered_rows = target.type == TargetType::asymmetric_circles;
-    const double start = staggered_rows ? target.spacing * (row % 2) : 0.0, pitch = staggered_rows ? 2.0 * target.spacing : target.spacing;
-    const int column = static_cast<int>(std::lround((x - start) / pitch));  // the nearest of the row: circles do not reach the next row
+    const double start = staggered_rows ? target.spacing * (row % 2) : 0.0,
+                 pitch = staggered_rows ? 2.0 * target.spacing : target.spacing;
+    const int column = static_cast<int>(
+        std::lround((x - start) / pitch));  // the nearest of the row: circles do not reach the next row
     dark = row >= 0 && row < target.rows && column >= 0 && column < target.columns &&
            std::hypot(x - start - pitch * column, y - target.spacing * row) < 0.5 * target.diameter;
   }
@@ -295,14 +309,16 @@ std::vector<Eigen::Vector3d> rays_of(const CalibratedCamera& camera) {
 }
 
 /// What a camera sees, without noise: a lens that blurs by 0.5 px, the mean over each pixel.
-Image drawn(const CalibratedCamera& camera, const std::vector<Eigen::Vector3d>& rays, const Pose& target_pose, const Target& target) {
+Image drawn(const CalibratedCamera& camera, const std::vector<Eigen::Vector3d>& rays, const Pose& target_pose,
+            const Target& target) {
   const Pose pose = camera.pose * target_pose;
   const Eigen::Matrix3d back = pose.rotation.transpose();
   const Eigen::Vector3d origin = -back * pose.translation;
   cv::Mat_<float> fine(camera.height * parts, camera.width * parts);
   for (int row = 0; row < fine.rows; ++row)
     for (int column = 0; column < fine.cols; ++column) {
-      const Eigen::Vector3d ray = back * rays[static_cast<std::size_t>(row * fine.cols + column)], at = origin - origin[2] / ray[2] * ray;
+      const Eigen::Vector3d ray = back * rays[static_cast<std::size_t>(row * fine.cols + column)],
+                            at = origin - origin[2] / ray[2] * ray;
       fine(row, column) = static_cast<float>(grey(target, at[0], at[1]));
     }
   cv::GaussianBlur(fine, fine, {}, 0.5 * parts);
@@ -337,8 +353,9 @@ TEST_P(Drawn, cameras_are_recovered_within_their_deviations) {
     for (std::size_t c = 0; c < 2; ++c) {
       seen.push_back({truth[c].name, truth[c].width, truth[c].height, {}});
       for (std::size_t f = 0; f < targets.size(); ++f) {
-        seen[c].pixels.push_back(
-            find_target(target, with_noise(clean[c][f], 2.0, 1000 * draw + 10 * static_cast<unsigned>(f) + static_cast<unsigned>(c))));
+        seen[c].pixels.push_back(find_target(
+            target,
+            with_noise(clean[c][f], 2.0, 1000 * draw + 10 * static_cast<unsigned>(f) + static_cast<unsigned>(c))));
         ASSERT_EQ(seen[c].pixels[f].size(), target.points().size()) << "camera " << c << " frame " << f;
         // As they are numbered or from the other end: the points are where OpenCV projects them.
         const auto exact = by_opencv(truth[c], targets[f], target.points());
@@ -375,7 +392,9 @@ TEST_P(Drawn, cameras_are_recovered_within_their_deviations) {
 }
 
 INSTANTIATE_TEST_SUITE_P(Calibrate, Drawn, testing::Values(board, grid, staggered), [](const auto& of) {
-  return of.param.type == TargetType::chessboard ? "chessboard" : of.param.type == TargetType::circles ? "circles" : "asymmetric_circles";
+  return of.param.type == TargetType::chessboard ? "chessboard"
+         : of.param.type == TargetType::circles  ? "circles"
+                                                 : "asymmetric_circles";
 });
 
 TEST(FindTarget, nothing_is_found_where_nothing_is) {
@@ -393,14 +412,16 @@ TEST(FindTarget, sixteen_bits_and_bright_circles) {
   for (float& level : image.grey) level = 4000.0F - 15.0F * level;
   const auto bright = find_target(grid, image);
   ASSERT_EQ(bright.size(), 63u);
-  for (std::size_t k = 0; k < 63; ++k) EXPECT_LT(std::min((dark[k] - bright[k]).norm(), (dark[k] - bright[62 - k]).norm()), 1e-3);
+  for (std::size_t k = 0; k < 63; ++k)
+    EXPECT_LT(std::min((dark[k] - bright[k]).norm(), (dark[k] - bright[62 - k]).norm()), 1e-3);
 }
 
 // 20 pairs of another laboratory's chessboard.
 TEST(Measured, stereo_chessboard) {
   const char* set = std::getenv("IMIC3D_DATA");
   const fs::path folder =
-      (set != nullptr ? fs::path(set) : fs::path(IMIC3D_SOURCE_DIRECTORY) / ".." / "shared" / "data") / "stereo_chessboard";
+      (set != nullptr ? fs::path(set) : fs::path(IMIC3D_SOURCE_DIRECTORY) / ".." / "shared" / "data") /
+      "stereo_chessboard";
   if (!fs::exists(folder)) GTEST_SKIP() << "stereo_chessboard: no folder " << folder << " (set IMIC3D_DATA)";
   const Target target{.type = TargetType::chessboard, .rows = 7, .columns = 11, .spacing = 8.0};
   std::vector<CameraSightings> seen;
@@ -414,8 +435,9 @@ TEST(Measured, stereo_chessboard) {
     }
   }
   const auto result = calibrate_rig(target, seen, five_terms);
-  std::cout << "[          ] 20 pairs: reprojection error " << result.rms << " px rms (" << result.rms_of(0) << " left, "
-            << result.rms_of(1) << " right), " << result.cameras[1].pose.translation.norm() << " mm apart\n";
+  std::cout << "[          ] 20 pairs: reprojection error " << result.rms << " px rms (" << result.rms_of(0)
+            << " left, " << result.rms_of(1) << " right), " << result.cameras[1].pose.translation.norm()
+            << " mm apart\n";
   EXPECT_LT(result.rms, 0.12);
 }
 

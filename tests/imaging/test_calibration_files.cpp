@@ -36,7 +36,8 @@ class CalibrationFiles : public testing::Test {
       (void)read_calibration(write(name, text));
     } catch (const InputError& error) {
       std::string message = error.what();
-      for (auto at = message.find(folder.string() + "/"); at != std::string::npos; at = message.find(folder.string() + "/"))
+      for (auto at = message.find(folder.string() + "/"); at != std::string::npos;
+           at = message.find(folder.string() + "/"))
         message.erase(at, folder.string().size() + 1);
       return message;
     }
@@ -45,8 +46,9 @@ class CalibrationFiles : public testing::Test {
   const fs::path folder = fs::temp_directory_path() / ("imic3d_calibration_" + std::to_string(::getpid()));
 };
 
-// One rig: camera 0 at the origin, camera 1 by the angles 2, -17, 0.5 degrees and the way (120, -3, 21). In VIC-3D's and
-// DICe's file both cameras also have the frame's own pose, half a turn about x and 400 away: x_0 = Rx(180) X + (0, 0, 400).
+// One rig: camera 0 at the origin, camera 1 by the angles 2, -17, 0.5 degrees and the way (120, -3, 21). In VIC-3D's
+// and DICe's file both cameras also have the frame's own pose, half a turn about x and 400 away: x_0 = Rx(180) X + (0,
+// 0, 400).
 const char* const matchid = R"(Cam0_Fx [pixels];5000
 Cam0_Fy [pixels];5010
 Cam0_Fs [pixels];0.5
@@ -137,8 +139,8 @@ std::string dice_text() {
   std::string rows;
   for (int i = 0; i < 3; ++i) {
     char line[200];
-    std::snprintf(line, sizeof line, "<Parameter name=\"ROW %d\" type=\"string\" value=\"{ %.15g, %.15g, %.15g }\"/>\n", i,
-                  rotation()(i, 0), rotation()(i, 1), rotation()(i, 2));
+    std::snprintf(line, sizeof line, "<Parameter name=\"ROW %d\" type=\"string\" value=\"{ %.15g, %.15g, %.15g }\"/>\n",
+                  i, rotation()(i, 0), rotation()(i, 1), rotation()(i, 2));
     rows += line;
   }
   return replaced(dice, "ROWS", rows);
@@ -149,21 +151,28 @@ Eigen::Vector2d seen_by_second(const Eigen::Vector3d& point) {
   const Eigen::Vector3d p = rotation() * point + Eigen::Vector3d(120, -3, 21);
   std::vector<cv::Point2d> seen;
   cv::projectPoints(std::vector<cv::Point3d>{{p[0], p[1], p[2]}}, cv::Vec3d(0, 0, 0), cv::Vec3d(0, 0, 0),
-                    cv::Mat(cv::Matx33d(5100, 0, 600, 0, 5090, 500, 0, 0, 1)), std::vector<double>{0.3, 1, 0, 0, 0}, seen);
+                    cv::Mat(cv::Matx33d(5100, 0, 600, 0, 5090, 500, 0, 0, 1)), std::vector<double>{0.3, 1, 0, 0, 0},
+                    seen);
   return {seen[0].x - 0.25 * (seen[0].y - 500) / 5090, seen[0].y};
 }
 
 void expect_the_rig(const std::vector<CalibratedCamera>& cameras, bool tangential, double tolerance) {
   ASSERT_EQ(cameras.size(), 2u);
-  const Pose to_rig{cameras[0].pose.rotation.transpose(), -cameras[0].pose.rotation.transpose() * cameras[0].pose.translation};
+  const Pose to_rig{cameras[0].pose.rotation.transpose(),
+                    -cameras[0].pose.rotation.transpose() * cameras[0].pose.translation};
   for (const auto& point : {Eigen::Vector3d(0, 0, 390), Eigen::Vector3d(30, -20, 400), Eigen::Vector3d(-25, 22, 405)}) {
     const Eigen::Vector3d X = to_rig.rotation * point + to_rig.translation;
     EXPECT_LT((cameras[1].camera().project(X) - seen_by_second(point)).norm(), tolerance);
-    EXPECT_LT((cameras[0].camera().ray(cameras[0].camera().project(X)) - (X - cameras[0].camera().centre()).normalized()).norm(), 1e-12);
+    EXPECT_LT(
+        (cameras[0].camera().ray(cameras[0].camera().project(X)) - (X - cameras[0].camera().centre()).normalized())
+            .norm(),
+        1e-12);
   }
   const auto& lens = cameras[0].intrinsics;
-  EXPECT_THAT((std::array{lens.fx, lens.fy, lens.cx, lens.cy, lens.skew}), testing::ElementsAre(5000, 5010, 640, 512, 0.5));
-  EXPECT_THAT(lens.distortion, testing::ElementsAre(0.2, -3, tangential ? 0.001 : 0, tangential ? -0.002 : 0, 7, 0, 0, 0, 0, 0, 0, 0));
+  EXPECT_THAT((std::array{lens.fx, lens.fy, lens.cx, lens.cy, lens.skew}),
+              testing::ElementsAre(5000, 5010, 640, 512, 0.5));
+  EXPECT_THAT(lens.distortion,
+              testing::ElementsAre(0.2, -3, tangential ? 0.001 : 0, tangential ? -0.002 : 0, 7, 0, 0, 0, 0, 0, 0, 0));
 }
 
 TEST_F(CalibrationFiles, MatchID) {
@@ -202,7 +211,8 @@ TEST_F(CalibrationFiles, OpenCV_stereo_sample_in_one_file_or_two) {
   }();
   const cv::Mat M1 = (cv::Mat_<double>(3, 3) << 5000, 0.5, 640, 0, 5010, 512, 0, 0, 1),
                 M2 = (cv::Mat_<double>(3, 3) << 5100, -0.25, 600, 0, 5090, 500, 0, 0, 1);
-  const cv::Mat D1 = (cv::Mat_<double>(1, 5) << 0.2, -3, 0.001, -0.002, 7), D2 = (cv::Mat_<double>(5, 1) << 0.3, 1, 0, 0, 0);
+  const cv::Mat D1 = (cv::Mat_<double>(1, 5) << 0.2, -3, 0.001, -0.002, 7),
+                D2 = (cv::Mat_<double>(5, 1) << 0.3, 1, 0, 0, 0);
   const cv::Mat T = (cv::Mat_<double>(3, 1) << 120, -3, 21);
   for (const std::string ending : {".yml", ".xml"}) {
     {
@@ -246,8 +256,9 @@ TEST_F(CalibrationFiles, what_is_written_is_read) {
 TEST_F(CalibrationFiles, one_camera_of_OpenCV) {
   {
     cv::FileStorage one((folder / "one.yml").string(), cv::FileStorage::WRITE);
-    one << "image_width" << 640 << "image_height" << 480 << "camera_matrix" << (cv::Mat_<double>(3, 3) << 900, 0, 320, 0, 901, 240, 0, 0, 1)
-        << "distortion_coefficients" << (cv::Mat_<double>(4, 1) << 0.1, 0.2, 0.3, 0.4);
+    one << "image_width" << 640 << "image_height" << 480 << "camera_matrix"
+        << (cv::Mat_<double>(3, 3) << 900, 0, 320, 0, 901, 240, 0, 0, 1) << "distortion_coefficients"
+        << (cv::Mat_<double>(4, 1) << 0.1, 0.2, 0.3, 0.4);
   }
   const auto cameras = read_calibration(folder / "one.yml");
   ASSERT_EQ(cameras.size(), 1u);
@@ -265,9 +276,12 @@ TEST_F(CalibrationFiles, mistakes_are_named) {
   EXPECT_THAT([&] { (void)read_calibration(folder); },
               testing::ThrowsMessage<InputError>(testing::HasSubstr(": cannot be read; allowed: ")));
 
-  EXPECT_EQ(said("a.caldat", replaced(matchid, "Theta [deg];2\n", "")), "a.caldat Theta: not given; allowed: a line Theta;<number>");
-  EXPECT_EQ(said("a.caldat", replaced(matchid, ";5010", ";5010x")), "a.caldat:2 Cam0_Fy: \"5010x\"; allowed: a finite number");
-  EXPECT_EQ(said("a.caldat", replaced(matchid, ";5010", ";nan")), "a.caldat:2 Cam0_Fy: \"nan\"; allowed: a finite number");
+  EXPECT_EQ(said("a.caldat", replaced(matchid, "Theta [deg];2\n", "")),
+            "a.caldat Theta: not given; allowed: a line Theta;<number>");
+  EXPECT_EQ(said("a.caldat", replaced(matchid, ";5010", ";5010x")),
+            "a.caldat:2 Cam0_Fy: \"5010x\"; allowed: a finite number");
+  EXPECT_EQ(said("a.caldat", replaced(matchid, ";5010", ";nan")),
+            "a.caldat:2 Cam0_Fy: \"nan\"; allowed: a finite number");
   EXPECT_EQ(said("a.caldat", replaced(matchid, ";5000", ";-5000")),
             "a.caldat camera 0: focal lengths -5000 and 5010; allowed: positive numbers [px]");
   EXPECT_EQ(said("a.caldat", replaced(matchid, "Cam0_Fy [pixels];5010", "Cam0_Fx [pixels];5010")),
@@ -275,29 +289,36 @@ TEST_F(CalibrationFiles, mistakes_are_named) {
   EXPECT_EQ(said("a.caldat", replaced(matchid, "Ty [mm];", "Ty [mm] ")),
             "a.caldat:22: \"Ty [mm] -3\"; allowed: a name, a semicolon and a number");
 
-  EXPECT_EQ(said("cal.xml", replaced(vic, " 0.5 0.2 -3 7", "")), "cal.xml:4 camera: 4 numbers; allowed: cx cy fx fy skew k1 k2 k3");
+  EXPECT_EQ(said("cal.xml", replaced(vic, " 0.5 0.2 -3 7", "")),
+            "cal.xml:4 camera: 4 numbers; allowed: cx cy fx fy skew k1 k2 k3");
   EXPECT_EQ(said("cal.xml", replaced(vic, "0 0 400</", "0 400</")),
             "cal.xml:4 orientation: 5 numbers; allowed: alpha beta gamma [degrees] tx ty tz");
   EXPECT_EQ(said("cal.xml", replaced(vic, "<orientation>180 0 0 0 0 400</orientation>", "")),
             "cal.xml:4 camera: no orientation; allowed: <orientation> alpha beta gamma tx ty tz");
-  EXPECT_EQ(said("cal.xml", replaced(vic, "640 512", "640 five")), "cal.xml:4 camera: \"five\"; allowed: a finite number");
+  EXPECT_EQ(said("cal.xml", replaced(vic, "640 512", "640 five")),
+            "cal.xml:4 camera: \"five\"; allowed: a finite number");
   EXPECT_EQ(said("cal.xml", replaced(vic, "<intrinsics>600 500 5100 5090 -0.25</intrinsics>", "")),
             "cal.xml:5 camera: no numbers; allowed: cx cy fx fy skew k1 k2 k3");
   EXPECT_EQ(said("cal.xml", replaced(vic, "<polygonmask width=\"1280\" height=\"1024\"/></project>", "<polygonmask")),
             "cal.xml:9: a tag that does not end; allowed: <...>");
 
   EXPECT_EQ(said("d.xml", replaced(dice_text(), "K1R3_K2R5_K3R7", "K1R1_K2R2_K3R3")),
-            "d.xml:22 CAMERA 1 LENS_DISTORTION_MODEL: K1R1_K2R2_K3R3; allowed: OPENCV_DIS, VIC3D_DIS, K1R3_K2R5_K3R7, NONE (no other can "
+            "d.xml:22 CAMERA 1 LENS_DISTORTION_MODEL: K1R1_K2R2_K3R3; allowed: OPENCV_DIS, VIC3D_DIS, K1R3_K2R5_K3R7, "
+            "NONE (no other can "
             "be kept)");
-  EXPECT_EQ(said("d.xml", replaced(dice_text(), "name=\"FX\" type=\"double\" value=\"5000\"", "name=\"FXX\" value=\"5000\"")),
-            "d.xml CAMERA 0 FX: not given; allowed: a number");
-  EXPECT_EQ(said("d.xml", replaced(dice_text(), "name=\"K3\" type=\"double\" value=\"7\"", "name=\"T1\" value=\"0.1\"")),
-            "d.xml:11 CAMERA 0 T1: 0.1; allowed: 0 (a tilted sensor is not modelled)");
+  EXPECT_EQ(
+      said("d.xml", replaced(dice_text(), "name=\"FX\" type=\"double\" value=\"5000\"", "name=\"FXX\" value=\"5000\"")),
+      "d.xml CAMERA 0 FX: not given; allowed: a number");
+  EXPECT_EQ(
+      said("d.xml", replaced(dice_text(), "name=\"K3\" type=\"double\" value=\"7\"", "name=\"T1\" value=\"0.1\"")),
+      "d.xml:11 CAMERA 0 T1: 0.1; allowed: 0 (a tilted sensor is not modelled)");
 
   const std::string storage = "%YAML:1.0\n---\n";
-  EXPECT_EQ(said("o.yaml", storage + "a: 1\n"),
-            "o.yaml: no camera; allowed: cameras (a list), M1 D1 M2 D2 R T, or camera_matrix and distortion_coefficients");
-  EXPECT_EQ(said("o.yaml", storage + "cameras:\n   - { name: one }\n"), "o.yaml cameras[0] camera_matrix: not given; allowed: a value");
+  EXPECT_EQ(
+      said("o.yaml", storage + "a: 1\n"),
+      "o.yaml: no camera; allowed: cameras (a list), M1 D1 M2 D2 R T, or camera_matrix and distortion_coefficients");
+  EXPECT_EQ(said("o.yaml", storage + "cameras:\n   - { name: one }\n"),
+            "o.yaml cameras[0] camera_matrix: not given; allowed: a value");
   EXPECT_EQ(said("o.yaml", storage + "camera_matrix: 3\ndistortion_coefficients: 2\n"),
             "o.yaml camera_matrix: not a matrix; allowed: 3 x 3 numbers");
   EXPECT_THAT(said("o.yaml", storage + "camera_matrix: [ 3\n"), testing::StartsWith("o.yaml: "));
@@ -305,7 +326,8 @@ TEST_F(CalibrationFiles, mistakes_are_named) {
   std::ifstream stream(folder / "good.yaml");
   const std::string good((std::istreambuf_iterator<char>(stream)), {});
   EXPECT_EQ(said("o.yaml", replaced(good, "cols: 12", "cols: 11")),
-            "o.yaml cameras[0] distortion_coefficients: 1 x 11 numbers; allowed: 4, 5, 8, 12 or 14 numbers: k1 k2 p1 p2 k3 k4 ...");
+            "o.yaml cameras[0] distortion_coefficients: 1 x 11 numbers; allowed: 4, 5, 8, 12 or 14 numbers: k1 k2 p1 "
+            "p2 k3 k4 ...");
   EXPECT_THAT(said("o.yaml", good.substr(0, good.size() / 2)), testing::StartsWith("o.yaml"));
   auto mirrored = read_calibration(folder / "good.yaml");
   mirrored[1].pose.rotation.row(0) *= -1.0;
@@ -315,14 +337,16 @@ TEST_F(CalibrationFiles, mistakes_are_named) {
             "o.yaml cameras[1]: a rotation that is not orthogonal or mirrors; allowed: a rotation matrix");
 }
 
-/// Distance of matched pixels from the epipolar line in camera 1 [px], one a match (by the nearest points on both rays).
+/// Distance of matched pixels from the epipolar line in camera 1 [px], one a match (by the nearest points on both
+/// rays).
 Eigen::VectorXd epipolar_error(const std::vector<CalibratedCamera>& cameras, const std::vector<cv::Point2f>& left,
                                const std::vector<cv::Point2f>& right) {
   Eigen::VectorXd error(static_cast<Eigen::Index>(left.size()));
   const PinholeCamera a = cameras[0].camera(), b = cameras[1].camera();
   const Eigen::Vector3d base = b.centre() - a.centre();
   for (std::size_t i = 0; i < left.size(); ++i) {
-    const Eigen::Vector3d u = a.ray({left[i].x, left[i].y}), v = b.ray({right[i].x, right[i].y}), n = u.cross(v).normalized();
+    const Eigen::Vector3d u = a.ray({left[i].x, left[i].y}), v = b.ray({right[i].x, right[i].y}),
+                          n = u.cross(v).normalized();
     const double depth = v.cross(n).dot(base) / u.cross(v).norm();  // along u to the nearest point
     error[static_cast<Eigen::Index>(i)] = base.dot(n) / depth * cameras[1].intrinsics.fx;
   }
@@ -332,25 +356,27 @@ Eigen::VectorXd epipolar_error(const std::vector<CalibratedCamera>& cameras, con
 // The meaning of VIC-3D's numbers, by the images: the pair at rest matched by affine subsets.
 TEST(Measured, the_cameras_of_VIC3D_look_at_one_specimen) {
   const char* set = std::getenv("IMIC3D_DATA");
-  const fs::path folder = (set != nullptr ? fs::path(set) : fs::path(IMIC3D_SOURCE_DIRECTORY) / ".." / "shared" / "data") / "gt4_stereo";
+  const fs::path folder =
+      (set != nullptr ? fs::path(set) : fs::path(IMIC3D_SOURCE_DIRECTORY) / ".." / "shared" / "data") / "gt4_stereo";
   if (!fs::exists(folder)) GTEST_SKIP() << "gt4_stereo: no folder " << folder << " (set IMIC3D_DATA)";
   const cv::Mat first = cv::imread((folder / "GT4-0000_0.tif").string(), cv::IMREAD_GRAYSCALE),
                 second = cv::imread((folder / "GT4-0000_1.tif").string(), cv::IMREAD_GRAYSCALE);
   std::vector<cv::Point2f> grid, found, left, right;
   for (int row = 130; row < 900; row += 50)
-    for (int column = 200; column < 1700; column += 50) grid.emplace_back(static_cast<float>(column), static_cast<float>(row));
+    for (int column = 200; column < 1700; column += 50)
+      grid.emplace_back(static_cast<float>(column), static_cast<float>(row));
   std::vector<unsigned char> there;
   std::vector<float> misfit;
   cv::calcOpticalFlowPyrLK(first, second, grid, found, there, misfit, {51, 51}, 6);
   for (std::size_t i = 0; i < grid.size(); ++i) {
     if (!there[i] || cv::norm(found[i] - grid[i]) > 150.0) continue;
     constexpr int half = 20;  // an affine subset about the point
-    const cv::Mat subset =
-        first(cv::Rect(static_cast<int>(grid[i].x) - half, static_cast<int>(grid[i].y) - half, 2 * half + 1, 2 * half + 1));
+    const cv::Mat subset = first(
+        cv::Rect(static_cast<int>(grid[i].x) - half, static_cast<int>(grid[i].y) - half, 2 * half + 1, 2 * half + 1));
     cv::Matx23f map(1, 0, found[i].x - half, 0, 1, found[i].y - half);
     try {
-      if (cv::findTransformECC(subset, second, map, cv::MOTION_AFFINE, {cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 100, 1e-6},
-                               cv::noArray(), 1) < 0.97)
+      if (cv::findTransformECC(subset, second, map, cv::MOTION_AFFINE,
+                               {cv::TermCriteria::COUNT + cv::TermCriteria::EPS, 100, 1e-6}, cv::noArray(), 1) < 0.97)
         continue;
     } catch (const cv::Exception&) {
       continue;
@@ -369,8 +395,8 @@ TEST(Measured, the_cameras_of_VIC3D_look_at_one_specimen) {
     Eigen::VectorXd rest = (error.array() - median).abs();
     std::sort(rest.begin(), rest.end());
     const double rms = std::sqrt(error.head(error.size()).squaredNorm() / static_cast<double>(error.size()));
-    std::cout << "[          ] " << what << ": rms " << rms << " px, median " << median << " px, 90 % within " << rest[rest.size() * 9 / 10]
-              << " px of it (" << error.size() << " matches)\n";
+    std::cout << "[          ] " << what << ": rms " << rms << " px, median " << median << " px, 90 % within "
+              << rest[rest.size() * 9 / 10] << " px of it (" << error.size() << " matches)\n";
     return std::pair(std::abs(median), rest[rest.size() * 9 / 10]);
   };
   const auto [offset, spread] = figures("VIC-3D as it is read", cameras);
@@ -381,7 +407,8 @@ TEST(Measured, the_cameras_of_VIC3D_look_at_one_specimen) {
   figures("without distortion", other);
   other = cameras;
   for (auto& camera : other)
-    camera.pose.rotation = rotation_of_angles(180, 0, 0) * camera.pose.rotation.transpose() * rotation_of_angles(180, 0, 0);
+    camera.pose.rotation =
+        rotation_of_angles(180, 0, 0) * camera.pose.rotation.transpose() * rotation_of_angles(180, 0, 0);
   EXPECT_GT(figures("rotations the other way", other).first, 10.0 * offset);
 
   const Eigen::Vector3d a = cameras[0].camera().ray({960, 600}), b = cameras[1].camera().ray({960, 600});

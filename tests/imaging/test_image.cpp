@@ -6,8 +6,8 @@
 #include <opencv2/imgcodecs.hpp>
 #include <random>
 
-#include "imic3d/imaging/image.hpp"
 #include "imic3d/imaging/compression.hpp"
+#include "imic3d/imaging/image.hpp"
 #include "imic3d/imaging/noise.hpp"
 
 namespace imic3d::imaging {
@@ -109,14 +109,19 @@ TEST_F(ImageFiles, OfAHundredMegapixelsAreRead) {
   EXPECT_EQ(image(11999, 8999), 77.0F);
 }
 
-/// Each block of 8 x 8 px loses the upper half of its cosines, as at a strong compression; the image may be a part of a larger one.
+/// Each block of 8 x 8 px loses the upper half of its cosines, as at a strong compression; the image may be a part of a
+/// larger one.
 TEST(Compression, BlocksAreFoundWhereThereAreAny) {
   std::mt19937 generator(6);
   std::normal_distribution<float> noise(0.0F, 3.0F);
   const int width = 200, height = 160;
   Image plain(width, height), compressed(width, height);
   for (int y = 0; y < height; ++y)
-    for (int x = 0; x < width; ++x) plain(x, y) = std::round(120.0F + 40.0F * std::sin(0.9F * static_cast<float>(x) + 0.3F * static_cast<float>(y)) * std::cos(0.7F * static_cast<float>(y)) + noise(generator));
+    for (int x = 0; x < width; ++x)
+      plain(x, y) = std::round(120.0F +
+                               40.0F * std::sin(0.9F * static_cast<float>(x) + 0.3F * static_cast<float>(y)) *
+                                   std::cos(0.7F * static_cast<float>(y)) +
+                               noise(generator));
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x) {
       const int left = x / 8 * 8, top = y / 8 * 8;
@@ -124,7 +129,9 @@ TEST(Compression, BlocksAreFoundWhereThereAreAny) {
       for (int u = 0; u < 4; ++u)
         for (int v = 0; v < 4; ++v) {
           double amplitude = 0.0;
-          const auto wave = [](int frequency, int place) { return std::cos(M_PI * frequency * (place + 0.5) / 8.0) * (frequency == 0 ? std::sqrt(0.125) : 0.5); };
+          const auto wave = [](int frequency, int place) {
+            return std::cos(M_PI * frequency * (place + 0.5) / 8.0) * (frequency == 0 ? std::sqrt(0.125) : 0.5);
+          };
           for (int j = 0; j < 8; ++j)
             for (int i = 0; i < 8; ++i) amplitude += plain(left + i, top + j) * wave(u, i) * wave(v, j);
           sum += amplitude * wave(u, x - left) * wave(v, y - top);

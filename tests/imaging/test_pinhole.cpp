@@ -12,7 +12,11 @@ namespace imic3d::imaging {
 namespace test_pinhole {
 
 PinholeCamera camera() {
-  Intrinsics lens{.fx = 6600.0, .fy = 6610.0, .cx = 955.0, .cy = 645.0, .skew = 0.0,
+  Intrinsics lens{.fx = 6600.0,
+                  .fy = 6610.0,
+                  .cx = 955.0,
+                  .cy = 645.0,
+                  .skew = 0.0,
                   .distortion = {0.9, -20.0, 0.002, -0.003, 30.0, 0.1, 0.2, -0.3, 0.001, -0.02, 0.003, 0.05}};
   Pose pose;
   pose.rotation = Eigen::AngleAxisd(0.3, Eigen::Vector3d(1.0, -2.0, 0.4).normalized()).toRotationMatrix();
@@ -34,7 +38,8 @@ TEST(Pinhole, agrees_with_OpenCV) {
   std::vector<cv::Point3d> objects;
   for (const auto& point : points) objects.emplace_back(point[0], point[1], point[2]);
   std::vector<cv::Point2d> seen;
-  cv::projectPoints(objects, rotation, cv::Vec3d(t[0], t[1], t[2]), K, std::vector<double>(lens.distortion.begin(), lens.distortion.end()), seen);
+  cv::projectPoints(objects, rotation, cv::Vec3d(t[0], t[1], t[2]), K,
+                    std::vector<double>(lens.distortion.begin(), lens.distortion.end()), seen);
   for (std::size_t i = 0; i < 3; ++i) {
     const Eigen::Vector2d pixel = ours.project(points[i]);
     EXPECT_NEAR(pixel[0], seen[i].x, 1e-8);
@@ -68,10 +73,14 @@ TEST(Pinhole, jacobian_of_the_numbers_is_the_derivative) {
     Intrinsics to = lens;
     Pose pose = camera().pose();
     double* const first[] = {&to.fx, &to.fy, &to.cx, &to.cy, &to.skew};
-    if (number < 5) *first[number] += by;
-    else if (number < 17) to.distortion[static_cast<std::size_t>(number - 5)] += by;
-    else if (number < 20) pose.rotation = Eigen::AngleAxisd(by, Eigen::Vector3d::Unit(number - 17)).toRotationMatrix() * pose.rotation;
-    else pose.translation[number - 20] += by;
+    if (number < 5)
+      *first[number] += by;
+    else if (number < 17)
+      to.distortion[static_cast<std::size_t>(number - 5)] += by;
+    else if (number < 20)
+      pose.rotation = Eigen::AngleAxisd(by, Eigen::Vector3d::Unit(number - 17)).toRotationMatrix() * pose.rotation;
+    else
+      pose.translation[number - 20] += by;
     return PinholeCamera(to, pose);
   };
   for (const auto& point : points) {
@@ -79,7 +88,8 @@ TEST(Pinhole, jacobian_of_the_numbers_is_the_derivative) {
     for (int number = 0; number < 23; ++number) {
       double best = 1.0;
       for (double h : {1e2, 1e1, 1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5}) {
-        const Eigen::Vector2d numeric = (moved(number, h).project(point) - moved(number, -h).project(point)) / (2.0 * h);
+        const Eigen::Vector2d numeric =
+            (moved(number, h).project(point) - moved(number, -h).project(point)) / (2.0 * h);
         best = std::min(best, (numeric - exact.col(number)).norm() / std::max(exact.col(number).norm(), 1e-12));
       }
       EXPECT_LT(best, 1e-6) << "number " << number;
@@ -101,12 +111,12 @@ TEST(Pinhole, poses_follow_one_another) {
   const Eigen::Vector3d point(4.0, 5.0, 6.0);
   const Pose both = inner * outer;
   EXPECT_LT((both.rotation * point + both.translation -
-             (inner.rotation * (outer.rotation * point + outer.translation) + inner.translation)).norm(), 1e-12);
+             (inner.rotation * (outer.rotation * point + outer.translation) + inner.translation))
+                .norm(),
+            1e-12);
 }
 
-TEST(Pinhole, nothing_is_seen_behind_the_camera) {
-  EXPECT_FALSE(camera().project({0.0, 0.0, -1000.0}).allFinite());
-}
+TEST(Pinhole, nothing_is_seen_behind_the_camera) { EXPECT_FALSE(camera().project({0.0, 0.0, -1000.0}).allFinite()); }
 
 }  // namespace test_pinhole
 }  // namespace imic3d::imaging

@@ -96,7 +96,7 @@ TEST(Placement, PointsGiveASimilarityOrAnAffineMap) {
       EXPECT_LT(found.rms, 1e-9);
     }
     EXPECT_THROW((void)place_by_points({points.data(), 3}, !flip), InputError);  // mirrored, or not
-    points[3][2] += 4.0;  // a point that is off by four pixels
+    points[3][2] += 4.0;                                                         // a point that is off by four pixels
     EXPECT_GT(place_by_points(points, flip).rms, 0.5);
     points[1] = points[0];
     EXPECT_THROW((void)place_by_points({points.data(), 1}), InputError);
@@ -142,17 +142,21 @@ std::string message_of(const std::function<void()>& work) {
 TEST(Placement, OutlineNearAPlaceThatIsOff) {
   for (const bool bright_background : {false, true}) {
     const auto truth = camera_from_pose(0.05, {305.3, 321.7}, 3.0);
-    const Image image = picture(truth, 600, 640, true, bright_background ? 230 : 30, bright_background ? 150 : 200, 60, 2.0);
-    for (const auto& off : {camera_from_pose(0.05, {305.3, 321.7}, 3.0), camera_from_pose(0.0525, {305.3, 321.7}, 3.0), camera_from_pose(0.048, {300.0, 330.0}, 2.0)}) {
+    const Image image =
+        picture(truth, 600, 640, true, bright_background ? 230 : 30, bright_background ? 150 : 200, 60, 2.0);
+    for (const auto& off : {camera_from_pose(0.05, {305.3, 321.7}, 3.0), camera_from_pose(0.0525, {305.3, 321.7}, 3.0),
+                            camera_from_pose(0.048, {300.0, 330.0}, 2.0)}) {
       const auto found = outline_near(image, plate(24, true), off, 40.0);
       ASSERT_TRUE(found.has_value());
       EXPECT_LT(distance(found->camera, truth), 1.0);
       EXPECT_NEAR(found->pixel_size, 0.05, 1e-4);
     }
-    EXPECT_FALSE(outline_near(image, plate(24, false), truth, 40.0).has_value()) << "no hole, no ends: the mesh could slide";
+    EXPECT_FALSE(outline_near(image, plate(24, false), truth, 40.0).has_value())
+        << "no hole, no ends: the mesh could slide";
   }
   const Image nothing = picture(camera_from_pose(0.05, {305.3, 321.7}), 600, 640, false, 200, 200, 60, 2.0);
-  EXPECT_FALSE(outline_near(nothing, plate(24, true), camera_from_pose(0.05, {305.3, 321.7}), 40.0).has_value()) << "no hole in the image";
+  EXPECT_FALSE(outline_near(nothing, plate(24, true), camera_from_pose(0.05, {305.3, 321.7}), 40.0).has_value())
+      << "no hole in the image";
 }
 
 TEST(Placement, WhatCannotBePlacedIsRefused) {

@@ -51,12 +51,15 @@ struct Grid {
   }
 };
 
-/// A point of a bent element, moved in and out of the plane and seen through a distorting lens, is found again where it was.
+/// A point of a bent element, moved in and out of the plane and seen through a distorting lens, is found again where it
+/// was.
 TEST(InverseMapping, ThroughALensIsTheInverseOfTheProjection) {
   const Grid grid(6, -6.0, 12.0, 0.3);  // [mm]
-  const PinholeCamera camera({.fx = 900.0, .fy = 905.0, .cx = 250.0, .cy = 240.0, .distortion = {-0.4, 0.8, 0.003, -0.002}},
-                             {Eigen::AngleAxisd(0.4, Eigen::Vector3d(0.3, 1.0, 0.1).normalized()).toRotationMatrix() * Eigen::Vector3d(1, -1, -1).asDiagonal(),
-                              {0.5, -0.3, 40.0}});
+  const PinholeCamera camera(
+      {.fx = 900.0, .fy = 905.0, .cx = 250.0, .cy = 240.0, .distortion = {-0.4, 0.8, 0.003, -0.002}},
+      {Eigen::AngleAxisd(0.4, Eigen::Vector3d(0.3, 1.0, 0.1).normalized()).toRotationMatrix() *
+           Eigen::Vector3d(1, -1, -1).asDiagonal(),
+       {0.5, -0.3, 40.0}});
   Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor> moved(grid.nodes.rows(), 3);
   for (Eigen::Index i = 0; i < moved.rows(); ++i) {
     const double x = grid.nodes(i, 0), y = grid.nodes(i, 1);
@@ -65,7 +68,8 @@ TEST(InverseMapping, ThroughALensIsTheInverseOfTheProjection) {
   const InverseMapping mapping(camera, grid.nodes, moved, grid.quads);
   const PixelPoints corners = [&] {
     PixelPoints pixels(moved.rows(), 2);
-    for (Eigen::Index i = 0; i < moved.rows(); ++i) pixels.row(i) = camera.project(moved.row(i).transpose()).transpose();
+    for (Eigen::Index i = 0; i < moved.rows(); ++i)
+      pixels.row(i) = camera.project(moved.row(i).transpose()).transpose();
     return pixels;
   }();
   const InverseMapping flat(grid.nodes, corners, grid.quads);  // as if the elements were bilinear in the image
@@ -77,13 +81,16 @@ TEST(InverseMapping, ThroughALensIsTheInverseOfTheProjection) {
   for (int k = 0; k < 20000; ++k) {
     const Eigen::Index q = any(random);
     const double xi = parent(random), eta = parent(random);
-    const double N[4] = {0.25 * (1 - xi) * (1 - eta), 0.25 * (1 + xi) * (1 - eta), 0.25 * (1 + xi) * (1 + eta), 0.25 * (1 - xi) * (1 + eta)};
+    const double N[4] = {0.25 * (1 - xi) * (1 - eta), 0.25 * (1 + xi) * (1 - eta), 0.25 * (1 + xi) * (1 + eta),
+                         0.25 * (1 - xi) * (1 + eta)};
     Vector2d x = Vector2d::Zero();
     Eigen::Vector3d X = Eigen::Vector3d::Zero();
-    for (int i = 0; i < 4; ++i) x += N[i] * grid.nodes.row(grid.quads(q, i)).transpose(), X += N[i] * moved.row(grid.quads(q, i)).transpose();
+    for (int i = 0; i < 4; ++i)
+      x += N[i] * grid.nodes.row(grid.quads(q, i)).transpose(), X += N[i] * moved.row(grid.quads(q, i)).transpose();
     ASSERT_TRUE(mapping.locate(camera.project(X), at));
     worst = std::max(worst, (mapping.reference(at) - x).norm());
-    if (flat.locate(camera.project(X), at_flat)) worst_flat = std::max(worst_flat, (flat.reference(at_flat) - x).norm());
+    if (flat.locate(camera.project(X), at_flat))
+      worst_flat = std::max(worst_flat, (flat.reference(at_flat) - x).norm());
   }
   EXPECT_LT(worst, 1e-9);
   EXPECT_GT(worst_flat, 1e-3);  // [mm]: the lens and the tilt do matter here

@@ -113,9 +113,12 @@ TEST_F(CaseFile, TheShapeOfTheIssueIsRead) {
   EXPECT_EQ(test.output, folder.path() / "results");
 }
 
-/// What load increments err by is looked for, and all noise counts, where nothing else is said; perturbed simulations of the noise are not made unasked.
+/// What load increments err by is looked for, and all noise counts, where nothing else is said; perturbed simulations
+/// of the noise are not made unasked.
 TEST_F(CaseFile, IncrementsAndNoiseOfAnIdentification) {
-  const auto identify = [&](const std::string& more) { return read(changed(good_case, "identify:\n", "identify:\n" + more)).identify; };
+  const auto identify = [&](const std::string& more) {
+    return read(changed(good_case, "identify:\n", "identify:\n" + more)).identify;
+  };
   EXPECT_EQ(identify("").steps_per_frame, 0);
   EXPECT_EQ(identify("").increments(), 1);
   EXPECT_EQ(identify("  steps_per_frame: auto\n").steps_per_frame, 0);
@@ -151,8 +154,14 @@ output: out
 
 TEST_F(CaseFile, EffectsOfTheTestAreReadAndChecked) {
   CaseChecks checks = all_checks;
-  checks.effects = [](const std::vector<CameraCase>&) { return std::map<std::string, std::vector<std::string>>{{"force_zero", {"force_offset"}}, {"taper", {"taper_x", "taper_y"}}}; };
-  const Case test = read(good_case + "effects: {force_zero: {force_offset: 400}, taper: {taper_y: {lower: -0.1, upper: 0.2, free: true}}}\n", checks);
+  checks.effects = [](const std::vector<CameraCase>&) {
+    return std::map<std::string, std::vector<std::string>>{{"force_zero", {"force_offset"}},
+                                                           {"taper", {"taper_x", "taper_y"}}};
+  };
+  const Case test =
+      read(good_case +
+               "effects: {force_zero: {force_offset: 400}, taper: {taper_y: {lower: -0.1, upper: 0.2, free: true}}}\n",
+           checks);
   EXPECT_EQ(test.effects.at("force_zero").at("force_offset").value, 400.0);
   EXPECT_FALSE(test.effects.at("force_zero").at("force_offset").free);
   const auto& taper = test.effects.at("taper");
@@ -161,11 +170,16 @@ TEST_F(CaseFile, EffectsOfTheTestAreReadAndChecked) {
   EXPECT_TRUE(taper.at("taper_y").free);
   EXPECT_EQ(taper.at("taper_y").upper, 0.2);
   for (const auto& [effects, words] : std::map<std::string, std::string>{
-           {"force zero: {force_offset: 1}", "effects.force zero: no effect \"force zero\", near to force_zero; allowed: force_zero, taper"},
-           {"taper: {taper_z: 1}", "effects.taper.taper_z: no quantity \"taper_z\", near to taper_x; allowed: taper_x, taper_y"},
-           {"taper: {taper_x: {upper: 1}}", "effects.taper.taper_x: neither a value nor free: true; allowed: a number, or {value, lower, upper, free}"},
-           {"taper: {taper_x: {free: true, lower: 2, upper: 1}}", "effects.taper.taper_x: lower 2, upper 1; allowed: lower below upper"},
-           {"taper: {taper_x: much}", "effects.taper.taper_x: \"much\"; allowed: a number, or {value, lower, upper, free}"}})
+           {"force zero: {force_offset: 1}",
+            "effects.force zero: no effect \"force zero\", near to force_zero; allowed: force_zero, taper"},
+           {"taper: {taper_z: 1}",
+            "effects.taper.taper_z: no quantity \"taper_z\", near to taper_x; allowed: taper_x, taper_y"},
+           {"taper: {taper_x: {upper: 1}}",
+            "effects.taper.taper_x: neither a value nor free: true; allowed: a number, or {value, lower, upper, free}"},
+           {"taper: {taper_x: {free: true, lower: 2, upper: 1}}",
+            "effects.taper.taper_x: lower 2, upper 1; allowed: lower below upper"},
+           {"taper: {taper_x: much}",
+            "effects.taper.taper_x: \"much\"; allowed: a number, or {value, lower, upper, free}"}})
     EXPECT_THAT(mistakes(good_case + "effects: {" + effects + "}\n", checks), HasSubstr(words));
 }
 
@@ -178,23 +192,31 @@ TEST_F(CaseFile, PlaneStressSaysWhatItHasNoUseFor) {
   EXPECT_FALSE(read(good_case).specimen.plane_stress());
   EXPECT_THAT(read(good_case).specimen.unused, ElementsAre());
   EXPECT_EQ(mistakes(changed(plane, "plane_stress", "3d")),
-            "case.yaml:4 specimen.element: quad8 with kinematics: 3d; allowed: hex8, hex8r, hex8s, hex20; quad4, quad8 with kinematics: plane_stress");
+            "case.yaml:4 specimen.element: quad8 with kinematics: 3d; allowed: hex8, hex8r, hex8s, hex20; quad4, quad8 "
+            "with kinematics: plane_stress");
 }
 
 TEST_F(CaseFile, OnePointWithoutStabilisationNeedsTheImages) {
   const std::string one_point = changed(good_case, "element: hex8", "element: hex8r");
-  EXPECT_EQ(mistakes(one_point), "case.yaml:10 identify.alpha: not given, or 0, with specimen.element: hex8r; allowed: above 0, e.g. 1e-2, or element: hex8s");
-  EXPECT_TRUE(read(changed(one_point, "functional: force_driven", "functional: force_driven\n  alpha: 0.1")).specimen.one_point());
+  EXPECT_EQ(mistakes(one_point),
+            "case.yaml:10 identify.alpha: not given, or 0, with specimen.element: hex8r; allowed: above 0, e.g. 1e-2, "
+            "or element: hex8s");
+  EXPECT_TRUE(read(changed(one_point, "functional: force_driven", "functional: force_driven\n  alpha: 0.1"))
+                  .specimen.one_point());
   EXPECT_TRUE(read(changed(good_case, "element: hex8", "element: hex8s")).specimen.one_point());
   // Derivatives by differentiation, but where there are none or the images pull.
   EXPECT_EQ(read(good_case).identify.sensitivities, "direct");
   EXPECT_EQ(read(changed(good_case, "element: hex8", "element: hex8s")).identify.sensitivities, "perturbed");
-  EXPECT_EQ(read(changed(good_case, "functional: force_driven", "functional: force_driven\n  groups: 2")).identify.sensitivities, "perturbed");
+  EXPECT_EQ(read(changed(good_case, "functional: force_driven", "functional: force_driven\n  groups: 2"))
+                .identify.sensitivities,
+            "perturbed");
   const std::string pulled = changed(good_case, "functional: force_driven", "functional: force_driven\n  alpha: 0.1");
   EXPECT_EQ(read(pulled).identify.sensitivities, "perturbed");
-  EXPECT_EQ(read(changed(pulled, "alpha: 0.1", "alpha: 0.1\n  sensitivities: direct")).identify.sensitivities, "direct");
+  EXPECT_EQ(read(changed(pulled, "alpha: 0.1", "alpha: 0.1\n  sensitivities: direct")).identify.sensitivities,
+            "direct");
   EXPECT_EQ(mistakes(changed(good_case, "element: hex8", "element: hex8s, kinematics: plane_stress")),
-            "case.yaml:4 specimen.element: hex8s with kinematics: plane_stress; allowed: quad4, quad8; hex8r, hex8s with kinematics: 3d");
+            "case.yaml:4 specimen.element: hex8s with kinematics: plane_stress; allowed: quad4, quad8; hex8r, hex8s "
+            "with kinematics: 3d");
 }
 
 TEST_F(CaseFile, EveryMistakeIsNamedInOneGo) {
@@ -229,7 +251,8 @@ colour: red
       "case.yaml:12 material.law: \"j3\"; allowed: j2, elastic\n"
       "case.yaml:12 material.parameters.E: \"abc\"; allowed: a number, or {value, lower, upper}\n"
       "case.yaml:12 material.parameters.nu.uper: unknown key, near to upper; allowed: lower, upper, value\n"
-      "case.yaml:13 colour: unknown key; allowed: cameras, dic, effects, experiments, fields, identify, loads, loop, material, output, simulate, "
+      "case.yaml:13 colour: unknown key; allowed: cameras, dic, effects, experiments, fields, identify, loads, loop, "
+      "material, output, simulate, "
       "specimen, tests, title, units, virtual");
 }
 
@@ -240,7 +263,8 @@ TEST_F(CaseFile, PinholeCamerasAndTheSpecimensPlace) {
       "}\ncameras:\n"
       "  - {name: left, model: pinhole, calibration: cal.xml, images: \"left/*.png\"}\n"
       "  - {name: right, model: pinhole, calibration: cal.xml, images: \"left/*.png\"}\n";
-  const std::string place = ", place: {camera: right, points: [[0, 0, 1, 2], [10, 0, 20, 2], [0, 5, 1, 12]], shape: 4, refine_cameras: true}";
+  const std::string place =
+      ", place: {camera: right, points: [[0, 0, 1, 2], [10, 0, 20, 2], [0, 5, 1, 12]], shape: 4, refine_cameras: true}";
   const Case test = read(start + place + cameras);
   EXPECT_EQ(test.cameras[0].index, 0);
   EXPECT_EQ(test.cameras[1].index, 1);  // the next of the same file
@@ -252,33 +276,50 @@ TEST_F(CaseFile, PinholeCamerasAndTheSpecimensPlace) {
   EXPECT_TRUE(test.specimen.place->refine_cameras);
 
   EXPECT_THAT(mistakes(start + cameras), HasSubstr("specimen.place: not given"));
-  EXPECT_THAT(mistakes(start + ", place: {camera: rihgt, points: [[0, 0, 1, 2], [10, 0, 20, 2], [0, 5, 1, 12]]}" + cameras), HasSubstr("one of left, right"));
-  EXPECT_THAT(mistakes(start + ", place: {points: [[0, 0, 1, 2], [10, 0, 20, 2]]}" + cameras), HasSubstr("at least 3 rows"));
-  EXPECT_THAT(mistakes(start + place + "}\ncameras: [{name: right, model: pinhole, images: \"left/*.png\"}]\n"), HasSubstr("calibration: not given"));
-  EXPECT_THAT(mistakes(start + place + "}\ncameras: [{name: right, model: pinhole, calibration: none.xml, pixel_size: 0.1, images: \"left/*.png\"}]\n"),
+  EXPECT_THAT(
+      mistakes(start + ", place: {camera: rihgt, points: [[0, 0, 1, 2], [10, 0, 20, 2], [0, 5, 1, 12]]}" + cameras),
+      HasSubstr("one of left, right"));
+  EXPECT_THAT(mistakes(start + ", place: {points: [[0, 0, 1, 2], [10, 0, 20, 2]]}" + cameras),
+              HasSubstr("at least 3 rows"));
+  EXPECT_THAT(mistakes(start + place + "}\ncameras: [{name: right, model: pinhole, images: \"left/*.png\"}]\n"),
+              HasSubstr("calibration: not given"));
+  EXPECT_THAT(mistakes(start + place +
+                       "}\ncameras: [{name: right, model: pinhole, calibration: none.xml, pixel_size: 0.1, images: "
+                       "\"left/*.png\"}]\n"),
               ::testing::AllOf(HasSubstr("no such file"), HasSubstr("given for a pinhole camera")));
-  EXPECT_THAT(mistakes(start + place + "}\ncameras: [{calibration: cal.xml, pixel_size: 0.1, place: {auto: outline}, images: \"left/*.png\"}]\n"),
-              ::testing::AllOf(HasSubstr("only with model: pinhole"), HasSubstr("given without a pinhole camera")));
+  EXPECT_THAT(
+      mistakes(
+          start + place +
+          "}\ncameras: [{calibration: cal.xml, pixel_size: 0.1, place: {auto: outline}, images: \"left/*.png\"}]\n"),
+      ::testing::AllOf(HasSubstr("only with model: pinhole"), HasSubstr("given without a pinhole camera")));
 }
 
 TEST_F(CaseFile, CamerasOfBothFaces) {
   folder.write("cal.xml", "");
   const std::string start = "title: faces\nspecimen: {mesh: plate.msh}\ncameras:\n";
-  const Case test = read(start +
-                         "  - {name: mono, pixel_size: 0.1, place: {auto: outline}, images: \"left/*.png\", calibration_sd: {pixel_size: 1e-4}}\n"
-                         "  - {name: back, model: pinhole, face: back, frame: specimen, calibration: cal.xml, images: \"left/*.png\"}\n");
+  const Case test = read(
+      start +
+      "  - {name: mono, pixel_size: 0.1, place: {auto: outline}, images: \"left/*.png\", calibration_sd: {pixel_size: "
+      "1e-4}}\n"
+      "  - {name: back, model: pinhole, face: back, frame: specimen, calibration: cal.xml, images: \"left/*.png\"}\n");
   EXPECT_EQ(test.cameras[0].face, "front");
   EXPECT_EQ(test.cameras[0].calibration_sd.at("pixel_size"), 1e-4);
   EXPECT_EQ(test.cameras[1].face, "back");
   EXPECT_EQ(test.cameras[1].frame, "specimen");
-  const Case made = read(start + "  - {model: pinhole, size: [300, 200], view: {focal: 5000, from: [1, 2, -300], at: [0, 0, -4], roll: 3, distortion: [0.1]}}\n");
+  const Case made = read(start +
+                         "  - {model: pinhole, size: [300, 200], view: {focal: 5000, from: [1, 2, -300], at: [0, 0, "
+                         "-4], roll: 3, distortion: [0.1]}}\n");
   EXPECT_EQ(made.cameras[0].view->focal, 5000.0);
   EXPECT_EQ(made.cameras[0].view->from[2], -300.0);
   EXPECT_EQ(made.cameras[0].view->distortion, std::vector<double>{0.1});
   EXPECT_EQ((*made.cameras[0].size)[1], 200);
-  EXPECT_THAT(mistakes(start + "  - {face: side, pixel_size: 0.1, place: {auto: outline}, images: \"left/*.png\"}\n"), HasSubstr("allowed: front, back"));
-  EXPECT_THAT(mistakes(start + "  - {frame: specimen, pixel_size: 0.1, place: {auto: outline}, images: \"left/*.png\"}\n"), HasSubstr("only with model: pinhole"));
-  EXPECT_THAT(mistakes("title: faces\nspecimen: {mesh: plate.msh, place: {points: [[0, 0, 1, 2], [10, 0, 20, 2], [0, 5, 1, 12]]}}\ncameras:\n"
+  EXPECT_THAT(mistakes(start + "  - {face: side, pixel_size: 0.1, place: {auto: outline}, images: \"left/*.png\"}\n"),
+              HasSubstr("allowed: front, back"));
+  EXPECT_THAT(
+      mistakes(start + "  - {frame: specimen, pixel_size: 0.1, place: {auto: outline}, images: \"left/*.png\"}\n"),
+      HasSubstr("only with model: pinhole"));
+  EXPECT_THAT(mistakes("title: faces\nspecimen: {mesh: plate.msh, place: {points: [[0, 0, 1, 2], [10, 0, 20, 2], [0, "
+                       "5, 1, 12]]}}\ncameras:\n"
                        "  - {name: a, model: pinhole, calibration: cal.xml, images: \"left/*.png\"}\n"
                        "  - {name: b, model: pinhole, face: back, calibration: cal.xml, images: \"left/*.png\"}\n"),
               HasSubstr("specimen.place places one rig"));
@@ -401,10 +442,11 @@ TEST_F(CaseFile, ImagesCanBeNumberedByNameOrList) {
 
 TEST_F(CaseFile, WhatTheEquilibriumGapNeedsIsSaid) {
   const auto gap = changed(good_case, "functional: force_driven", "functional: equilibrium_gap");
-  EXPECT_EQ(mistakes(gap),
-            "case.yaml:10 identify.alpha: not given, or 0, with functional: equilibrium_gap; allowed: above 0, e.g. 1e-3\n"
-            "case.yaml:11 identify.functional: equilibrium_gap in 3D; allowed: specimen.kinematics: plane_stress\n"
-            "case.yaml:11 identify.functional: equilibrium_gap with law: j2; allowed: law: elastic");
+  EXPECT_EQ(
+      mistakes(gap),
+      "case.yaml:10 identify.alpha: not given, or 0, with functional: equilibrium_gap; allowed: above 0, e.g. 1e-3\n"
+      "case.yaml:11 identify.functional: equilibrium_gap in 3D; allowed: specimen.kinematics: plane_stress\n"
+      "case.yaml:11 identify.functional: equilibrium_gap with law: j2; allowed: law: elastic");
   EXPECT_THAT(mistakes(changed(good_case, "force_driven", "combined\n  alpha: 0.1")),
               HasSubstr("identify.alpha: 0.1 with functional: combined"));
 }

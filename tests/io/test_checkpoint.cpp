@@ -90,7 +90,8 @@ TEST(Checkpoint, ACutOrChangedFileIsRefused) {
   const std::string whole = bytes_of(path);
   ASSERT_GT(whole.size(), 1000U);
   for (const double part : {0.0, 0.001, 0.1, 0.5, 0.9, 0.999}) {
-    const auto cut = folder.write("cut.h5", whole.substr(0, static_cast<std::size_t>(part * static_cast<double>(whole.size()))));
+    const auto cut =
+        folder.write("cut.h5", whole.substr(0, static_cast<std::size_t>(part * static_cast<double>(whole.size()))));
     EXPECT_THAT(refused(cut), HasSubstr("not a whole checkpoint")) << part;
   }
   // Of bytes that are changed here and there none changes the contents unnoticed.
@@ -158,7 +159,9 @@ TEST(Checkpoint, AFullDiskLeavesTheOldOne) {
 
 TEST(Fingerprint, TellsWhatChangesTheResult) {
   const TemporaryFolder folder;
-  const std::string text = "title: a\nspecimen: {mesh: a.msh}\nmaterial: {parameters: {E: 1}}\nidentify: {eta: 1e-3, groups: 2}\noutput: b\n";
+  const std::string text =
+      "title: a\nspecimen: {mesh: a.msh}\nmaterial: {parameters: {E: 1}}\nidentify: {eta: 1e-3, groups: 2}\noutput: "
+      "b\n";
   Case test;
   test.specimen.mesh = folder.write("a.msh", "mesh");
   test.frames = {0, 1, 2};

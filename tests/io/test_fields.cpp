@@ -20,7 +20,10 @@ std::string mistakes_in(const std::string& text, const PointColumns& columns = {
 
 TEST(Fields, WhatAnotherProgramWritesBeforeTheHeaderIsPassedOver) {
   const TemporaryFolder folder;
-  const auto file = folder.write("a.txt", "*** Some program, x, y\n*** Step size: x 35 y 35\nid,Y,X,V,U,ok\n0,2,1,-0.2,0.1,1\n1,4,3,-0.4,0.3,0\n2,6,5,nan,0.5,1\n3,8,7,-8e-1,7e-1,true\n");
+  const auto file =
+      folder.write("a.txt",
+                   "*** Some program, x, y\n*** Step size: x 35 y "
+                   "35\nid,Y,X,V,U,ok\n0,2,1,-0.2,0.1,1\n1,4,3,-0.4,0.3,0\n2,6,5,nan,0.5,1\n3,8,7,-8e-1,7e-1,true\n");
   const auto table = read_points(file, {.x = "X", .y = "Y", .u = "U", .v = "V", .valid = "ok"});
   ASSERT_EQ(table.at.rows(), 2);  // one was lost, one has no displacement
   EXPECT_EQ(table.at(1, 0), 7.0);
@@ -31,11 +34,13 @@ TEST(Fields, WhatAnotherProgramWritesBeforeTheHeaderIsPassedOver) {
 
 TEST(Fields, DecimalCommasAndARowOfUnits) {
   const TemporaryFolder folder;
-  const auto table = read_points(folder.write("a.txt", "made by;hand\nx;y;u;v\n[mm];[mm];[mm];[mm]\n1,5;2;-3e-1;4,0\n"), {});
+  const auto table =
+      read_points(folder.write("a.txt", "made by;hand\nx;y;u;v\n[mm];[mm];[mm];[mm]\n1,5;2;-3e-1;4,0\n"), {});
   ASSERT_EQ(table.at.rows(), 1);
   EXPECT_EQ(table.at(0, 0), 1.5);
   EXPECT_EQ(table.displacement(0, 1), 4.0);
-  const auto curve = read_curve(folder.write("b.csv", "e\ts\n(%)\t(MPa)\n0,0\t0\n0,1\t200\n0.2\t210,5\n"), {.strain = "e", .stress = "s", .time = ""});
+  const auto curve = read_curve(folder.write("b.csv", "e\ts\n(%)\t(MPa)\n0,0\t0\n0,1\t200\n0.2\t210,5\n"),
+                                {.strain = "e", .stress = "s", .time = ""});
   ASSERT_EQ(curve.strain.size(), 3);
   EXPECT_EQ(curve.strain[1], 0.1);
   EXPECT_EQ(curve.stress[2], 210.5);

@@ -27,7 +27,8 @@ TEST(Loads, AnySeparatorCommentsAndQuotes) {
   for (const char* text : {"frame,time_s,force_N\n0,0,1.5\n1,0.5,-2e3\n",
                            "# made by hand\n\nframe;time_s;force_N\r\n0;0;1.5\r\n# gap\r\n1;+0.5;-2e3\r\n",
                            "\xEF\xBB\xBF\"force_N\"\tframe\t\"time_s\"\n1.5\t0\t0\n\"-2e3\"\t1\t0.5",
-                           "Machine 7, frame, operator\n  frame   time_s force_N\n      0      0.0     1,5 \n      1      0.5    -2e3\r\n"}) {
+                           "Machine 7, frame, operator\n  frame   time_s force_N\n      0      0.0     1,5 \n      1   "
+                           "   0.5    -2e3\r\n"}) {
     const auto records = read_loads(folder.write("loads.csv", text), {}, 2.0);
     ASSERT_EQ(records.size(), 2U) << text;
     EXPECT_EQ(records[1].frame, 1);
@@ -38,10 +39,14 @@ TEST(Loads, AnySeparatorCommentsAndQuotes) {
   }
 }
 
-/// As a testing machine set to German writes it; a comma that parts fields is no decimal sign, not even in quotes, and 1.234,5 is no number.
+/// As a testing machine set to German writes it; a comma that parts fields is no decimal sign, not even in quotes,
+/// and 1.234,5 is no number.
 TEST(Loads, DecimalCommasAndARowOfUnits) {
   const TemporaryFolder folder;
-  for (const char* text : {"\xEF\xBB\xBF" "frame;time_s;force_N\r\n;[s];[N]\r\n0;0,0;1,5\r\n1;0,5;-2,5E3\r\n", "\"frame\"\t\"time_s\"\t\"force_N\"\n\"\"\t\"(s)\"\t\"(N)\"\n\"0\"\t\"0\"\t\"1,5\"\n\"1\"\t\"0.5\"\t\"-2500\"\n"}) {
+  for (const char* text : {"\xEF\xBB\xBF"
+                           "frame;time_s;force_N\r\n;[s];[N]\r\n0;0,0;1,5\r\n1;0,5;-2,5E3\r\n",
+                           "\"frame\"\t\"time_s\"\t\"force_N\"\n\"\"\t\"(s)\"\t\"(N)\"\n\"0\"\t\"0\"\t\"1,"
+                           "5\"\n\"1\"\t\"0.5\"\t\"-2500\"\n"}) {
     const auto records = read_loads(folder.write("loads.csv", text));
     ASSERT_EQ(records.size(), 2U) << text;
     EXPECT_EQ(records[0].force, 1.5);
@@ -49,10 +54,15 @@ TEST(Loads, DecimalCommasAndARowOfUnits) {
     EXPECT_EQ(records[1].force, -2500.0);
   }
   EXPECT_EQ(read_loads(folder.write("loads.csv", "frame;time_s;force_N\nBild;s;N\n0;0,0;1,5\n"))[0].force, 1.5);
-  for (const char* no_units : {"first;soon;none", "1;s;N"}) EXPECT_NE(mistakes_in(fmt::format("frame;time_s;force_N\n{}\n1;0;1\n", no_units)), "") << no_units;
-  EXPECT_EQ(mistakes_in("frame,time_s,force_N\n0,0,\"1,5\"\n"), "loads.csv:2 column \"force_N\": 1,5; allowed: a finite number");
-  EXPECT_EQ(mistakes_in("frame;time_s;force_N\n0;0;1.234,5\n"), "loads.csv:2 column \"force_N\": 1.234,5; allowed: a finite number");
-  EXPECT_EQ(mistakes_in("frame;time_s;force_N\n0;0;1\n;[s];[N]\n"), "loads.csv:3 column \"frame\": nothing; allowed: a frame number (an integer from 0)\nloads.csv:3 column \"time_s\": [s]; allowed: a finite number\nloads.csv:3 column \"force_N\": [N]; allowed: a finite number");
+  for (const char* no_units : {"first;soon;none", "1;s;N"})
+    EXPECT_NE(mistakes_in(fmt::format("frame;time_s;force_N\n{}\n1;0;1\n", no_units)), "") << no_units;
+  EXPECT_EQ(mistakes_in("frame,time_s,force_N\n0,0,\"1,5\"\n"),
+            "loads.csv:2 column \"force_N\": 1,5; allowed: a finite number");
+  EXPECT_EQ(mistakes_in("frame;time_s;force_N\n0;0;1.234,5\n"),
+            "loads.csv:2 column \"force_N\": 1.234,5; allowed: a finite number");
+  EXPECT_EQ(mistakes_in("frame;time_s;force_N\n0;0;1\n;[s];[N]\n"),
+            "loads.csv:3 column \"frame\": nothing; allowed: a frame number (an integer from 0)\nloads.csv:3 column "
+            "\"time_s\": [s]; allowed: a finite number\nloads.csv:3 column \"force_N\": [N]; allowed: a finite number");
 }
 
 TEST(Loads, FilesOfImagesMayBeNamedAndMayBeAbsent) {
@@ -80,9 +90,16 @@ TEST(Loads, MistakesAreNamedWithLineAndColumn) {
             "loads.csv:4: a quote that is not closed\n"
             "loads.csv:2 column \"frame\": 0.5; allowed: a frame number (an integer from 0)\n"
             "loads.csv:3 column \"force_N\": nothing; allowed: a finite number");
-  EXPECT_EQ(mistakes_in("frame,time_s,force_N\n0,0,1,5\n"), "loads.csv:2: 4 fields; allowed: 3 as in the header (where a comma parts fields, the decimal sign is the point)");
-  EXPECT_EQ(mistakes_in(std::string("\xFF\xFE" "f\0r\0", 6)), "loads.csv: text in UTF-16; allowed: UTF-8");
-  EXPECT_EQ(mistakes_in("0,0,1\n1,0,2\n"), "loads.csv: no row with the columns \"time_s\", \"frame\", \"force_N\"; allowed: columns of \"0\", \"0\", \"1\"");
+  EXPECT_EQ(
+      mistakes_in("frame,time_s,force_N\n0,0,1,5\n"),
+      "loads.csv:2: 4 fields; allowed: 3 as in the header (where a comma parts fields, the decimal sign is the point)");
+  EXPECT_EQ(mistakes_in(std::string("\xFF\xFE"
+                                    "f\0r\0",
+                                    6)),
+            "loads.csv: text in UTF-16; allowed: UTF-8");
+  EXPECT_EQ(
+      mistakes_in("0,0,1\n1,0,2\n"),
+      "loads.csv: no row with the columns \"time_s\", \"frame\", \"force_N\"; allowed: columns of \"0\", \"0\", \"1\"");
   EXPECT_EQ(mistakes_in(""), "loads.csv: an empty file; allowed: a load record (.csv) with a header row");
   EXPECT_EQ(mistakes_in("frame,time_s,force_N\n"), "loads.csv: no rows; allowed: one row for each frame");
   EXPECT_EQ(mistakes_in("frame,time_s,force_N,force_N\n"),
@@ -119,10 +136,15 @@ TEST(Loads, TheLagOfTheRecorderIsUndone) {
 /// A parabola in uneven rows, two of which share a time; frames before and after it were taken without a record.
 TEST(Loads, FramesByTheirTimesAreLinearBetweenTheRows) {
   const TemporaryFolder folder;
-  const auto record = read_loads(folder.write("machine.txt", "Test 12\nt;F\n[s];[kN]\n1,0;1,0\n1,5;2,25\n3,0;9,0\n3,0;8,0\n4,0;16,0\n"), {.image = "", .time = "t", .force = "F"}, 1000.0);
+  const auto record =
+      read_loads(folder.write("machine.txt", "Test 12\nt;F\n[s];[kN]\n1,0;1,0\n1,5;2,25\n3,0;9,0\n3,0;8,0\n4,0;16,0\n"),
+                 {.image = "", .time = "t", .force = "F"}, 1000.0);
   ASSERT_EQ(record.size(), 5U);
   EXPECT_EQ(record[4].frame, 4);
-  const auto taken = read_loads(folder.write("camera.csv", "frame,time_s,image_file\n3,0.9,a.png\n5,1,b.png\n6,2,c.png\n7,3,d.png\n9,3.5,e.png\n10,4,f.png\n11,4.001,g.png\n"), {.force = ""});
+  const auto taken = read_loads(folder.write("camera.csv",
+                                             "frame,time_s,image_file\n3,0.9,a.png\n5,1,b.png\n6,2,c.png\n7,3,d.png\n9,"
+                                             "3.5,e.png\n10,4,f.png\n11,4.001,g.png\n"),
+                                {.force = ""});
   const auto frames = at_frames(record, taken);
   ASSERT_EQ(frames.size(), 5U);
   const double expected[] = {1000.0, 4500.0, 8000.0, 12000.0, 16000.0};

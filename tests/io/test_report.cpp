@@ -33,13 +33,21 @@ TEST(SvgPlot, NaNBreaksTheLine) {
 }
 
 TEST(SvgPlot, BandsAndShadesLieBehindTheCurves) {
-  const auto text = svg({.title = "", .x_label = "", .y_label = "", .curves = {{"c", {0, 1, 2}, {0, 1, 0}}}, .bands = {{"b", {0, 1, 2}, {-4, -4, -4}, {4, std::nan(""), 4}}}, .shaded = {{0.5, 1.5}}});
-  const auto shade = text.find("class=\"shaded\""), band = text.find("class=\"band\""), curve = text.find("fill=\"none\"");
+  const auto text = svg({.title = "",
+                         .x_label = "",
+                         .y_label = "",
+                         .curves = {{"c", {0, 1, 2}, {0, 1, 0}}},
+                         .bands = {{"b", {0, 1, 2}, {-4, -4, -4}, {4, std::nan(""), 4}}},
+                         .shaded = {{0.5, 1.5}}});
+  const auto shade = text.find("class=\"shaded\""), band = text.find("class=\"band\""),
+             curve = text.find("fill=\"none\"");
   EXPECT_LT(shade, band);
   EXPECT_LT(band, curve);
   EXPECT_THAT(text, Not(HasSubstr("nan")));
   EXPECT_THAT(text, HasSubstr(">-4</text>"));  // the axis holds the band
-  EXPECT_EQ(std::count(text.begin() + static_cast<std::ptrdiff_t>(band), text.begin() + static_cast<std::ptrdiff_t>(text.find("Z", band)), 'L'), 3);  // two corners above, two below
+  EXPECT_EQ(std::count(text.begin() + static_cast<std::ptrdiff_t>(band),
+                       text.begin() + static_cast<std::ptrdiff_t>(text.find("Z", band)), 'L'),
+            3);  // two corners above, two below
   EXPECT_THAT(text, HasSubstr(">b</text>"));
 }
 

@@ -100,7 +100,8 @@ TEST(ResultsFile, AKilledRunLeavesEveryFinishedFrame) {
   constexpr std::size_t frames = 2000, nodes = 1000;
   std::mt19937 random(1);
   std::size_t most = 0;
-  for (int trial = 0; trial < 20 || (most <= 10 && trial < 40); ++trial) {  // on a busy machine children write little in the first 20
+  for (int trial = 0; trial < 20 || (most <= 10 && trial < 40);
+       ++trial) {  // on a busy machine children write little in the first 20
     const auto path = folder.path() / "results.h5";
     {
       auto file = ResultsFile::create(path);

@@ -16,25 +16,38 @@
 
 namespace imic3d::loop {
 
-/// Curves with a kink: u_k(t) = p0 phi_k(t) + p1^2 psi_k(t), F(t) = 30 p0 tanh(4 t) + 20 p1 t. All noise is white, but for what an
-/// input noise common to a frame adds to its numbers.
+/// Curves with a kink: u_k(t) = p0 phi_k(t) + p1^2 psi_k(t), F(t) = 30 p0 tanh(4 t) + 20 p1 t. All noise is white, but
+/// for what an input noise common to a frame adds to its numbers.
 class Curves final : public Experiment {
  public:
   static constexpr int frames = 40, numbers = 5;
   enum Effect { drift, kink, twin, twin_again, gain, curved, offset };
 
-  explicit Curves(unsigned seed, std::vector<std::pair<int, double>> truth = {}, double unknown = 0.0, unsigned of_null = 5000U, double rest_of_gain = 0.0, double like_drift = 0.0)
+  explicit Curves(unsigned seed, std::vector<std::pair<int, double>> truth = {}, double unknown = 0.0,
+                  unsigned of_null = 5000U, double rest_of_gain = 0.0, double like_drift = 0.0)
       : of_null_(of_null), rest_of_gain_(rest_of_gain), like_drift_(like_drift) {
     const auto add = [&](const char* name, double value, double lower, double upper, std::optional<double> null) {
-      parameters_.push_back({.info = {.name = name, .unit = "-", .description = "", .lower = lower, .upper = upper, .null_value = null}, .value = value, .step = 1e-4, .prior = 0.0, .free = !null});
+      parameters_.push_back(
+          {.info = {.name = name, .unit = "-", .description = "", .lower = lower, .upper = upper, .null_value = null},
+           .value = value,
+           .step = 1e-4,
+           .prior = 0.0,
+           .free = !null});
     };
     add("p0", 10.0, 1e-3, 1e3, {});
     add("p1", 3.0, 1e-3, 1e3, {});
     const char* names[] = {"drift", "kink", "twin", "twin again", "gain", "curved", "offset"};
-    const Link links[] = {Link::camera, Link::material, Link::geometry, Link::material, Link::record, Link::camera, Link::record};
+    const Link links[] = {Link::camera, Link::material, Link::geometry, Link::material,
+                          Link::record, Link::camera,   Link::record};
     for (int k = 0; k < 7; ++k) {
       add(names[k], 0.0, -100.0, 100.0, 0.0);
-      candidates_.push_back({.name = names[k], .link = links[k], .parameters = {2 + k}, .sentence = names[k], .confused_with = "", .separated_by = k == twin ? "a ruler; another test" : "another test", .after = {}});
+      candidates_.push_back({.name = names[k],
+                             .link = links[k],
+                             .parameters = {2 + k},
+                             .sentence = names[k],
+                             .confused_with = "",
+                             .separated_by = k == twin ? "a ruler; another test" : "another test",
+                             .after = {}});
     }
     for (int t = 0; t < frames; ++t) {
       for (int k = 0; k < numbers; ++k) data_.push_back({t, 0});
@@ -62,10 +75,27 @@ class Curves final : public Experiment {
   /// One more candidate, which acts about a moment that is unknown; it is there with this size at this moment.
   Curves& somewhere(double size, double moment, bool told_where = true) {
     const auto add = [&](const char* name, double value, double lower, double upper, double step, bool shape) {
-      parameters_.push_back({.info = {.name = name, .unit = "-", .description = "", .lower = lower, .upper = upper, .null_value = value, .shape = shape, .scale = value}, .value = value, .step = step, .prior = 0.0, .free = false});
+      parameters_.push_back({.info = {.name = name,
+                                      .unit = "-",
+                                      .description = "",
+                                      .lower = lower,
+                                      .upper = upper,
+                                      .null_value = value,
+                                      .shape = shape,
+                                      .scale = value},
+                             .value = value,
+                             .step = step,
+                             .prior = 0.0,
+                             .free = false});
     };
     add("pulse", 0.0, -100.0, 100.0, 1e-4, false), add("moment", 0.5, 0.0, 1.0, 1e-3, true);
-    candidates_.push_back({.name = "pulse", .link = Link::material, .parameters = {9, 10}, .sentence = "pulse", .confused_with = "", .separated_by = "another test", .after = {}});
+    candidates_.push_back({.name = "pulse",
+                           .link = Link::material,
+                           .parameters = {9, 10},
+                           .sentence = "pulse",
+                           .confused_with = "",
+                           .separated_by = "another test",
+                           .after = {}});
     if (told_where) candidates_.back().elsewhere = {{0.05}, {0.2}, {0.35}, {0.65}, {0.8}, {0.95}};
     std::vector<double> with, without;
     for (const auto& p : parameters_) without.push_back(p.value);
@@ -77,16 +107,32 @@ class Curves final : public Experiment {
   /// An effect has a second size, which frames that are fitted hardly show.
   Curves& with_untold(int effect) {
     candidates_[static_cast<std::size_t>(effect)].parameters.push_back(static_cast<int>(parameters_.size()));
-    parameters_.push_back({.info = {.name = "untold", .unit = "-", .description = "", .lower = -1e6, .upper = 1e6, .null_value = 0.0}, .value = 0.0, .step = 1e-1, .prior = 0.0, .free = false});
+    parameters_.push_back(
+        {.info = {.name = "untold", .unit = "-", .description = "", .lower = -1e6, .upper = 1e6, .null_value = 0.0},
+         .value = 0.0,
+         .step = 1e-1,
+         .prior = 0.0,
+         .free = false});
     untold_ = static_cast<int>(parameters_.size()) - 1;
     return *this;
   }
 
   /// One more candidate, whose mark is what the noise of this seed makes of it in some of the frames.
   Curves& with_mark_of_noise(unsigned seed) {
-    candidates_.push_back({.name = "answer", .link = Link::material, .parameters = {static_cast<int>(parameters_.size())}, .sentence = "answer", .confused_with = "", .separated_by = "another test", .after = {}});
+    candidates_.push_back({.name = "answer",
+                           .link = Link::material,
+                           .parameters = {static_cast<int>(parameters_.size())},
+                           .sentence = "answer",
+                           .confused_with = "",
+                           .separated_by = "another test",
+                           .after = {}});
     answer_ = parameters_.size();
-    parameters_.push_back({.info = {.name = "answer", .unit = "-", .description = "", .lower = -100.0, .upper = 100.0, .null_value = 0.0}, .value = 0.0, .step = 1e-4, .prior = 0.0, .free = false});
+    parameters_.push_back(
+        {.info = {.name = "answer", .unit = "-", .description = "", .lower = -100.0, .upper = 100.0, .null_value = 0.0},
+         .value = 0.0,
+         .step = 1e-4,
+         .prior = 0.0,
+         .free = false});
     mark_of_noise_ = draw(seed), disturbance_ = draw(seed + 77U);
     mark_of_noise_.tail(mark_of_noise_.size() - 50).setZero(), disturbance_.tail(mark_of_noise_.size() - 50).setZero();
     return *this;
@@ -98,14 +144,18 @@ class Curves final : public Experiment {
     return *this;
   }
 
-  /// One more candidate, of size 1 in frame 25 as it is measured, and with a mark of the share `elsewhere` in all others that are fitted, where it is measured if `everywhere`; there it has all numbers `alike`, or any sign.
+  /// One more candidate, of size 1 in frame 25 as it is measured, and with a mark of the share `elsewhere` in all
+  /// others that are fitted, where it is measured if `everywhere`; there it has all numbers `alike`, or any sign.
   Curves& with_burst(double elsewhere, bool everywhere, bool alike = false) {
     with_mark_of_noise(1);
     candidates_.back().name = candidates_.back().sentence = "burst";
     const std::vector<int> held = held_out_blocks(frames);
     for (int i = 0; i < mark_of_noise_.size(); ++i) {
       const int t = i / (numbers + 1);
-      mark_of_noise_[i] = 10.0 * (alike && t != 25 ? 1.0 : std::sin(7.0 * i + 0.3 * i * i)) * (t == 25 ? 1.0 : std::count(held.begin(), held.end(), t) > 0 ? 0.0 : elsewhere);
+      mark_of_noise_[i] = 10.0 * (alike && t != 25 ? 1.0 : std::sin(7.0 * i + 0.3 * i * i)) *
+                          (t == 25                                       ? 1.0
+                           : std::count(held.begin(), held.end(), t) > 0 ? 0.0
+                                                                         : elsewhere);
       if (everywhere || t == 25) measured_[i] += mark_of_noise_[i];
     }
     disturbance_.setZero();
@@ -154,31 +204,37 @@ class Curves final : public Experiment {
     put_back(std::make_shared<Size>(values));
   }
   std::shared_ptr<const Learned> learned() const override { return bias_of_kink > 0.0 ? learned_ : nullptr; }
-  void put_back(const std::shared_ptr<const Learned>& learned) override { learned_ = std::dynamic_pointer_cast<const Size>(learned); }
+  void put_back(const std::shared_ptr<const Learned>& learned) override {
+    learned_ = std::dynamic_pointer_cast<const Size>(learned);
+  }
   Doubt doubt() const override {
-    const Eigen::VectorXd quarter = Eigen::VectorXd::Constant(measured_.size(), 0.25 * bias_of_kink * (learned_ ? std::abs(learned_->kink) : 0.0));
+    const Eigen::VectorXd quarter =
+        Eigen::VectorXd::Constant(measured_.size(), 0.25 * bias_of_kink * (learned_ ? std::abs(learned_->kink) : 0.0));
     return {(quarter.array() + doubted_each).matrix(), Eigen::VectorXd((quarter.array() + doubted_whole).matrix())};
   }
   double doubted_each = 0.0, doubted_whole = 0.0;  // more of it, whatever there is
-  bool costly = false;        // derivatives by the effects take series of their own
-  std::vector<double> learned_at;  // of which model the bias was learned last
-  double bias_of_kink = 0.0;  // what the mesh errs by where there is one
-  double unlike_twins = 0.2;  // the rest of gain
-  bool follows = true;        // what its model is asked for
-  bool learns = true;         // what its synthetic test is
+  bool costly = false;                             // derivatives by the effects take series of their own
+  std::vector<double> learned_at;                  // of which model the bias was learned last
+  double bias_of_kink = 0.0;                       // what the mesh errs by where there is one
+  double unlike_twins = 0.2;                       // the rest of gain
+  bool follows = true;                             // what its model is asked for
+  bool learns = true;                              // what its synthetic test is
   bool records_offset = true;
   bool knows_disturbance = true;  // the noise of what drives it
-  std::function<bool(const std::vector<double>&)> within = [](const auto&) { return true; };  // sets that its model can follow
+  // sets that its model can follow
+  std::function<bool(const std::vector<double>&)> within = [](const auto&) { return true; };
   int series = 0;
 
   std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) override {
     if (!follows) throw ConvergenceError("the model cannot follow");
     series += static_cast<int>(sets.size());
     std::vector<Eigen::VectorXd> all;
-    for (const auto& set : sets) all.emplace_back(within(set) ? Eigen::VectorXd(measured_ - predict(set)) : Eigen::VectorXd());
+    for (const auto& set : sets)
+      all.emplace_back(within(set) ? Eigen::VectorXd(measured_ - predict(set)) : Eigen::VectorXd());
     return all;
   }
-  std::vector<Eigen::VectorXd> residuals_disturbed(const std::vector<double>& values, std::vector<std::vector<double>> sets, double times) override {
+  std::vector<Eigen::VectorXd> residuals_disturbed(const std::vector<double>& values,
+                                                   std::vector<std::vector<double>> sets, double times) override {
     if (!knows_disturbance) return {};
     const Eigen::VectorXd undisturbed = mark_of_noise_;
     mark_of_noise_ += times * disturbance_;
@@ -208,18 +264,20 @@ class Curves final : public Experiment {
         const double phi = std::cos(k * s), psi = s * s * std::sin(k + 2.0 * s);
         double u = v[0] * phi + v[1] * v[1] * psi;
         if (drift_when_held_out_ || !held_out) u += v[2] * s * (k - 2.0);  // drift
-        u += v[3] * std::max(0.0, s - 0.6) * (k == 1 ? 3.0 : -1.0);      // kink
+        u += v[3] * std::max(0.0, s - 0.6) * (k == 1 ? 3.0 : -1.0);        // kink
         const double mark = s * (1.0 - s) * std::cos(2.0 * k);
-        u += (v[4] + v[5]) * mark + 1e-9 * v[5];                          // two that leave the same mark
-        u += v[6] * phi;                                                  // gain: like p0, but for
-        u += rest_of_gain_ * v[6] * (mark + unlike_twins * s * std::sin(5.0 * k));  // a rest that is nearly that of the twins
+        u += (v[4] + v[5]) * mark + 1e-9 * v[5];  // two that leave the same mark
+        u += v[6] * phi;                          // gain: like p0, but for
+        // a rest that is nearly that of the twins
+        u += rest_of_gain_ * v[6] * (mark + unlike_twins * s * std::sin(5.0 * k));
         u += (1.0 - std::exp(-0.5 * v[7] * s)) * (k % 2 == 0 ? 2.0 : -2.0) * s;  // not linear in its size
-        u += like_drift_ * v[7] * v[7] * s * (k - 2.0);                    // where it is large
+        u += like_drift_ * v[7] * v[7] * s * (k - 2.0);                          // where it is large
         if (untold_ >= 0) u += v[static_cast<std::size_t>(untold_)] * (held_out ? 1.0 : 1e-3) * std::cos(3.0 * k);
         if (v.size() > 10) u += v[9] * std::exp(-std::pow((s - v[10]) / 0.06, 2)) * (k == 2 ? 1.0 : -0.5);
         y[t * (numbers + 1) + k] = u;
       }
-      y[t * (numbers + 1) + numbers] = 30.0 * v[0] * std::tanh(4.0 * s) + 20.0 * v[1] * s + 30.0 * v[6] * std::tanh(4.0 * s) + (records_offset ? v[8] : 0.0);
+      y[t * (numbers + 1) + numbers] = 30.0 * v[0] * std::tanh(4.0 * s) + 20.0 * v[1] * s +
+                                       30.0 * v[6] * std::tanh(4.0 * s) + (records_offset ? v[8] : 0.0);
     }
     if (answer_ > 0) y += v[answer_] * mark_of_noise_;
     return y;

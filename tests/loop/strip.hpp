@@ -41,7 +41,8 @@ inline int place_of(const FieldExperiment& experiment, const std::string& name) 
 }
 
 inline bool is_candidate(const FieldExperiment& experiment, const std::string& name) {
-  return std::any_of(experiment.candidates().begin(), experiment.candidates().end(), [&](const auto& one) { return one.name == name; });
+  return std::any_of(experiment.candidates().begin(), experiment.candidates().end(),
+                     [&](const auto& one) { return one.name == name; });
 }
 
 inline std::vector<double> declared(const FieldExperiment& experiment) {

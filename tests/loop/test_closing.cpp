@@ -1,4 +1,5 @@
-// The loop on a small experiment whose truth is known: five numbers a frame and a force, two parameters, seven candidates.
+// The loop on a small experiment whose truth is known: five numbers a frame and a force, two parameters, seven
+// candidates.
 
 #include <gtest/gtest.h>
 
@@ -27,7 +28,9 @@ double distance_from_uniform(Eigen::VectorXd p) {
   std::sort(p.begin(), p.end());
   double distance = 0.0;
   const double n = static_cast<double>(p.size());
-  for (Eigen::Index i = 0; i < p.size(); ++i) distance = std::max({distance, std::abs(p[i] - (static_cast<double>(i) + 1.0) / n), std::abs(p[i] - static_cast<double>(i) / n)});
+  for (Eigen::Index i = 0; i < p.size(); ++i)
+    distance = std::max(
+        {distance, std::abs(p[i] - (static_cast<double>(i) + 1.0) / n), std::abs(p[i] - static_cast<double>(i) / n)});
   return distance;
 }
 
@@ -61,7 +64,8 @@ TEST(Closing, AllCandidatesMayBeLeftOut) {
   EXPECT_GT(report.declared.scores.omnibus, report.declared.scores.omnibus_threshold);
 }
 
-/// Noise whose size was estimated with few degrees of freedom: each test's own size is off, and the largest of twenty scores has Student's tails.
+/// Noise whose size was estimated with few degrees of freedom: each test's own size is off, and the largest of twenty
+/// scores has Student's tails.
 TEST(Scores, FewDegreesOfFreedomRaiseNoMoreAlarms) {
   constexpr int N = 40, tests = 100;
   constexpr double freedom = 5.0;
@@ -82,7 +86,10 @@ TEST(Scores, FewDegreesOfFreedomRaiseNoMoreAlarms) {
     problem.null = std::sqrt(freedom / (freedom - 2.0)) * drawn(100);
     const auto alarm = [&] {
       const Scores scores = score(problem);
-      return std::any_of(scores.candidates.begin(), scores.candidates.end(), [&](const Score& one) { return one.z > scores.threshold; }) ? 1 : 0;
+      return std::any_of(scores.candidates.begin(), scores.candidates.end(),
+                         [&](const Score& one) { return one.z > scores.threshold; })
+                 ? 1
+                 : 0;
     };
     problem.freedom = Eigen::VectorXd::Constant(N, freedom);
     alarms += alarm();
@@ -104,7 +111,8 @@ TEST(Scores, ASizeThatIsLeftOutShowsNothing) {
     return all;
   };
   ScoreProblem problem;
-  problem.residual = drawn(1), problem.sensitivity = drawn(1), problem.signatures = {Eigen::MatrixXd::Zero(40, 2), drawn(1)}, problem.null = drawn(100);
+  problem.residual = drawn(1), problem.sensitivity = drawn(1),
+  problem.signatures = {Eigen::MatrixXd::Zero(40, 2), drawn(1)}, problem.null = drawn(100);
   problem.signatures.front().col(1) = problem.sensitivity;
   const Scores scores = score(problem);
   EXPECT_FALSE(scores.candidates[0].visible());
@@ -120,7 +128,10 @@ TEST(Closing, FalseAlarmsStayAtTheirLevel) {
     const Report report = loop_on(Curves(seed));
     alarms += report.verdict != Verdict::nothing_found ? 1 : 0;
     const auto& scores = report.declared.scores.candidates;
-    contradicted += report.verdict == Verdict::nothing_found && std::any_of(scores.begin(), scores.end(), [](const Score& s) { return s.contradicted; }) ? 1 : 0;
+    contradicted += report.verdict == Verdict::nothing_found &&
+                            std::any_of(scores.begin(), scores.end(), [](const Score& s) { return s.contradicted; })
+                        ? 1
+                        : 0;
     p[seed - 1] = report.declared.scores.candidates.front().p;
     largest[seed - 1] = report.declared.scores.largest_p, energy[seed - 1] = report.declared.scores.omnibus_p;
   }
@@ -150,7 +161,8 @@ TEST(Closing, WhatTheNoiseMakesOfAMarkIsNotFound) {
   EXPECT_EQ(right.named, std::vector<int>{Curves::drift}) << right.sentence;
 }
 
-/// A second size of which the test shows what noise makes of it alone, or that runs to its bound for it, is no reason to refuse the effect: it goes back to its null value.
+/// A second size of which the test shows what noise makes of it alone, or that runs to its bound for it, is no reason
+/// to refuse the effect: it goes back to its null value.
 TEST(Closing, ASizeThatIsNotToldStaysAtItsNullValue) {
   for (const double largest : {0.1, 100.0}) {
     Curves experiment = Curves(1, {{Curves::drift, 3.0}}).with_size_of_noise(Curves::drift, 1, largest);
@@ -184,7 +196,9 @@ TEST(Closing, WhatNoSizeWithinItsBoundsWouldShowIsNotTested) {
   Curves wide(1), narrow(1);
   narrow.bound(Curves::kink, 1e-3);
   const Report all = close_loop(wide, usual), fewer = close_loop(narrow, usual);
-  const auto tested = [](const Report& report) { return std::count(report.declared.others.begin(), report.declared.others.end(), Curves::kink) > 0; };
+  const auto tested = [](const Report& report) {
+    return std::count(report.declared.others.begin(), report.declared.others.end(), Curves::kink) > 0;
+  };
   EXPECT_TRUE(tested(all));
   EXPECT_FALSE(tested(fewer));
   EXPECT_EQ(std::count(fewer.invisible.begin(), fewer.invisible.end(), Curves::kink), 1);
@@ -207,7 +221,9 @@ TEST(Closing, WhatCouldNotBeTestedSaysWhy) {
     reasons[one.candidate] = one.reason;
     EXPECT_FALSE(one.score);
   }
-  EXPECT_EQ(reasons, (std::map<int, std::string>{{Curves::kink, "the model could not be computed with it"}, {Curves::offset, "it changes nothing that was measured"}, {Curves::curved, "the case leaves it out"}}));
+  EXPECT_EQ(reasons, (std::map<int, std::string>{{Curves::kink, "the model could not be computed with it"},
+                                                 {Curves::offset, "it changes nothing that was measured"},
+                                                 {Curves::curved, "the case leaves it out"}}));
   EXPECT_EQ(report.invisible, std::vector<int>{Curves::gain});
 }
 
@@ -216,7 +232,8 @@ TEST(Closing, AScoreThatTellsAloneIsSaid) {
   for (unsigned seed = 1; seed <= 10; ++seed) {
     const Report report = loop_on(Curves(seed, {{Curves::drift, 0.8}}));
     if (report.verdict == Verdict::nothing_found) continue;
-    const bool energy = report.declared.scores.omnibus > report.declared.scores.omnibus_threshold, said = report.sentence.find("; one score of ") != std::string::npos;
+    const bool energy = report.declared.scores.omnibus > report.declared.scores.omnibus_threshold,
+               said = report.sentence.find("; one score of ") != std::string::npos;
     EXPECT_NE(said, energy) << report.sentence;
     ++(energy ? with_energy : alone);
   }
@@ -244,7 +261,9 @@ TEST(Closing, WhatIsMissingInOneHeldOutFrameIsSaid) {
     auto& misfit = report.final.misfit;
     misfit.held_out = 2.0 * misfit.null_held_out;
     misfit.frames[place] += 10.0, misfit.frames[place - 1] += 20.0;  // that one is not held out
-    EXPECT_NE(sentence_of(experiment, report).find("most in " + experiment.frame_name(static_cast<int>(place)) + "."), std::string::npos) << sentence_of(experiment, report);
+    EXPECT_NE(sentence_of(experiment, report).find("most in " + experiment.frame_name(static_cast<int>(place)) + "."),
+              std::string::npos)
+        << sentence_of(experiment, report);
   }
 }
 
@@ -253,7 +272,8 @@ TEST(Closing, ATrialSaysWhatItAchieved) {
   ASSERT_EQ(report.rounds.size(), 1U);
   EXPECT_TRUE(report.rounds[0].kept);
   const auto& trials = report.rounds[0].trials;
-  const auto drift = std::find_if(trials.begin(), trials.end(), [](const Trial& one) { return one.candidate == Curves::drift; });
+  const auto drift =
+      std::find_if(trials.begin(), trials.end(), [](const Trial& one) { return one.candidate == Curves::drift; });
   ASSERT_NE(drift, trials.end());
   EXPECT_NEAR(drift->drop, report.declared.fit.cost - drift->model.fit.cost, 1e-6 * report.declared.fit.cost);
   EXPECT_GT(drift->drop, 100.0);
@@ -292,7 +312,12 @@ TEST(Closing, HeldOutFramesThatHardlySeeAnEffectDoNotDecide) {
   int lost = 0;
   for (unsigned seed = 300; seed < 500; ++seed) {
     Curves experiment(seed, {{Curves::kink, size}});
-    lost += close_loop(experiment, {.draws = 200, .additions = 0, .starts = {1.0}, .held_out = {26, 29, 32, 35}}).declared.scores.candidates[place].contradicted ? 1 : 0;  // four of forty frames
+    // four of forty frames
+    lost += close_loop(experiment, {.draws = 200, .additions = 0, .starts = {1.0}, .held_out = {26, 29, 32, 35}})
+                    .declared.scores.candidates[place]
+                    .contradicted
+                ? 1
+                : 0;
   }
   RecordProperty("lost", lost);
   EXPECT_LE(lost, 14) << "of 200";
@@ -306,14 +331,20 @@ TEST(Closing, AResidualThatIsNoNumberIsNoAnswer) {
 
 TEST(Closing, OneEffectIsNamedAndItsSizeFound) {
   int right = 0, covered = 0, tests = 0;
-  for (const auto& [effect, size] : {std::pair(int{Curves::drift}, 4.0), {int{Curves::kink}, 6.0}, {int{Curves::curved}, 2.5}, {int{Curves::offset}, -15.0}})
+  for (const auto& [effect, size] : {std::pair(int{Curves::drift}, 4.0),
+                                     {int{Curves::kink}, 6.0},
+                                     {int{Curves::curved}, 2.5},
+                                     {int{Curves::offset}, -15.0}})
     for (unsigned seed = 1; seed <= 10; ++seed, ++tests) {
       const Report report = loop_on(Curves(seed, {{effect, size}}));
       if (report.verdict != Verdict::attributed || report.named != std::vector<int>{effect}) continue;
       ++right;
       const auto& after = report.final;
       const auto j = std::find(after.fit.free.begin(), after.fit.free.end(), 2 + effect) - after.fit.free.begin();
-      covered += std::abs(after.fit.values[static_cast<std::size_t>(2 + effect)] - size) < 1.96 * std::sqrt(after.covariance(j, j)) ? 1 : 0;
+      covered += std::abs(after.fit.values[static_cast<std::size_t>(2 + effect)] - size) <
+                         1.96 * std::sqrt(after.covariance(j, j))
+                     ? 1
+                     : 0;
       EXPECT_LT(after.misfit.held_out, report.declared.misfit.held_out);
     }
   EXPECT_GE(right, 36) << "of " << tests;
@@ -324,7 +355,8 @@ TEST(Closing, TwinsAreAmbiguous) {
   const Report report = loop_on(Curves(3, {{Curves::twin_again, 12.0}}));
   EXPECT_EQ(report.verdict, Verdict::ambiguous) << report.sentence;
   EXPECT_EQ(report.set, (std::vector<int>{Curves::twin, Curves::twin_again}));  // geometry before material
-  EXPECT_NE(report.sentence.find("What would: a ruler; another test. "), std::string::npos) << report.sentence;  // each once
+  EXPECT_NE(report.sentence.find("What would: a ruler; another test. "), std::string::npos)
+      << report.sentence;  // each once
 }
 
 TEST(Closing, TheInvisibleIsListedAndNotNamed) {
@@ -348,13 +380,15 @@ TEST(Closing, WhatIsKnownBeforehandShowsTheInvisible) {
   EXPECT_LT(std::sqrt(null.declared.covariance(0, 0)), 0.02);
 }
 
-/// What was read of a size beside the data is one more number of them: it shows what is invisible otherwise, and refuses what only the data would let be.
+/// What was read of a size beside the data is one more number of them: it shows what is invisible otherwise, and
+/// refuses what only the data would let be.
 TEST(Closing, AReadingBesideTheDataTells) {
   EXPECT_EQ(loop_on(Curves(4).read(Curves::gain, 0.1, 0.1)).verdict, Verdict::nothing_found);
   const Report shown = loop_on(Curves(4, {{Curves::gain, 1.0}}).read(Curves::gain, 1.05, 0.1));
   EXPECT_EQ(shown.named, std::vector<int>{Curves::gain}) << shown.sentence;
   EXPECT_NEAR(shown.final.fit.values[2 + Curves::gain], 1.05, 0.1);
-  const auto own = std::find(shown.final.fit.free.begin(), shown.final.fit.free.end(), 2 + Curves::gain) - shown.final.fit.free.begin();
+  const auto own = std::find(shown.final.fit.free.begin(), shown.final.fit.free.end(), 2 + Curves::gain) -
+                   shown.final.fit.free.begin();
   EXPECT_NEAR(std::sqrt(shown.final.covariance(own, own)), 0.1, 0.02);
   const Report refused = loop_on(Curves(3, {{Curves::twin_again, 12.0}}).read(Curves::twin, 0.3, 0.5));
   EXPECT_EQ(refused.set, std::vector<int>{Curves::twin_again}) << refused.sentence;
@@ -364,7 +398,8 @@ TEST(Closing, AReadingBesideTheDataTells) {
 TEST(Closing, AWeakPriorShowsTheInvisibleToo) {
   const Report report = loop_on(Curves(4, {{Curves::gain, 1.5}}).know(0, 10.6, 0.25));
   const auto& others = report.declared.others;
-  const auto& score = report.declared.scores.candidates[static_cast<std::size_t>(std::find(others.begin(), others.end(), static_cast<int>(Curves::gain)) - others.begin())];
+  const auto& score = report.declared.scores.candidates[static_cast<std::size_t>(
+      std::find(others.begin(), others.end(), static_cast<int>(Curves::gain)) - others.begin())];
   EXPECT_LT(score.visibility, least_visibility);
   EXPECT_TRUE(score.shown_by_prior);
   EXPECT_EQ(report.verdict, Verdict::attributed) << report.sentence;
@@ -377,8 +412,10 @@ TEST(Closing, WhatIsLeftOutIsNotNamed) {
   without.leave_out = {"drift"};
   const Report report = close_loop(experiment, without);
   EXPECT_NE(report.verdict, Verdict::nothing_found);
-  EXPECT_EQ(std::count(report.named.begin(), report.named.end(), static_cast<int>(Curves::drift)), 0) << report.sentence;
-  EXPECT_EQ(std::count(report.declared.others.begin(), report.declared.others.end(), static_cast<int>(Curves::drift)), 0);
+  EXPECT_EQ(std::count(report.named.begin(), report.named.end(), static_cast<int>(Curves::drift)), 0)
+      << report.sentence;
+  EXPECT_EQ(std::count(report.declared.others.begin(), report.declared.others.end(), static_cast<int>(Curves::drift)),
+            0);
   without.leave_out = {"twin_again", "thrift"};
   EXPECT_THROW(static_cast<void>(close_loop(experiment, without)), InputError);
 }
@@ -393,7 +430,8 @@ TEST(Baselines, SimplerMethodsOnTheSameMarks) {
   };
   ScoreProblem problem;
   problem.sensitivity = drawn(200, 3);
-  problem.signatures = {drawn(200, 1), drawn(200, 2), problem.sensitivity.col(1)};  // the last: what a free parameter does
+  // the last: what a free parameter does
+  problem.signatures = {drawn(200, 1), drawn(200, 2), problem.sensitivity.col(1)};
   double mean = 0.0;
   for (int test = 0; test < 200; ++test) {
     problem.residual = drawn(200, 1);
@@ -410,7 +448,8 @@ TEST(Baselines, SimplerMethodsOnTheSameMarks) {
   problem.signatures.push_back(2.0 * problem.signatures[1]);  // a twin explains nothing more
   EXPECT_EQ(baselines(problem).bic, std::vector<int>{1});
 
-  // Of two marks much alike the second explains what it has beyond the first: more than ln 200, of which the whole mark would show a tenth.
+  // Of two marks much alike the second explains what it has beyond the first: more than ln 200, of which the whole mark
+  // would show a tenth.
   problem.sensitivity.resize(200, 0);
   const Eigen::VectorXd first = Eigen::VectorXd::Unit(200, 0), beyond = Eigen::VectorXd::Unit(200, 1);
   problem.signatures = {first, 0.95 * first + std::sqrt(1.0 - 0.95 * 0.95) * beyond};
@@ -418,9 +457,12 @@ TEST(Baselines, SimplerMethodsOnTheSameMarks) {
   EXPECT_EQ(baselines(problem).bic, (std::vector<int>{0, 1}));
 }
 
-/// What is left of a large effect that the parameters absorb looks like the twins: it is in the set with them, and not kept out for being invisible.
+/// What is left of a large effect that the parameters absorb looks like the twins: it is in the set with them, and not
+/// kept out for being invisible.
 TEST(Closing, AnInvisibleEffectIsNotTakenForWhatItsRestLooksLike) {
-  const auto has = [](const std::vector<int>& list, int candidate) { return std::find(list.begin(), list.end(), candidate) != list.end(); };
+  const auto has = [](const std::vector<int>& list, int candidate) {
+    return std::find(list.begin(), list.end(), candidate) != list.end();
+  };
   int in_set = 0, named_twin_alone = 0;
   for (unsigned seed = 1; seed <= 10; ++seed) {
     const Report report = loop_on(Curves(seed, {{Curves::gain, 50.0}}, 0.0, 5000U, 0.08));
@@ -432,23 +474,27 @@ TEST(Closing, AnInvisibleEffectIsNotTakenForWhatItsRestLooksLike) {
   EXPECT_LE(named_twin_alone, 1);
 }
 
-/// Where the data hardly tell an invisible effect from one that is seen, it is in the set, whichever of their scores noise makes the larger.
+/// Where the data hardly tell an invisible effect from one that is seen, it is in the set, whichever of their scores
+/// noise makes the larger.
 TEST(Closing, AnInvisibleEffectWithAsLargeAScoreIsInTheSet) {
   int in_set = 0, smaller = 0;
   for (unsigned seed = 1; seed <= 10; ++seed) {
     Curves curves(seed, {{Curves::twin, 4.0}}, 0.0, 5000U, 0.08);
     curves.unlike_twins = 0.04;
     const Report report = loop_on(curves);
-    in_set += std::find(report.set.begin(), report.set.end(), static_cast<int>(Curves::gain)) != report.set.end() ? 1 : 0;
+    in_set +=
+        std::find(report.set.begin(), report.set.end(), static_cast<int>(Curves::gain)) != report.set.end() ? 1 : 0;
     std::vector<double> z(7);
-    for (std::size_t i = 0; i < report.declared.others.size(); ++i) z[static_cast<std::size_t>(report.declared.others[i])] = report.declared.scores.candidates[i].z;
+    for (std::size_t i = 0; i < report.declared.others.size(); ++i)
+      z[static_cast<std::size_t>(report.declared.others[i])] = report.declared.scores.candidates[i].z;
     smaller += z[Curves::gain] < std::max(z[Curves::twin], z[Curves::twin_again]) ? 1 : 0;
   }
   EXPECT_GE(smaller, 3);
   EXPECT_GE(in_set, 9);
 }
 
-/// Effects of the law that only a large misfit asks for are tried beside another one of the law, not where a camera explains all of it.
+/// Effects of the law that only a large misfit asks for are tried beside another one of the law, not where a camera
+/// explains all of it.
 TEST(Closing, EffectsOfTheLawAreLookedForFromAfarWhereTheTestItselfDoesNotExplainAll) {
   LoopOptions one_rival = usual;
   one_rival.rivals = 1;
@@ -463,7 +509,8 @@ TEST(Closing, EffectsOfTheLawAreLookedForFromAfarWhereTheTestItselfDoesNotExplai
   EXPECT_GT(trials(Curves::kink), 1U);
 }
 
-/// From afar a large curved effect looks like drift, and drift is added first; once what is curved is there, nothing is left without drift, nor in what the model errs by.
+/// From afar a large curved effect looks like drift, and drift is added first; once what is curved is there, nothing is
+/// left without drift, nor in what the model errs by.
 TEST(Closing, AnEffectThatIsNeededNoMoreIsTakenOutAgain) {
   LoopOptions one_rival = usual;
   one_rival.rivals = 1;
@@ -499,15 +546,19 @@ TEST(Closing, RivalsWithinATwentiethOfALargeScoreAreTried) {
   const Report report = close_loop(experiment, one_rival);
   const auto z = [&](int effect) {
     const auto& others = report.declared.others;
-    return report.declared.scores.candidates.at(static_cast<std::size_t>(std::find(others.begin(), others.end(), effect) - others.begin())).z;
+    return report.declared.scores.candidates
+        .at(static_cast<std::size_t>(std::find(others.begin(), others.end(), effect) - others.begin()))
+        .z;
   };
   ASSERT_GT(z(Curves::twin) - z(Curves::gain), 1.0);
   ASSERT_GT(z(Curves::gain), 0.95 * z(Curves::twin));
   const auto& trials = report.rounds.at(0).trials;
-  EXPECT_TRUE(std::any_of(trials.begin(), trials.end(), [](const Trial& one) { return one.candidate == Curves::gain; }));
+  EXPECT_TRUE(
+      std::any_of(trials.begin(), trials.end(), [](const Trial& one) { return one.candidate == Curves::gain; }));
 }
 
-/// Where those with the largest scores help nothing, the others beyond the limit have their turn before it is said that no known effect helps.
+/// Where those with the largest scores help nothing, the others beyond the limit have their turn before it is said that
+/// no known effect helps.
 TEST(Closing, OthersBeyondTheLimitAreTriedWhereTheBestDoNotHelp) {
   LoopOptions one_rival = usual;
   one_rival.rivals = 1;
@@ -518,19 +569,22 @@ TEST(Closing, OthersBeyondTheLimitAreTriedWhereTheBestDoNotHelp) {
   const auto& trials = report.rounds[0].trials;
   EXPECT_EQ(trials.front().candidate, static_cast<int>(Curves::drift));
   EXPECT_FALSE(trials.front().plausible);
-  EXPECT_TRUE(std::any_of(trials.begin(), trials.end(), [](const Trial& one) { return one.candidate == Curves::offset; }));
+  EXPECT_TRUE(
+      std::any_of(trials.begin(), trials.end(), [](const Trial& one) { return one.candidate == Curves::offset; }));
   EXPECT_EQ(report.named, std::vector<int>{Curves::offset}) << report.sentence;
   EXPECT_EQ(report.verdict, Verdict::unexplained) << report.sentence;
 }
 
-/// What is curved looks like drift from afar, whose score is larger, and which helps: what has at least half of that score is tried before it is added.
+/// What is curved looks like drift from afar, whose score is larger, and which helps: what has at least half of that
+/// score is tried before it is added.
 TEST(Closing, BeforeOneIsAddedThatOnlyHelpsOthersNearlyAsLargeAreTried) {
   LoopOptions one_rival = usual;
   one_rival.rivals = 1;
   Curves experiment(5, {{Curves::curved, 2.0}}, 0.0, 5000U, 0.0, 0.3);
   const Report report = close_loop(experiment, one_rival);
   std::vector<double> z(7);
-  for (std::size_t i = 0; i < report.declared.others.size(); ++i) z[static_cast<std::size_t>(report.declared.others[i])] = report.declared.scores.candidates[i].z;
+  for (std::size_t i = 0; i < report.declared.others.size(); ++i)
+    z[static_cast<std::size_t>(report.declared.others[i])] = report.declared.scores.candidates[i].z;
   EXPECT_GT(z[Curves::drift], z[Curves::curved] + 1.0);
   EXPECT_LT(z[Curves::drift], 2.0 * z[Curves::curved]);
   ASSERT_EQ(report.rounds.size(), 1U) << report.sentence;
@@ -539,14 +593,19 @@ TEST(Closing, BeforeOneIsAddedThatOnlyHelpsOthersNearlyAsLargeAreTried) {
   EXPECT_EQ(report.named, std::vector<int>{Curves::curved}) << report.sentence;
 }
 
-/// Of drift and gain the blocks disagree about the first while the other is missing, and a kink, which helps, leads nowhere.
+/// Of drift and gain the blocks disagree about the first while the other is missing, and a kink, which helps, leads
+/// nowhere.
 TEST(Closing, TwoOfWhichEachTearsTheOthersSizeApartAreFound) {
   const Report report = loop_on(Curves(5, {{Curves::drift, 2.0}, {Curves::gain, -20.0}}, 0.0, 5000U, 1.0));
   EXPECT_EQ(report.verdict, Verdict::attributed) << report.sentence;
-  EXPECT_EQ(std::set<int>(report.named.begin(), report.named.end()), (std::set<int>{Curves::drift, Curves::gain})) << report.sentence;
+  EXPECT_EQ(std::set<int>(report.named.begin(), report.named.end()), (std::set<int>{Curves::drift, Curves::gain}))
+      << report.sentence;
   const auto& first = report.rounds.front().trials;
-  EXPECT_TRUE(std::any_of(first.begin(), first.end(), [](const Trial& trial) { return trial.candidate == Curves::drift && trial.disagrees && !trial.plausible; }));
-  EXPECT_TRUE(std::any_of(first.begin(), first.end(), [](const Trial& trial) { return trial.candidate == Curves::kink && trial.plausible; }));
+  EXPECT_TRUE(std::any_of(first.begin(), first.end(), [](const Trial& trial) {
+    return trial.candidate == Curves::drift && trial.disagrees && !trial.plausible;
+  }));
+  EXPECT_TRUE(std::any_of(first.begin(), first.end(),
+                          [](const Trial& trial) { return trial.candidate == Curves::kink && trial.plausible; }));
 }
 
 /// The one whose size is torn apart has a twin: both are in the set.
@@ -564,22 +623,30 @@ TEST(Closing, WhatHeldOutFramesDoNotShowIsNotNamed) {
   EXPECT_EQ(report.verdict, Verdict::unexplained);
   EXPECT_EQ(std::count(report.named.begin(), report.named.end(), Curves::drift), 0);
   const auto& trials = report.rounds.front().trials;
-  const auto trial = std::find_if(trials.begin(), trials.end(), [](const Trial& one) { return one.candidate == Curves::drift; });
+  const auto trial =
+      std::find_if(trials.begin(), trials.end(), [](const Trial& one) { return one.candidate == Curves::drift; });
   ASSERT_NE(trial, trials.end());
   EXPECT_TRUE(trial->sufficient);
   EXPECT_TRUE(trial->objection.starts_with("the held-out frames are explained worse")) << trial->objection;
 }
 
-/// After an addition the limit is a little higher: an effect that takes nothing away would suffice where another one is between the two.
+/// After an addition the limit is a little higher: an effect that takes nothing away would suffice where another one is
+/// between the two.
 TEST(Closing, WhatExplainsNothingIsNotNamed) {
   int between = 0;
   for (double size = 0.05; size < 1.0; size *= 1.05) {
     Curves experiment(4, {{Curves::drift, size}});
-    experiment.within = [](const std::vector<double>& v) { return std::abs(v[2]) < 2e-4; };  // its model follows no drift that counts
+    // its model follows no drift that counts
+    experiment.within = [](const std::vector<double>& v) { return std::abs(v[2]) < 2e-4; };
     const Report report = loop_on(experiment);
-    EXPECT_EQ(std::count(report.set.begin(), report.set.end(), static_cast<int>(Curves::drift)), 0) << size << ": " << report.sentence;
+    EXPECT_EQ(std::count(report.set.begin(), report.set.end(), static_cast<int>(Curves::drift)), 0)
+        << size << ": " << report.sentence;
     for (const Round& round : report.rounds)
-      for (const Trial& trial : round.trials) between += trial.candidate == Curves::drift && trial.sufficient && trial.objection.starts_with("it explains no more than chance") ? 1 : 0;
+      for (const Trial& trial : round.trials)
+        between += trial.candidate == Curves::drift && trial.sufficient &&
+                           trial.objection.starts_with("it explains no more than chance")
+                       ? 1
+                       : 0;
   }
   EXPECT_GE(between, 1);
 }
@@ -592,12 +659,14 @@ TEST(Closing, WhatNoHeldOutFrameChecksIsNotNamed) {
   EXPECT_EQ(report.verdict, Verdict::unexplained);
   EXPECT_EQ(std::count(report.named.begin(), report.named.end(), Curves::drift), 0);
   const auto& trials = report.rounds.front().trials;
-  const auto trial = std::find_if(trials.begin(), trials.end(), [](const Trial& one) { return one.candidate == Curves::drift; });
+  const auto trial =
+      std::find_if(trials.begin(), trials.end(), [](const Trial& one) { return one.candidate == Curves::drift; });
   ASSERT_NE(trial, trials.end());
   EXPECT_TRUE(trial->objection.starts_with("no held-out frame checks it")) << trial->objection;
 }
 
-/// Something happens in one frame that looks like an effect there, of which all others that are fitted, which would show it, know nothing. What is left with it has the size of noise.
+/// Something happens in one frame that looks like an effect there, of which all others that are fitted, which would
+/// show it, know nothing. What is left with it has the size of noise.
 TEST(Closing, WhatOneFrameAsksForAgainstAllOthersIsNotNamed) {
   int would_have_sufficed = 0;
   for (unsigned seed = 1; seed <= 12; ++seed) {
@@ -607,12 +676,17 @@ TEST(Closing, WhatOneFrameAsksForAgainstAllOthersIsNotNamed) {
     EXPECT_NE(report.sentence.find("largest in frame 125"), std::string::npos) << report.sentence;
     ASSERT_FALSE(report.rounds.empty());
     for (const Trial& trial : report.rounds.front().trials)
-      would_have_sufficed += trial.candidate == 7 && trial.sufficient && trial.objection.starts_with("frame 125 alone asks for it: of the others answer - 0 is ") ? 1 : 0;
+      would_have_sufficed +=
+          trial.candidate == 7 && trial.sufficient &&
+                  trial.objection.starts_with("frame 125 alone asks for it: of the others answer - 0 is ")
+              ? 1
+              : 0;
   }
   EXPECT_GE(would_have_sufficed, 6);
 }
 
-/// Where they show it as they should it is named; where none of them shows it, too (unless the held-out frames, where it is not, happen to have more than noise left), and the sentence says that nothing checks it.
+/// Where they show it as they should it is named; where none of them shows it, too (unless the held-out frames, where
+/// it is not, happen to have more than noise left), and the sentence says that nothing checks it.
 TEST(Closing, WhatOneFrameTellsAloneIsNamedAndSaid) {
   for (double elsewhere : {0.085, 0.012, 0.0}) {  // the others show it at six standard deviations, at one, not at all
     int named = 0;
@@ -621,7 +695,9 @@ TEST(Closing, WhatOneFrameTellsAloneIsNamedAndSaid) {
       if (report.declared.misfit.held_out > report.declared.misfit.null_held_out) continue;
       EXPECT_EQ(report.set, std::vector<int>{7}) << report.sentence;
       if (elsewhere != 0.012) {
-        EXPECT_EQ(report.sentence.find("Nothing that is fitted tells of burst but frame 125.") != std::string::npos, elsewhere == 0.0) << report.sentence;
+        EXPECT_EQ(report.sentence.find("Nothing that is fitted tells of burst but frame 125.") != std::string::npos,
+                  elsewhere == 0.0)
+            << report.sentence;
       }
       ++named;
     }
@@ -636,7 +712,10 @@ TEST(Closing, WhatIsInDoubtInAllOtherFramesDoesNotSpeakAgainstOne) {
     Curves experiment = Curves(seed).with_burst(0.085, false, true);
     experiment.doubted_whole = 0.7;
     const Report report = close_loop(experiment, usual);
-    named += report.set == std::vector<int>{7} && report.sentence.find("Nothing that is fitted tells of burst but frame 125.") != std::string::npos ? 1 : 0;
+    named += report.set == std::vector<int>{7} &&
+                     report.sentence.find("Nothing that is fitted tells of burst but frame 125.") != std::string::npos
+                 ? 1
+                 : 0;
   }
   EXPECT_GE(named, 5);
 }
@@ -644,8 +723,10 @@ TEST(Closing, WhatIsInDoubtInAllOtherFramesDoesNotSpeakAgainstOne) {
 /// A frame is not alone with what was read beside the data.
 TEST(Closing, WhatWasReadSpeaksForWhatOneFrameTells) {
   for (unsigned seed = 1; seed <= 6; ++seed) {
-    const Report report = loop_on(Curves(seed).with_burst(0.085, false).read(static_cast<Curves::Effect>(7), 1.0, 0.02));
-    for (const Trial& trial : report.rounds.front().trials) EXPECT_EQ(trial.objection.find("alone asks for it"), std::string::npos) << trial.objection;
+    const Report report =
+        loop_on(Curves(seed).with_burst(0.085, false).read(static_cast<Curves::Effect>(7), 1.0, 0.02));
+    for (const Trial& trial : report.rounds.front().trials)
+      EXPECT_EQ(trial.objection.find("alone asks for it"), std::string::npos) << trial.objection;
     EXPECT_EQ(report.sentence.find("Nothing that is fitted tells of burst but"), std::string::npos) << report.sentence;
   }
 }
@@ -679,19 +760,24 @@ TEST(Closing, TwoEffectsAreFoundOneAfterTheOther) {
   EXPECT_EQ(named, (std::vector<int>{Curves::drift, Curves::offset}));
 }
 
-/// What is curved has come to its end long before 12: of its size the test tells nothing. Beside another effect that is no name, alone it is one.
+/// What is curved has come to its end long before 12: of its size the test tells nothing. Beside another effect that is
+/// no name, alone it is one.
 TEST(Closing, SeveralEffectsNeedASizeEach) {
   const auto told = [](const Report& report) {
     const auto& model = report.final;
-    const auto place = std::find(model.fit.free.begin(), model.fit.free.end(), 2 + static_cast<int>(Curves::curved)) - model.fit.free.begin();
-    return place < std::ssize(model.fit.free) ? model.fit.values[2 + Curves::curved] / std::sqrt(model.covariance(place, place)) : -1.0;
+    const auto place = std::find(model.fit.free.begin(), model.fit.free.end(), 2 + static_cast<int>(Curves::curved)) -
+                       model.fit.free.begin();
+    return place < std::ssize(model.fit.free)
+               ? model.fit.values[2 + Curves::curved] / std::sqrt(model.covariance(place, place))
+               : -1.0;
   };
   const Report both = loop_on(Curves(7, {{Curves::drift, 5.0}, {Curves::curved, 12.0}}));
   EXPECT_EQ(both.verdict, Verdict::unexplained) << both.sentence;
   EXPECT_EQ(both.named.size(), 2U) << both.sentence;
   EXPECT_GT(told(both), 0.0);
   EXPECT_LT(told(both), 1.96);
-  EXPECT_NE(both.sentence.find("the size of curved is not told from its null value"), std::string::npos) << both.sentence;
+  EXPECT_NE(both.sentence.find("the size of curved is not told from its null value"), std::string::npos)
+      << both.sentence;
   const Report alone = loop_on(Curves(7, {{Curves::curved, 12.0}}));
   EXPECT_EQ(alone.verdict, Verdict::attributed) << alone.sentence;
   EXPECT_GT(told(alone), 0.0);
@@ -701,7 +787,8 @@ TEST(Closing, SeveralEffectsNeedASizeEach) {
   EXPECT_GT(told(small), 1.96);
 }
 
-/// What acts somewhere is looked for at several places, and found between them; from the middle alone no way leads there.
+/// What acts somewhere is looked for at several places, and found between them; from the middle alone no way leads
+/// there.
 TEST(Closing, WhatActsSomewhereIsFoundThere) {
   const Report report = loop_on(Curves(5).somewhere(6.0, 0.74));
   EXPECT_EQ(report.verdict, Verdict::attributed) << report.sentence;
@@ -725,7 +812,8 @@ TEST(Closing, ADeclaredParameterOnItsBoundIsSaid) {
   experiment.limit(0, 1e-3, 10.3);  // 10.6 is there
   const Report held = close_loop(experiment, usual);
   EXPECT_EQ(held.declared.fit.values[0], 10.3);
-  EXPECT_TRUE(held.sentence.ends_with("p0 = 10.3 is on its bound: these data ask for more, or do not show it.")) << held.sentence;
+  EXPECT_TRUE(held.sentence.ends_with("p0 = 10.3 is on its bound: these data ask for more, or do not show it."))
+      << held.sentence;
   const std::string sentence = loop_on(Curves(5)).sentence;
   EXPECT_EQ(sentence.find("bound"), std::string::npos) << sentence;
 }
@@ -736,9 +824,11 @@ TEST(Closing, AnEffectAddedEarlierStaysWithinItsBounds) {
   experiment.bound(Curves::kink, 3.0);
   const Report report = close_loop(experiment, usual);
   ASSERT_EQ(report.rounds.size(), 2U);
-  ASSERT_EQ(report.rounds[0].set.empty() ? report.named.front() : report.rounds[0].set.front(), static_cast<int>(Curves::kink));
+  ASSERT_EQ(report.rounds[0].set.empty() ? report.named.front() : report.rounds[0].set.front(),
+            static_cast<int>(Curves::kink));
   const auto& trials = report.rounds[1].trials;
-  const auto trial = std::find_if(trials.begin(), trials.end(), [](const Trial& one) { return one.candidate == Curves::curved; });
+  const auto trial =
+      std::find_if(trials.begin(), trials.end(), [](const Trial& one) { return one.candidate == Curves::curved; });
   ASSERT_NE(trial, trials.end());
   EXPECT_FALSE(trial->plausible);
   EXPECT_EQ(trial->objection, "kink = 3 is at its bound");
@@ -747,7 +837,8 @@ TEST(Closing, AnEffectAddedEarlierStaysWithinItsBounds) {
 
 TEST(Closing, WhatNoEffectExplainsStaysUnexplained) {
   int wrong = 0;
-  for (unsigned seed = 1; seed <= 10; ++seed) wrong += loop_on(Curves(seed, {}, 4.0)).verdict == Verdict::unexplained ? 0 : 1;
+  for (unsigned seed = 1; seed <= 10; ++seed)
+    wrong += loop_on(Curves(seed, {}, 4.0)).verdict == Verdict::unexplained ? 0 : 1;
   EXPECT_LE(wrong, 0);
 }
 
@@ -768,7 +859,8 @@ TEST(Fit, SecantsFindTheSameWithFewerSeries) {
     EXPECT_TRUE(fits.back().converged);
   }
   EXPECT_NEAR(fits[1].cost, fits[0].cost, 0.01);
-  for (int j : free) EXPECT_NEAR(fits[1].values[static_cast<std::size_t>(j)], fits[0].values[static_cast<std::size_t>(j)], 0.02) << j;
+  for (int j : free)
+    EXPECT_NEAR(fits[1].values[static_cast<std::size_t>(j)], fits[0].values[static_cast<std::size_t>(j)], 0.02) << j;
   std::cout << "[          ] series: " << series[0] << " with derivatives, " << series[1] << " with secants\n";
   EXPECT_LT(series[1], series[0]);
 }
@@ -798,15 +890,18 @@ TEST(Closing, AModelThatErrsByMoreThanItExplainsIsNotPlausible) {
     const Report report = close_loop(experiment, usual);
     ASSERT_FALSE(report.rounds.empty());
     const auto& trials = report.rounds.front().trials;
-    const auto trial = std::find_if(trials.begin(), trials.end(), [](const Trial& t) { return t.candidate == Curves::kink; });
+    const auto trial =
+        std::find_if(trials.begin(), trials.end(), [](const Trial& t) { return t.candidate == Curves::kink; });
     ASSERT_NE(trial, trials.end());
     EXPECT_EQ(trial->plausible, bias < 1.0) << trial->objection;
     EXPECT_EQ(trial->objection.find("a finer mesh would tell") != std::string::npos, bias > 1.0) << trial->objection;
-    EXPECT_EQ(std::count(report.named.begin(), report.named.end(), static_cast<int>(Curves::kink)), bias < 1.0 ? 1 : 0) << report.sentence;
+    EXPECT_EQ(std::count(report.named.begin(), report.named.end(), static_cast<int>(Curves::kink)), bias < 1.0 ? 1 : 0)
+        << report.sentence;
   }
 }
 
-/// Where the finer mesh cannot be followed again, what was learned before at other values stands; without any there is no loop.
+/// Where the finer mesh cannot be followed again, what was learned before at other values stands; without any there is
+/// no loop.
 TEST(Closing, WhatWasLearnedBeforeStands) {
   for (const bool before : {true, false}) {
     Curves experiment(4);
@@ -888,7 +983,9 @@ TEST(Recorded, WhatFailedFailsAgain) {
   std::deque<Answer> answers;
   std::vector<double> values;
   for (const auto& p : experiment.parameters()) values.push_back(p.value);
-  EXPECT_THROW((void)RecordedExperiment(experiment, {}, [&](const Answer& answer) { answers.push_back(answer); }).residuals({values}), ConvergenceError);
+  EXPECT_THROW((void)RecordedExperiment(experiment, {}, [&](const Answer& answer) { answers.push_back(answer); })
+                   .residuals({values}),
+               ConvergenceError);
   ASSERT_EQ(answers.size(), 1U);
   RecordedExperiment again(silent, answers, [](const Answer&) {});
   EXPECT_THROW((void)again.residuals({values}), ConvergenceError);

@@ -18,11 +18,14 @@
 namespace imic3d::loop {
 namespace test_curve_experiment {
 
-const std::map<std::string, double> truth = {{"E", 200e3}, {"nu", 0.3}, {"S_y", 250.0}, {"S_inf", 420.0}, {"b", 18.0}, {"H", 700.0}};
+const std::map<std::string, double> truth = {{"E", 200e3},     {"nu", 0.3}, {"S_y", 250.0},
+                                             {"S_inf", 420.0}, {"b", 18.0}, {"H", 700.0}};
 
 CurveModel model(std::map<std::string, double> values) {
   CurveModel m;
-  m.extended = [](const std::vector<std::string>& effects) { return material::make_law({.law = "j2", .hardening = "voce", .effects = effects}); };
+  m.extended = [](const std::vector<std::string>& effects) {
+    return material::make_law({.law = "j2", .hardening = "voce", .effects = effects});
+  };
   const auto law = m.extended(material::known_effects());
   for (ParameterInfo info : law->parameters()) {
     const auto found = values.find(info.name);
@@ -37,7 +40,8 @@ CurveModel model(std::map<std::string, double> values) {
 }
 
 /// Bars at two rates to 10 % strain, each off by a random parabola, with noise of the rows.
-std::vector<identification::Curve> bars(unsigned seed, const std::map<std::string, double>& lacking, int count = 6, double fast = 10.0) {
+std::vector<identification::Curve> bars(unsigned seed, const std::map<std::string, double>& lacking, int count = 6,
+                                        double fast = 10.0) {
   auto values = truth;
   values.insert(lacking.begin(), lacking.end());
   const CurveModel m = model(values);
@@ -73,7 +77,8 @@ TEST(CurveExperiment, ResidualsOfTheTruthAreWhite) {
   experiment.learn_bias(values);
   const auto r = experiment.residuals({values}).front();
   // 40 bars of 24 numbers: the mean square is 1 within 3 sd, and neighbours are not correlated.
-  EXPECT_NEAR(r.squaredNorm() / static_cast<double>(r.size()), 1.0, 3.0 * std::sqrt(2.0 / static_cast<double>(r.size())));
+  EXPECT_NEAR(r.squaredNorm() / static_cast<double>(r.size()), 1.0,
+              3.0 * std::sqrt(2.0 / static_cast<double>(r.size())));
   const double neighbours = r.head(r.size() - 1).dot(r.tail(r.size() - 1)) / static_cast<double>(r.size());
   EXPECT_LT(std::abs(neighbours), 4.0 / std::sqrt(static_cast<double>(r.size())));
   // The null ensemble knows that the scatter is an estimate: a little more than 1, no less.
@@ -82,11 +87,13 @@ TEST(CurveExperiment, ResidualsOfTheTruthAreWhite) {
   EXPECT_LT(null.squaredNorm() / static_cast<double>(null.size()), 1.2);
 }
 
-/// Every parameter, moved by the step of a finite difference: along the paths' derivatives, by what is recorded, or computed.
+/// Every parameter, moved by the step of a finite difference: along the paths' derivatives, by what is recorded, or
+/// computed.
 TEST(CurveExperiment, ResidualsNearAreThoseComputed) {
   CurveExperiment experiment(Communicator(), bars(4, {}), model(truth));
   std::vector<double> values;
-  for (const auto& p : experiment.parameters()) values.push_back(p.info.name == "C_rate" ? 0.01 : p.info.name == "rate_0" ? 1.0 : p.value);
+  for (const auto& p : experiment.parameters())
+    values.push_back(p.info.name == "C_rate" ? 0.01 : p.info.name == "rate_0" ? 1.0 : p.value);
   std::vector<std::vector<double>> sets;
   for (std::size_t j = 0; j < values.size(); ++j) {
     const auto& p = experiment.parameters()[j];
@@ -99,11 +106,13 @@ TEST(CurveExperiment, ResidualsNearAreThoseComputed) {
   EXPECT_LT((near[0] - computed[0]).norm(), 1e-9);
   for (std::size_t s = 1; s < sets.size(); ++s) {
     const double moved = (computed[s] - computed[0]).norm();
-    EXPECT_LT((near[s] - computed[s]).norm(), 1e-3 * moved + 1e-8) << experiment.parameters()[s - 1].info.name << " moves it by " << moved;
+    EXPECT_LT((near[s] - computed[s]).norm(), 1e-3 * moved + 1e-8)
+        << experiment.parameters()[s - 1].info.name << " moves it by " << moved;
   }
 }
 
-/// What the bars' scatter makes of a score, and of the sum of squares, over many tests: as the null of each says, which was made of that test's own few bars.
+/// What the bars' scatter makes of a score, and of the sum of squares, over many tests: as the null of each says, which
+/// was made of that test's own few bars.
 TEST(CurveExperimentNightly, TheNullKnowsThatTheScatterIsEstimated) {
   const auto exact = bars(1, {});
   CurveExperiment perfect(Communicator(), exact, model(truth));
@@ -138,22 +147,27 @@ TEST(CurveExperimentNightly, TheNullKnowsThatTheScatterIsEstimated) {
   // t^2 of Student's t of variance one with 7 degrees, judged by 60 draws: its mean is known to a tenth.
   RecordProperty("ratio", std::to_string(ratio));
   EXPECT_NEAR(ratio, 1.0, 0.3);
-  // What is left of the cubics in a bin has no variance here, and none is never estimated: the null is too large by that, not too small.
+  // What is left of the cubics in a bin has no variance here, and none is never estimated: the null is too large by
+  // that, not too small.
   EXPECT_GT(energy / of_null, 0.9);
   EXPECT_LT(energy / of_null, 1.05);
 }
 
-/// Bars that differ in proportion to their stress, as far as it is small, do not differ where a cycle passes zero: no cubic of the way, and the energy of a group whose mean is off holds it.
+/// Bars that differ in proportion to their stress, as far as it is small, do not differ where a cycle passes zero: no
+/// cubic of the way, and the energy of a group whose mean is off holds it.
 TEST(CurveExperimentNightly, BarsDifferOtherwiseWhereTheStressIsSmall) {
   material::BarHistory history;
   std::vector<double> strain;
   double at = 0.0;
   for (const double turn : {0.015, -0.015, 0.015, -0.015, 0.02})
-    for (const double from = at, step = 7e-4 * (turn > at ? 1.0 : -1.0); std::abs(at - from) < std::abs(turn - from); at += step) strain.push_back(at);
+    for (const double from = at, step = 7e-4 * (turn > at ? 1.0 : -1.0); std::abs(at - from) < std::abs(turn - from);
+         at += step)
+      strain.push_back(at);
   history.strain = Eigen::Map<const Eigen::VectorXd>(strain.data(), static_cast<Eigen::Index>(strain.size()));
   history.time = Eigen::VectorXd::LinSpaced(history.strain.size(), 0.0, 200.0);
   const CurveModel m = model(truth);
-  const Eigen::VectorXd stress = material::pull_bar(*m.extended(material::known_effects()), m.values, history).engineering;
+  const Eigen::VectorXd stress =
+      material::pull_bar(*m.extended(material::known_effects()), m.values, history).engineering;
   constexpr int tests = 200;
   int beyond = 0;
   for (int test = 0; test < tests; ++test) {
@@ -162,7 +176,8 @@ TEST(CurveExperimentNightly, BarsDifferOtherwiseWhereTheStressIsSmall) {
     std::vector<identification::Curve> curves;
     for (int k = 0; k < 6; ++k) {
       identification::Curve curve;
-      curve.name = std::to_string(k), curve.group = "cycles", curve.history = history, curve.stress = stress, curve.deviation = 6.0;
+      curve.name = std::to_string(k), curve.group = "cycles", curve.history = history, curve.stress = stress,
+      curve.deviation = 6.0;
       const double off = 5.0 * normal(random);
       for (double& value : curve.stress) value += off * std::min(1.0, std::abs(value) / 200.0) + 2.0 * normal(random);
       curve.use.assign(static_cast<std::size_t>(stress.size()), identification::Curve::fitted);
@@ -173,8 +188,10 @@ TEST(CurveExperimentNightly, BarsDifferOtherwiseWhereTheStressIsSmall) {
     std::vector<double> values;
     for (const auto& p : experiment.parameters()) values.push_back(p.value);
     experiment.learn_bias(values);
-    const Eigen::ArrayXd null = experiment.noise_of_squares(values, experiment.noise(values, 60)).colwise().squaredNorm();
-    beyond += experiment.residuals({values}).front().squaredNorm() > null.mean() + 1.65 * std::sqrt((null - null.mean()).square().mean());
+    const Eigen::ArrayXd null =
+        experiment.noise_of_squares(values, experiment.noise(values, 60)).colwise().squaredNorm();
+    beyond += experiment.residuals({values}).front().squaredNorm() >
+              null.mean() + 1.65 * std::sqrt((null - null.mean()).square().mean());
   }
   RecordProperty("beyond", beyond);
   std::printf("%d of %d beyond the null's 95 %%\n", beyond, tests);
@@ -183,7 +200,8 @@ TEST(CurveExperimentNightly, BarsDifferOtherwiseWhereTheStressIsSmall) {
 
 TEST(CurveExperiment, DeclaredEffectsAreNoCandidates) {
   CurveModel m = model(truth);
-  m.effects = {{.effect = "force_zero", .quantity = "force_offset", .value = 7.0, .lower = {}, .upper = {}}, {.effect = "compliance", .quantity = "compliance", .value = {}, .lower = {}, .upper = {}, .free = true}};
+  m.effects = {{.effect = "force_zero", .quantity = "force_offset", .value = 7.0, .lower = {}, .upper = {}},
+               {.effect = "compliance", .quantity = "compliance", .value = {}, .lower = {}, .upper = {}, .free = true}};
   const auto curves = bars(1, {});
   CurveExperiment with(Communicator(), curves, m), without(Communicator(), curves, model(truth));
   const auto values_of = [](const CurveExperiment& e) {
@@ -191,14 +209,19 @@ TEST(CurveExperiment, DeclaredEffectsAreNoCandidates) {
     for (const auto& p : e.parameters()) values.push_back(p.value);
     return values;
   };
-  for (const auto& candidate : with.candidates()) EXPECT_TRUE(candidate.name != "force zero" && candidate.name != "compliance");
+  for (const auto& candidate : with.candidates())
+    EXPECT_TRUE(candidate.name != "force zero" && candidate.name != "compliance");
   EXPECT_EQ(with.candidates().size() + 2, without.candidates().size());
-  EXPECT_EQ(std::count_if(with.parameters().begin(), with.parameters().end(), [](const Parameter& p) { return p.info.name == "compliance" && p.free; }), 1);
+  EXPECT_EQ(std::count_if(with.parameters().begin(), with.parameters().end(),
+                          [](const Parameter& p) { return p.info.name == "compliance" && p.free; }),
+            1);
   const auto shown = with.predict(values_of(with)), bare = without.predict(values_of(without));
   EXPECT_NEAR((shown[0] - bare[0]).tail(100).mean(), 7.0, 1e-9);
-  m.effects = {{.effect = "force_zero", .quantity = "force_offset", .value = 7.0, .lower = {}, .upper = {}}, {.effect = "thickness", .quantity = "thickness_error", .value = 0.05, .lower = {}, .upper = {}}};
+  m.effects = {{.effect = "force_zero", .quantity = "force_offset", .value = 7.0, .lower = {}, .upper = {}},
+               {.effect = "thickness", .quantity = "thickness_error", .value = 0.05, .lower = {}, .upper = {}}};
   CurveExperiment thicker(Communicator(), curves, m);
-  EXPECT_LT((thicker.predict(values_of(thicker))[0] - (1.05 * bare[0].array() + 7.0).matrix()).tail(100).norm(), 1e-9 * bare[0].norm());
+  EXPECT_LT((thicker.predict(values_of(thicker))[0] - (1.05 * bare[0].array() + 7.0).matrix()).tail(100).norm(),
+            1e-9 * bare[0].norm());
   m.effects = {{.effect = "parallax", .quantity = "inverse_distance", .value = 1e-3, .lower = {}, .upper = {}}};
   EXPECT_THROW(CurveExperiment(Communicator(), curves, m), InputError);
 }
@@ -213,7 +236,8 @@ std::vector<identification::Curve> dense_bars(int count, double zero, unsigned s
     identification::Curve curve;
     curve.name = "bar" + std::to_string(k), curve.group = "bars";
     curve.history.strain.resize(150);
-    curve.history.strain << Eigen::VectorXd::LinSpaced(75, 0.0, 0.01), Eigen::VectorXd::LinSpaced(76, 0.01, 0.1).tail(75);
+    curve.history.strain << Eigen::VectorXd::LinSpaced(75, 0.0, 0.01),
+        Eigen::VectorXd::LinSpaced(76, 0.01, 0.1).tail(75);
     curve.history.time = curve.history.strain / 1e-3;
     curve.stress = material::pull_bar(*m.extended(material::known_effects()), m.values, curve.history).engineering;
     if (count > 1) curve.stress *= 1.0 + 0.01 * normal(random);
@@ -242,7 +266,8 @@ TEST(CurveExperiment, AGaugeActsOnTurnsBetweenRows) {
   identification::Curve curve;
   curve.name = "cycle", curve.group = "cycles", curve.deviation = 1.0;
   curve.history = sampled(86, 0.07);
-  curve.stress = material::pull_bar(*m.extended(material::known_effects()), m.values, sampled(596, 0.01)).kirchhoff(Eigen::seqN(0, 86, 7));
+  curve.stress = material::pull_bar(*m.extended(material::known_effects()), m.values, sampled(596, 0.01))
+                     .kirchhoff(Eigen::seqN(0, 86, 7));
   curve.engineering = false;
   for (double& strain : curve.history.strain) strain = shown(strain, gain);
   curve.history.turns = identification::find_turns(curve.history.time, curve.history.strain, curve.stress);
@@ -255,7 +280,8 @@ TEST(CurveExperiment, AGaugeActsOnTurnsBetweenRows) {
 }
 
 /// A bar pulled to 6 % with three unloadings, whose recorded strain holds the load train's.
-identification::Curve bar_of_a_soft_train(const material::FiniteStrainLaw& law, const std::vector<double>& values, double compliance, unsigned seed) {
+identification::Curve bar_of_a_soft_train(const material::FiniteStrainLaw& law, const std::vector<double>& values,
+                                          double compliance, unsigned seed) {
   std::mt19937_64 random(seed);
   std::normal_distribution<double> normal;
   identification::Curve curve;
@@ -263,7 +289,13 @@ identification::Curve bar_of_a_soft_train(const material::FiniteStrainLaw& law, 
   curve.history.time = Eigen::VectorXd::LinSpaced(500, 0.0, 499.0);
   const auto strain = [](double t) {
     double at = 0.0, from = 0.0;
-    for (const auto& [until, rate] : {std::pair(120.0, 1.5e-4), {140.0, -1e-4}, {260.0, 1.5e-4}, {280.0, -1e-4}, {400.0, 1.5e-4}, {420.0, -1e-4}, {499.0, 1.5e-4}}) {
+    for (const auto& [until, rate] : {std::pair(120.0, 1.5e-4),
+                                      {140.0, -1e-4},
+                                      {260.0, 1.5e-4},
+                                      {280.0, -1e-4},
+                                      {400.0, 1.5e-4},
+                                      {420.0, -1e-4},
+                                      {499.0, 1.5e-4}}) {
       if (t > from) at += rate * (std::min(t, until) - from);
       from = until;
     }
@@ -280,7 +312,8 @@ identification::Curve bar_of_a_soft_train(const material::FiniteStrainLaw& law, 
 
 /// Whether the set of the loop on that bar has the compliance in it.
 bool finds_compliance(const CurveModel& m, double compliance, unsigned seed, std::size_t most) {
-  CurveExperiment experiment(Communicator(), {bar_of_a_soft_train(*m.extended(material::known_effects()), m.values, compliance, seed)}, m);
+  CurveExperiment experiment(
+      Communicator(), {bar_of_a_soft_train(*m.extended(material::known_effects()), m.values, compliance, seed)}, m);
   const Report report = loop_on(experiment);
   const auto is_it = [&](int k) { return experiment.candidates()[static_cast<std::size_t>(k)].name == "compliance"; };
   EXPECT_LE(report.set.size(), most) << report.sentence;
@@ -288,9 +321,12 @@ bool finds_compliance(const CurveModel& m, double compliance, unsigned seed, std
   return std::count_if(report.set.begin(), report.set.end(), is_it) == 1;
 }
 
-ParameterInfo& youngs_modulus(CurveModel& m) { return *std::find_if(m.information.begin(), m.information.end(), [](const auto& info) { return info.name == "E"; }); }
+ParameterInfo& youngs_modulus(CurveModel& m) {
+  return *std::find_if(m.information.begin(), m.information.end(), [](const auto& info) { return info.name == "E"; });
+}
 
-/// A load train that gives way like the bar, and a handbook's E: noise of the stress is no strain of the train. The gain of a strain that hardens by a curve's formula is another name for it.
+/// A load train that gives way like the bar, and a handbook's E: noise of the stress is no strain of the train. The
+/// gain of a strain that hardens by a curve's formula is another name for it.
 TEST(CurveExperiment, AComplianceIsFoundBesideAPriorOnE) {
   CurveModel m = model(truth);
   m.priors[static_cast<std::size_t>(&youngs_modulus(m) - m.information.data())] = 2e3;
@@ -311,7 +347,9 @@ TEST(CurveExperiment, AGaugeActsOnATurnAfterAHold) {
   identification::Curve curve;
   curve.name = "held", curve.group = "held", curve.deviation = 1.0, curve.engineering = false;
   curve.history.time = Eigen::VectorXd::LinSpaced(101, 0.0, 100.0);
-  curve.history.strain = curve.history.time.unaryExpr([](double t) { return t <= 40.0 ? 2.5e-4 * t : t <= 60.0 ? 0.01 : 0.01 - 2.5e-4 * (t - 60.5); });
+  curve.history.strain = curve.history.time.unaryExpr([](double t) {
+    return t <= 40.0 ? 2.5e-4 * t : t <= 60.0 ? 0.01 : 0.01 - 2.5e-4 * (t - 60.5);
+  });
   curve.history.turns = {{.row = 61, .between = true, .time = 60.5, .strain = 0.0103}};
   curve.stress = material::pull_bar(*m.extended(material::known_effects()), m.values, curve.history).kirchhoff;
   for (double& strain : curve.history.strain) strain = shown(strain, gain);
@@ -327,7 +365,14 @@ TEST(CurveExperiment, AGaugeActsOnATurnAfterAHold) {
 
 /// The fast bars of a declared rate that takes all of the yield stress away.
 TEST(CurveExperiment, WhatTheLawCannotFollowIsSaid) {
-  CurveModel m = model({{"E", 200e3}, {"nu", 0.3}, {"S_y", 250.0}, {"S_inf", 420.0}, {"b", 18.0}, {"H", 700.0}, {"C_rate", -0.15}, {"rate_0", 1e-6}});
+  CurveModel m = model({{"E", 200e3},
+                        {"nu", 0.3},
+                        {"S_y", 250.0},
+                        {"S_inf", 420.0},
+                        {"b", 18.0},
+                        {"H", 700.0},
+                        {"C_rate", -0.15},
+                        {"rate_0", 1e-6}});
   for (std::size_t j = 0; j < m.values.size(); ++j)
     if (m.information[j].effect == "rate") m.declared[j] = 1;
   m.extended = [](std::vector<std::string> effects) {
@@ -339,23 +384,29 @@ TEST(CurveExperiment, WhatTheLawCannotFollowIsSaid) {
     loop_on(experiment);
     FAIL();
   } catch (const ConvergenceError& error) {
-    EXPECT_NE(std::string(error.what()).find("fast0 (fast): the law cannot follow beyond row"), std::string::npos) << error.what();
+    EXPECT_NE(std::string(error.what()).find("fast0 (fast): the law cannot follow beyond row"), std::string::npos)
+        << error.what();
   }
 }
 
-/// The elastic part is an eightieth of the strain and more than half of the stress: it has its share of the bins, the same for all bars, and the load cell's zero is told from E.
+/// The elastic part is an eightieth of the strain and more than half of the stress: it has its share of the bins, the
+/// same for all bars, and the load cell's zero is told from E.
 TEST(CurveExperiment, TheZeroOfTheForceIsFoundInRepeatedBars) {
   for (int count : {2, 6}) {
     CurveExperiment experiment(Communicator(), dense_bars(count, 25.0, 1), model(truth));
     const Report report = loop_on(experiment);
-    const auto zero = std::find_if(report.set.begin(), report.set.end(), [&](int k) { return experiment.candidates()[static_cast<std::size_t>(k)].name == "force zero"; });
+    const auto zero = std::find_if(report.set.begin(), report.set.end(), [&](int k) {
+      return experiment.candidates()[static_cast<std::size_t>(k)].name == "force zero";
+    });
     ASSERT_NE(zero, report.set.end()) << report.sentence;
-    const auto place = static_cast<std::size_t>(experiment.candidates()[static_cast<std::size_t>(*zero)].parameters.front());
+    const auto place =
+        static_cast<std::size_t>(experiment.candidates()[static_cast<std::size_t>(*zero)].parameters.front());
     EXPECT_NEAR(report.final.fit.values[place], 25.0, 3.0) << report.sentence;
   }
 }
 
-/// What was estimated from the points of a curve has their freedom, and every draw its own estimate; what was declared is known.
+/// What was estimated from the points of a curve has their freedom, and every draw its own estimate; what was declared
+/// is known.
 TEST(CurveExperiment, NoiseOfThePointsIsAnEstimate) {
   auto curves = dense_bars(1, 0.0, 4);  // one of the nine of ten whose steep rows do not scatter more by chance
   const auto spread = [](const CurveExperiment& e, Eigen::MatrixXd squares) {
@@ -373,14 +424,17 @@ TEST(CurveExperiment, NoiseOfThePointsIsAnEstimate) {
   EXPECT_NEAR(estimated.bin_noise(0), 1.5, 0.4);
   const Eigen::MatrixXd exact = known.noise(values, 400), grown = estimated.noise(values, 400);
   EXPECT_GT(grown.norm(), 1.005 * exact.norm());
-  // chi^2/N has a standard deviation of sqrt(2/149) = 0.116 where the noise is known; as much again comes of the estimate, which shares its points.
+  // chi^2/N has a standard deviation of sqrt(2/149) = 0.116 where the noise is known; as much again comes of the
+  // estimate, which shares its points.
   EXPECT_NEAR(spread(known, known.noise_of_squares(values, exact)), 0.116, 0.02);
   EXPECT_GT(spread(estimated, estimated.noise_of_squares(values, grown)), 0.116);
 }
 
-/// Whether something is said to be missing in a curve that has no repetition, whose first row is that of the virgin bar.
+/// Whether something is said to be missing in a curve that has no repetition, whose first row is that of the virgin
+/// bar.
 bool raises_alarm(identification::Curve curve) {
-  curve.deviation = identification::point_noise(curve), curve.use.assign(static_cast<std::size_t>(curve.stress.size()), identification::Curve::fitted);
+  curve.deviation = identification::point_noise(curve),
+  curve.use.assign(static_cast<std::size_t>(curve.stress.size()), identification::Curve::fitted);
   curve.use[0] = identification::Curve::not_judged;
   CurveExperiment experiment(Communicator(), {curve}, model(truth));
   const Report report = loop_on(experiment);
@@ -388,7 +442,8 @@ bool raises_alarm(identification::Curve curve) {
   return report.verdict != Verdict::nothing_found;
 }
 
-/// One bar, the noise of whose strain is 4 times as much stress as that of the load cell where it is elastic: nothing is missing.
+/// One bar, the noise of whose strain is 4 times as much stress as that of the load cell where it is elastic: nothing
+/// is missing.
 TEST(CurveExperiment, NoiseOfTheStrainIsNoEffect) {
   int alarms = 0;
   constexpr int count = 10;
@@ -399,8 +454,10 @@ TEST(CurveExperiment, NoiseOfTheStrainIsNoEffect) {
     identification::Curve curve;
     curve.name = curve.group = "bar", curve.estimated = true;
     curve.history.strain = Eigen::VectorXd::LinSpaced(400, 0.0, 0.08), curve.history.time = curve.history.strain / 1e-3;
-    curve.stress = material::pull_bar(*model(truth).extended(material::known_effects()), values, curve.history).engineering;
-    for (Eigen::Index row = 1; row < 400; ++row) curve.stress[row] += normal(random), curve.history.strain[row] += 2e-5 * normal(random);
+    curve.stress =
+        material::pull_bar(*model(truth).extended(material::known_effects()), values, curve.history).engineering;
+    for (Eigen::Index row = 1; row < 400; ++row)
+      curve.stress[row] += normal(random), curve.history.strain[row] += 2e-5 * normal(random);
     alarms += raises_alarm(curve);
   }
   EXPECT_LE(alarms, 2);  // 0.05 each: 1 of 80 that there are more
@@ -426,20 +483,24 @@ TEST(CurveExperiment, NoiseOfTheStrainOfAnUnloadedBarIsNoEffect) {
       const double t = curve.history.time[row];
       while (piece + 2 < static_cast<Eigen::Index>(when.size()) && t > when[static_cast<std::size_t>(piece) + 1]) {
         ++piece;
-        curve.history.turns.push_back({row, true, when[static_cast<std::size_t>(piece)], at[static_cast<std::size_t>(piece)]});
+        curve.history.turns.push_back(
+            {row, true, when[static_cast<std::size_t>(piece)], at[static_cast<std::size_t>(piece)]});
       }
       const auto k = static_cast<std::size_t>(piece);
       curve.history.strain[row] = at[k] + (t - when[k]) * (at[k + 1] - at[k]) / (when[k + 1] - when[k]);
     }
-    curve.stress = material::pull_bar(*model(truth).extended(material::known_effects()), values, curve.history).engineering;
-    for (Eigen::Index row = 1; row < rows; ++row) curve.stress[row] += normal(random), curve.history.strain[row] += 2e-5 * normal(random);
+    curve.stress =
+        material::pull_bar(*model(truth).extended(material::known_effects()), values, curve.history).engineering;
+    for (Eigen::Index row = 1; row < rows; ++row)
+      curve.stress[row] += normal(random), curve.history.strain[row] += 2e-5 * normal(random);
     identification::read_gauge(curve);
     alarms += raises_alarm(curve);
   }
   EXPECT_LE(alarms, 2);  // 0.05 each: 1 of 80 that there are more
 }
 
-/// Bars along and across tell R_22; nothing tells R_33, R_12 and the angle, which would take the deviation of R_22 along.
+/// Bars along and across tell R_22; nothing tells R_33, R_12 and the angle, which would take the deviation of R_22
+/// along.
 TEST(CurveExperiment, WhatTwoDirectionsSayNothingOfIsLeftOut) {
   auto values = truth;
   values["R_22"] = 0.93;
@@ -450,8 +511,10 @@ TEST(CurveExperiment, WhatTwoDirectionsSayNothingOfIsLeftOut) {
   for (const double direction : {0.0, 90.0})
     for (int k = 0; k < 4; ++k) {
       identification::Curve curve;
-      curve.group = direction > 0.0 ? "across" : "along", curve.name = curve.group + std::to_string(k), curve.deviation = 3.0;
-      curve.history.strain = Eigen::VectorXd::LinSpaced(150, 0.0, 0.08), curve.history.time = curve.history.strain / 1e-3, curve.history.direction = direction;
+      curve.group = direction > 0.0 ? "across" : "along", curve.name = curve.group + std::to_string(k),
+      curve.deviation = 3.0;
+      curve.history.strain = Eigen::VectorXd::LinSpaced(150, 0.0, 0.08),
+      curve.history.time = curve.history.strain / 1e-3, curve.history.direction = direction;
       curve.stress = material::pull_bar(*m.extended(material::known_effects()), m.values, curve.history).engineering;
       const double off = normal(random);
       for (Eigen::Index row = 1; row < 150; ++row) curve.stress[row] += off + normal(random);
@@ -466,21 +529,25 @@ TEST(CurveExperiment, WhatTwoDirectionsSayNothingOfIsLeftOut) {
   EXPECT_EQ(report.final.idle.size(), 3U);
   for (std::size_t k = 0; k < report.final.fit.free.size(); ++k) {
     const auto& info = experiment.parameters()[static_cast<std::size_t>(report.final.fit.free[k])].info;
-    const double value = report.final.fit.values[static_cast<std::size_t>(report.final.fit.free[k])], deviation = std::sqrt(report.final.covariance(static_cast<Eigen::Index>(k), static_cast<Eigen::Index>(k)));
+    const double value = report.final.fit.values[static_cast<std::size_t>(report.final.fit.free[k])],
+                 deviation =
+                     std::sqrt(report.final.covariance(static_cast<Eigen::Index>(k), static_cast<Eigen::Index>(k)));
     if (info.name != "R_22" && info.name != "E") continue;
     EXPECT_NEAR(value, values.at(info.name), 3.0 * deviation) << info.name;
     EXPECT_LT(deviation, 0.02 * value) << info.name;
   }
 }
 
-/// A hundred null tests of 6000 rows each estimate their own noise: no matrix of rows by rows (6000^3/3 operations each) is in it.
+/// A hundred null tests of 6000 rows each estimate their own noise: no matrix of rows by rows (6000^3/3 operations
+/// each) is in it.
 TEST(CurveExperiment, ManyRowsTakeSeconds) {
   constexpr Eigen::Index rows = 6000;
   identification::Curve curve;
   curve.name = curve.group = "bar", curve.estimated = true;
   curve.history.strain = Eigen::VectorXd::LinSpaced(rows, 0.0, 0.08), curve.history.time = curve.history.strain / 1e-3;
   const std::vector<double> values = model(truth).values;
-  curve.stress = material::pull_bar(*model(truth).extended(material::known_effects()), values, curve.history).engineering;
+  curve.stress =
+      material::pull_bar(*model(truth).extended(material::known_effects()), values, curve.history).engineering;
   std::mt19937_64 random(1);
   std::normal_distribution<double> normal;
   for (double& stress : curve.stress) stress += normal(random);
@@ -497,9 +564,12 @@ TEST(CurveExperiment, ManyRowsTakeSeconds) {
 
 TEST(CurveExperiment, RecordsOfBarsHaveNoImages) {
   CurveExperiment experiment(Communicator(), bars(1, {}), model(truth));
-  for (const auto& candidate : experiment.candidates()) EXPECT_EQ(candidate.sentence.find("images"), std::string::npos) << candidate.sentence;
+  for (const auto& candidate : experiment.candidates())
+    EXPECT_EQ(candidate.sentence.find("images"), std::string::npos) << candidate.sentence;
   const auto& parameters = experiment.parameters();
-  EXPECT_EQ(std::count_if(parameters.begin(), parameters.end(), [](const Parameter& p) { return p.info.name == "compliance" && p.info.lower == 0.0; }), 1);
+  EXPECT_EQ(std::count_if(parameters.begin(), parameters.end(),
+                          [](const Parameter& p) { return p.info.name == "compliance" && p.info.lower == 0.0; }),
+            1);
 }
 
 TEST(CurveExperiment, EveryFourthBarIsHeldOut) {
@@ -514,10 +584,13 @@ TEST(CurveExperiment, NothingIsFoundWhereNothingIsMissing) {
   EXPECT_EQ(report.verdict, Verdict::nothing_found) << report.sentence;
   // A plateau is more than a shift along the curve: of a usual size it is seen.
   const auto& others = report.declared.others;
-  const auto plateau = std::find_if(others.begin(), others.end(), [&](int k) { return experiment.candidates()[static_cast<std::size_t>(k)].name == "plateau"; });
+  const auto plateau = std::find_if(others.begin(), others.end(), [&](int k) {
+    return experiment.candidates()[static_cast<std::size_t>(k)].name == "plateau";
+  });
   ASSERT_NE(plateau, others.end());
   EXPECT_GT(report.declared.scores.candidates[static_cast<std::size_t>(plateau - others.begin())].visibility, 0.1);
-  // Scores of many marks are judged by a covariance of far more draws than there are marks; sums of squares take time, and a hundred tell.
+  // Scores of many marks are judged by a covariance of far more draws than there are marks; sums of squares take time,
+  // and a hundred tell.
   EXPECT_EQ(report.declared.ground->null.cols(), 2000);
   EXPECT_EQ(report.declared.ground->squares.cols(), 100);
   // Whitened with the bars' own scatter, and not weighed by it once more.
@@ -525,10 +598,12 @@ TEST(CurveExperiment, NothingIsFoundWhereNothingIsMissing) {
   EXPECT_TRUE(report.declared.ground->weight(Eigen::MatrixXd::Identity(N, N)).isIdentity(1e-12));
 }
 
-/// Without reversal friction is a zero of the force; with cycles it is a jump at every turn, found and told from back-stresses.
+/// Without reversal friction is a zero of the force; with cycles it is a jump at every turn, found and told from
+/// back-stresses.
 TEST(CurveExperiment, FrictionIsFoundAtReversals) {
   const auto has_friction = [](const CurveExperiment& experiment) {
-    return std::any_of(experiment.candidates().begin(), experiment.candidates().end(), [](const Candidate& c) { return c.name == "friction"; });
+    return std::any_of(experiment.candidates().begin(), experiment.candidates().end(),
+                       [](const Candidate& c) { return c.name == "friction"; });
   };
   EXPECT_FALSE(has_friction(CurveExperiment(Communicator(), bars(4, {}), model(truth))));
   auto all = bars(4, {});
@@ -539,7 +614,8 @@ TEST(CurveExperiment, FrictionIsFoundAtReversals) {
     identification::Curve curve;
     curve.name = "cycle" + std::to_string(k), curve.group = "cycles";
     curve.history.strain.resize(241);
-    for (int row = 0; row <= 240; ++row) curve.history.strain[row] = 0.012 * std::asin(std::sin(2.0 * M_PI * row / 80.0)) / (0.5 * M_PI);
+    for (int row = 0; row <= 240; ++row)
+      curve.history.strain[row] = 0.012 * std::asin(std::sin(2.0 * M_PI * row / 80.0)) / (0.5 * M_PI);
     curve.history.time = Eigen::VectorXd::LinSpaced(241, 0.0, 240.0);
     curve.stress = material::pull_bar(*m.extended(material::known_effects()), m.values, curve.history).engineering;
     const double a = 3.0 * normal(random);
@@ -550,19 +626,21 @@ TEST(CurveExperiment, FrictionIsFoundAtReversals) {
     all.push_back(std::move(curve));
   }
   for (auto& curve : all)
-    for (Eigen::Index row = 1; row < curve.stress.size(); ++row) curve.stress[row] += curve.history.strain[row] > curve.history.strain[row - 1] ? 20.0 : -20.0;
+    for (Eigen::Index row = 1; row < curve.stress.size(); ++row)
+      curve.stress[row] += curve.history.strain[row] > curve.history.strain[row - 1] ? 20.0 : -20.0;
   CurveExperiment experiment(Communicator(), std::move(all), model(truth));
   ASSERT_TRUE(has_friction(experiment));
   const Report report = loop_on(experiment);
   ASSERT_EQ(report.named.size(), 1U) << report.sentence;
-  EXPECT_EQ(experiment.candidates()[static_cast<std::size_t>(report.named.front())].name, "friction") << report.sentence;
+  EXPECT_EQ(experiment.candidates()[static_cast<std::size_t>(report.named.front())].name, "friction")
+      << report.sentence;
   EXPECT_EQ(report.sentence.find("the course"), std::string::npos) << report.sentence;
   const auto place = experiment.candidates()[static_cast<std::size_t>(report.named.front())].parameters.front();
   EXPECT_NEAR(report.final.fit.values[static_cast<std::size_t>(place)], 20.0, 2.0);
 }
 
-/// One rate of two cannot tell a factor on the fast bars from a viscous stress that is small everywhere: the verdict may be a set,
-/// but the truth is in it.
+/// One rate of two cannot tell a factor on the fast bars from a viscous stress that is small everywhere: the verdict
+/// may be a set, but the truth is in it.
 TEST(CurveExperiment, RateIsInTheSet) {
   CurveExperiment experiment(Communicator(), bars(3, {{"C_rate", 0.012}, {"rate_0", 1e-3}}), model(truth));
   const Report report = loop_on(experiment);
@@ -578,9 +656,11 @@ TEST(CurveExperiment, RateIsInTheSet) {
 TEST(CurveExperiment, NoiseOfSparseCyclesIsNoEffect) {
   CurveModel m = model(truth);
   for (std::size_t j = 0; j < m.information.size(); ++j)
-    if (m.information[j].effect == "kinematic") m.values[j] = m.information[j].shape ? 300.0 : 60e3, m.declared[j] = m.free[j] = 1;
+    if (m.information[j].effect == "kinematic")
+      m.values[j] = m.information[j].shape ? 300.0 : 60e3, m.declared[j] = m.free[j] = 1;
   m.extended = [](std::vector<std::string> effects) {
-    if (std::find(effects.begin(), effects.end(), "kinematic") == effects.end()) effects.insert(effects.begin(), "kinematic");
+    if (std::find(effects.begin(), effects.end(), "kinematic") == effects.end())
+      effects.insert(effects.begin(), "kinematic");
     return material::make_law({.law = "j2", .hardening = "voce", .effects = effects});
   };
   const auto law = m.extended(material::known_effects());
@@ -592,14 +672,18 @@ TEST(CurveExperiment, NoiseOfSparseCyclesIsNoEffect) {
     // On a fine course, which the rows take some of.
     constexpr int rows = 420, fine = 20;
     material::BarHistory course{.time = Eigen::VectorXd::LinSpaced(rows * fine, 0.0, 80.0), .strain = {}};
-    course.strain = course.time.unaryExpr([](double t) { return 0.01 * std::asin(std::sin(0.5 * M_PI * t / 2.0)) / (0.5 * M_PI); });
+    course.strain =
+        course.time.unaryExpr([](double t) { return 0.01 * std::asin(std::sin(0.5 * M_PI * t / 2.0)) / (0.5 * M_PI); });
     const Eigen::VectorXd stress = material::pull_bar(*law, m.values, course).engineering;
     identification::Curve curve;
     curve.name = curve.group = "cycles", curve.estimated = true;
     curve.history.time.resize(rows), curve.history.strain.resize(rows), curve.stress.resize(rows);
     for (int row = 0; row < rows; ++row) {
-      const auto at = static_cast<Eigen::Index>(std::clamp(fine * (row + (row > 0 ? uniform(random) : 0.0)), 0.0, rows * fine - 1.0));
-      curve.history.time[row] = course.time[at], curve.history.strain[row] = course.strain[at] + (row > 0 ? 4e-6 * normal(random) : 0.0), curve.stress[row] = stress[at] + normal(random);
+      const auto at = static_cast<Eigen::Index>(
+          std::clamp(fine * (row + (row > 0 ? uniform(random) : 0.0)), 0.0, rows * fine - 1.0));
+      curve.history.time[row] = course.time[at],
+      curve.history.strain[row] = course.strain[at] + (row > 0 ? 4e-6 * normal(random) : 0.0),
+      curve.stress[row] = stress[at] + normal(random);
     }
     curve.use.assign(rows, identification::Curve::fitted);
     curve.deviation = identification::point_noise(curve);
@@ -608,19 +692,27 @@ TEST(CurveExperiment, NoiseOfSparseCyclesIsNoEffect) {
     CurveExperiment experiment(Communicator(), {curve}, m);
     const Report report = loop_on(experiment);
     alarms += report.verdict == Verdict::nothing_found ? 0 : 1;
-    if (report.verdict != Verdict::nothing_found) std::cout << "[          ] seed " << seed << ": " << report.sentence << "\n";
+    if (report.verdict != Verdict::nothing_found)
+      std::cout << "[          ] seed " << seed << ": " << report.sentence << "\n";
   }
   EXPECT_LE(alarms, 1);  // by chance in 5 of 100 tests each
 }
 
-/// Its usual reference is the test's own rate: relative to one per second no C_rate within its bounds would be found in slow tests.
+/// Its usual reference is the test's own rate: relative to one per second no C_rate within its bounds would be found in
+/// slow tests.
 TEST(CurveExperiment, ARateIsScoredInSlowTests) {
   CurveExperiment experiment(Communicator(), bars(3, {{"C_rate", 0.012}, {"rate_0", 1e-5}}, 6, 1e-2), model(truth));
-  const auto place = [&](const char* name) { return static_cast<std::size_t>(std::find_if(experiment.parameters().begin(), experiment.parameters().end(), [&](const Parameter& p) { return p.info.name == name; }) - experiment.parameters().begin()); };
+  const auto place = [&](const char* name) {
+    return static_cast<std::size_t>(std::find_if(experiment.parameters().begin(), experiment.parameters().end(),
+                                                 [&](const Parameter& p) { return p.info.name == name; }) -
+                                    experiment.parameters().begin());
+  };
   EXPECT_NEAR(experiment.parameters()[place("rate_0")].value, 1e-4, 1e-6);
   const Report report = close_loop(experiment, {.additions = 0, .held_out = experiment.held_out()});
   const auto& others = report.declared.others;
-  const auto rate = std::find_if(others.begin(), others.end(), [&](int k) { return experiment.candidates()[static_cast<std::size_t>(k)].name == "rate"; });
+  const auto rate = std::find_if(others.begin(), others.end(), [&](int k) {
+    return experiment.candidates()[static_cast<std::size_t>(k)].name == "rate";
+  });
   ASSERT_NE(rate, others.end());
   const Score& score = report.declared.scores.candidates[static_cast<std::size_t>(rate - others.begin())];
   EXPECT_GT(score.z, report.declared.scores.threshold);
@@ -630,10 +722,13 @@ TEST(CurveExperiment, ARateIsScoredInSlowTests) {
 /// Tests at several rates have one reference: that of the slowest.
 TEST(CurveExperiment, TestsTogetherHaveOneReferenceRate) {
   const auto all = bars(3, {});
-  CurveExperiment slow(Communicator(), {all.begin(), all.begin() + 6}, model(truth)), fast(Communicator(), {all.begin() + 6, all.end()}, model(truth));
+  CurveExperiment slow(Communicator(), {all.begin(), all.begin() + 6}, model(truth)),
+      fast(Communicator(), {all.begin() + 6, all.end()}, model(truth));
   const JointExperiment joint({{"fast", &fast}, {"slow", &slow}});
   for (const auto& p : joint.parameters())
-    if (p.info.name == "rate_0") { EXPECT_NEAR(p.value, 1e-4, 1e-6); }
+    if (p.info.name == "rate_0") {
+      EXPECT_NEAR(p.value, 1e-4, 1e-6);
+    }
 }
 
 /// Pulled at two rates, held twice, integrated by explicit Euler.
@@ -652,15 +747,20 @@ TEST(CurveExperiment, ViscosityIsFoundInHolds) {
         now = E * (from + rate * dt * k - p);
         p += dt * std::pow(std::max(0.0, now - (420.0 - 170.0 * std::exp(-18.0 * p))) / eta, 1.0 / m);
       }
-      time.push_back(time.back() + spacing), strain.push_back(from + rate * spacing), stress.push_back(E * (strain.back() - p));
+      time.push_back(time.back() + spacing), strain.push_back(from + rate * spacing),
+          stress.push_back(E * (strain.back() - p));
     }
   };
   go(1e-3, 40, 0.5), go(0.0, 30, 1.0), go(1e-2, 20, 0.1), go(0.0, 30, 1.0), go(1e-3, 40, 0.5);
-  const auto vector = [](const std::vector<double>& all) -> Eigen::VectorXd { return Eigen::Map<const Eigen::VectorXd>(all.data(), std::ssize(all)); };
+  const auto vector = [](const std::vector<double>& all) -> Eigen::VectorXd {
+    return Eigen::Map<const Eigen::VectorXd>(all.data(), std::ssize(all));
+  };
   curve.history.time = vector(time), curve.history.strain = vector(strain);
   std::mt19937_64 random(5);
   std::normal_distribution<double> normal;
-  curve.stress = vector(stress).cwiseProduct((-vector(strain)).array().exp().matrix()).unaryExpr([&](double s) { return s + 1.5 * normal(random); });
+  curve.stress = vector(stress).cwiseProduct((-vector(strain)).array().exp().matrix()).unaryExpr([&](double s) {
+    return s + 1.5 * normal(random);
+  });
   curve.use.assign(time.size(), identification::Curve::fitted);
   curve.use[0] = identification::Curve::not_judged;
   auto declared = truth;
@@ -672,14 +772,17 @@ TEST(CurveExperiment, ViscosityIsFoundInHolds) {
   const Report report = loop_on(experiment);
   ASSERT_EQ(report.named.size(), 1U) << report.sentence;
   EXPECT_EQ(report.verdict, Verdict::attributed) << report.sentence;
-  EXPECT_EQ(experiment.candidates()[static_cast<std::size_t>(report.named.front())].name, "viscosity") << report.sentence;
-  const std::map<std::string, double> planted = {{"E", E}, {"S_y", 250.0}, {"S_inf", 420.0}, {"b", 18.0}, {"eta", eta}, {"m", m}};
+  EXPECT_EQ(experiment.candidates()[static_cast<std::size_t>(report.named.front())].name, "viscosity")
+      << report.sentence;
+  const std::map<std::string, double> planted = {{"E", E},    {"S_y", 250.0}, {"S_inf", 420.0},
+                                                 {"b", 18.0}, {"eta", eta},   {"m", m}};
   const Fit& fit = report.final.fit;
   for (std::size_t k = 0; k < fit.free.size(); ++k) {
     const auto j = static_cast<std::size_t>(fit.free[k]);
     const auto place = static_cast<Eigen::Index>(k);
     const double deviation = std::sqrt(report.final.covariance(place, place));
-    EXPECT_LT(std::abs(fit.values[j] - planted.at(experiment.parameters()[j].info.name)), 3.0 * deviation) << experiment.parameters()[j].info.name << " " << fit.values[j] << " +- " << deviation;
+    EXPECT_LT(std::abs(fit.values[j] - planted.at(experiment.parameters()[j].info.name)), 3.0 * deviation)
+        << experiment.parameters()[j].info.name << " " << fit.values[j] << " +- " << deviation;
   }
 }
 
@@ -690,7 +793,8 @@ TEST(CurveExperiment, AForceThatRubsOrLagsTurnsWithTheBar) {
   material::BarHistory fine{.time = Eigen::VectorXd::LinSpaced(9001, 0.0, 9.0), .strain = {}};
   fine.strain = fine.time.unaryExpr(triangle);
   const Eigen::VectorXd stress = material::pull_bar(*m.extended(material::known_effects()), m.values, fine).kirchhoff;
-  for (const auto& [name, size] : {std::pair<std::string, double>("friction_force", 8.0), std::pair<std::string, double>("force_delay", 0.05)}) {
+  for (const auto& [name, size] :
+       {std::pair<std::string, double>("friction_force", 8.0), std::pair<std::string, double>("force_delay", 0.05)}) {
     identification::Curve curve;
     curve.name = "cycle", curve.group = "cycles", curve.engineering = false;
     curve.history = {.time = Eigen::VectorXd(130), .strain = Eigen::VectorXd(130)};
@@ -699,11 +803,15 @@ TEST(CurveExperiment, AForceThatRubsOrLagsTurnsWithTheBar) {
       const Eigen::Index at = row * 67 + row * row % 17;  // ms
       const bool back = (at - 1 + 1000) / 2000 % 2 == 1;
       curve.history.time[row] = 1e-3 * static_cast<double>(at), curve.history.strain[row] = fine.strain[at];
-      curve.stress[row] = name == "force_delay" ? stress[std::max<Eigen::Index>(0, at - 50)] : stress[at] + (row == 0 ? 0.0 : back ? -size : size);
+      curve.stress[row] = name == "force_delay" ? stress[std::max<Eigen::Index>(0, at - 50)]
+                                                : stress[at] + (row == 0 ? 0.0
+                                                                : back   ? -size
+                                                                         : size);
     }
     curve.history.turns = identification::find_turns(curve.history.time, curve.history.strain, curve.stress);
     ASSERT_EQ(curve.history.turns.size(), 4U);
-    for (std::size_t k = 0; k < 4; ++k) EXPECT_NEAR(curve.history.turns[k].strain, k % 2 == 0 ? 0.01 : -0.01, 2e-5) << name << k;
+    for (std::size_t k = 0; k < 4; ++k)
+      EXPECT_NEAR(curve.history.turns[k].strain, k % 2 == 0 ? 0.01 : -0.01, 2e-5) << name << k;
     if (name == "force_delay") continue;  // its course between rows is taken for straight
     CurveExperiment experiment(Communicator(), {curve}, model(truth));
     std::vector<double> values;
@@ -712,7 +820,9 @@ TEST(CurveExperiment, AForceThatRubsOrLagsTurnsWithTheBar) {
   }
 }
 
-/// A viscous bar that is pulled, held and pulled on, sampled at other moments than those at which its rate changes, with noise of strain and stress: what is declared is all there is, and a gauge whose course is smoothed has its corners.
+/// A viscous bar that is pulled, held and pulled on, sampled at other moments than those at which its rate changes,
+/// with noise of strain and stress: what is declared is all there is, and a gauge whose course is smoothed has its
+/// corners.
 TEST(CurveExperiment, NoiseOfTheStrainOfAHeldBarIsNoEffect) {
   constexpr double E = 200e3, eta = 200.0, m = 0.2, dt = 1e-4, spacing = 0.7;
   CurveModel declared = model(truth);
@@ -723,7 +833,8 @@ TEST(CurveExperiment, NoiseOfTheStrainOfAHeldBarIsNoEffect) {
   for (std::size_t j = 0; j < declared.values.size(); ++j) {
     const std::string& name = declared.information[j].name;
     if (name == "H") declared.free[j] = 0, declared.values[j] = 0.0;
-    if (name == "eta" || name == "m") declared.declared[j] = declared.free[j] = 1, declared.values[j] = name == "m" ? 0.21 : 190.0;
+    if (name == "eta" || name == "m")
+      declared.declared[j] = declared.free[j] = 1, declared.values[j] = name == "m" ? 0.21 : 190.0;
   }
   int alarms = 0;
   for (unsigned seed = 1; seed <= 4; ++seed) {
@@ -732,28 +843,35 @@ TEST(CurveExperiment, NoiseOfTheStrainOfAHeldBarIsNoEffect) {
     identification::Curve curve;
     curve.name = "held", curve.group = "held", curve.deviation = 0.6;
     constexpr Eigen::Index count = 115;
-    curve.history.time = Eigen::VectorXd::LinSpaced(count, 0.0, spacing * (count - 1)), curve.history.strain = curve.stress = Eigen::VectorXd::Zero(count);
+    curve.history.time = Eigen::VectorXd::LinSpaced(count, 0.0, spacing * (count - 1)),
+    curve.history.strain = curve.stress = Eigen::VectorXd::Zero(count);
     double p = 0.0;
     for (long k = 1; k <= std::lround(spacing / dt) * (count - 1); ++k) {
-      const double t = dt * static_cast<double>(k), strain = 1e-3 * (std::min(t, 20.0) + std::max(0.0, t - 60.0)), now = E * (strain - p);
+      const double t = dt * static_cast<double>(k), strain = 1e-3 * (std::min(t, 20.0) + std::max(0.0, t - 60.0)),
+                   now = E * (strain - p);
       p += dt * std::pow(std::max(0.0, now - (420.0 - 170.0 * std::exp(-18.0 * p))) / eta, 1.0 / m);
       if (k % std::lround(spacing / dt) != 0) continue;
       const auto row = static_cast<Eigen::Index>(k / std::lround(spacing / dt));
-      curve.history.strain[row] = strain + 3e-6 * normal(random), curve.stress[row] = E * (strain - p) * std::exp(-strain) + 0.6 * normal(random);
+      curve.history.strain[row] = strain + 3e-6 * normal(random),
+      curve.stress[row] = E * (strain - p) * std::exp(-strain) + 0.6 * normal(random);
     }
     curve.use.assign(count, identification::Curve::fitted);
     curve.use[0] = identification::Curve::not_judged;
     read_gauge(curve);
-    if (seed == 1) { ASSERT_EQ(curve.history.turns.size(), 2U); }  // corners
+    if (seed == 1) {
+      ASSERT_EQ(curve.history.turns.size(), 2U);
+    }  // corners
     CurveExperiment experiment(Communicator(), {curve}, declared);
     const Report report = loop_on(experiment);
     alarms += report.verdict == Verdict::nothing_found ? 0 : 1;
-    if (report.verdict != Verdict::nothing_found) std::cout << "[          ] seed " << seed << ": " << report.sentence << "\n";
+    if (report.verdict != Verdict::nothing_found)
+      std::cout << "[          ] seed " << seed << ": " << report.sentence << "\n";
   }
   EXPECT_LE(alarms, 1);
 }
 
-/// A plateau of 4 % bends the declared hardening until S_inf is below S_y: from there its identification stops at a third of it.
+/// A plateau of 4 % bends the declared hardening until S_inf is below S_y: from there its identification stops at a
+/// third of it.
 TEST(CurveExperimentNightly, ALargePlateauIsNamedAlone) {
   auto start = truth;  // a declaration is never right
   start["S_y"] = 230.0, start["S_inf"] = 450.0, start["b"] = 14.0, start["H"] = 600.0;
@@ -762,7 +880,9 @@ TEST(CurveExperimentNightly, ALargePlateauIsNamedAlone) {
   ASSERT_EQ(report.named.size(), 1U) << report.sentence;
   const Candidate& named = experiment.candidates()[static_cast<std::size_t>(report.named.front())];
   EXPECT_EQ(named.name, "plateau") << report.sentence;
-  EXPECT_NE(report.sentence.find("Of the hardening curve the test shows the course, not the formula."), std::string::npos) << report.sentence;
+  EXPECT_NE(report.sentence.find("Of the hardening curve the test shows the course, not the formula."),
+            std::string::npos)
+      << report.sentence;
   EXPECT_NEAR(report.final.fit.values[static_cast<std::size_t>(named.parameters.front())], 0.04, 1e-3);
 }
 

@@ -1,4 +1,5 @@
-// Effects that the declared model contains: a known one is in the prediction, a free one among the unknowns, neither a candidate.
+// Effects that the declared model contains: a known one is in the prediction, a free one among the unknowns, neither a
+// candidate.
 
 #include <gtest/gtest.h>
 
@@ -19,7 +20,8 @@ TEST(Declared, AKnownEffectIsInThePrediction) {
   FieldExperiment without = strip.experiment();
   EXPECT_TRUE(is_candidate(without, "force zero"));
   EXPECT_NEAR((without.unwhitened(declared(without)).second.array() - 120.0).abs().maxCoeff(), 0.0, 0.05);
-  strip.model.effects = {{.effect = "force_zero", .quantity = "force_offset", .value = 120.0, .lower = {}, .upper = {}}};
+  strip.model.effects = {
+      {.effect = "force_zero", .quantity = "force_offset", .value = 120.0, .lower = {}, .upper = {}}};
   FieldExperiment with = strip.experiment();
   EXPECT_FALSE(is_candidate(with, "force zero"));
   EXPECT_FALSE(with.parameters()[static_cast<std::size_t>(place_of(with, "force_offset"))].free);
@@ -31,7 +33,8 @@ TEST(Declared, ShapesAloneAreNoCandidate) {
   Strip strip(0.0);
   const FieldExperiment without = strip.experiment();
   EXPECT_TRUE(is_candidate(without, "stiff or soft region"));
-  strip.model.effects = {{.effect = "stiff_or_soft_region", .quantity = "region", .value = 0.1, .lower = {}, .upper = {}}};
+  strip.model.effects = {
+      {.effect = "stiff_or_soft_region", .quantity = "region", .value = 0.1, .lower = {}, .upper = {}}};
   const FieldExperiment with = strip.experiment();
   EXPECT_FALSE(is_candidate(with, "stiff or soft region"));
 }
@@ -42,7 +45,8 @@ TEST(Declared, AThickerStripCarriesMore) {
   FieldExperiment without = strip.experiment();
   EXPECT_TRUE(is_candidate(without, "thickness"));
   EXPECT_TRUE(without.takes_simulations(place_of(without, "thickness_error")));
-  strip.model.effects = {{.effect = "thickness", .quantity = "thickness_error", .value = 0.1, .lower = {}, .upper = {}}};
+  strip.model.effects = {
+      {.effect = "thickness", .quantity = "thickness_error", .value = 0.1, .lower = {}, .upper = {}}};
   FieldExperiment with = strip.experiment();
   EXPECT_FALSE(is_candidate(with, "thickness"));
   const auto [apart, more] = with.unwhitened(declared(with));
@@ -54,7 +58,11 @@ TEST(Declared, AThickerStripCarriesMore) {
 /// In plane stress the motion is the same and the force so much larger, before the load cell adds to it: no simulation.
 TEST(Declared, InPlaneStressTheThicknessScalesTheForce) {
   Strip strip(0.0);
-  strip.model.law = material::make_law({.law = "j2", .hardening = "power_linear", .tie_initial_modulus = true, .plane_stress = true, .table_strain = {}});
+  strip.model.law = material::make_law({.law = "j2",
+                                        .hardening = "power_linear",
+                                        .tie_initial_modulus = true,
+                                        .plane_stress = true,
+                                        .table_strain = {}});
   strip.model.specimen = [](const MeshChange& change) {
     mesh::Mesh quads = identification::testing::strip();
     quads.thickness = change.thickness;
@@ -62,7 +70,9 @@ TEST(Declared, InPlaneStressTheThicknessScalesTheForce) {
   };
   FieldExperiment without = strip.experiment();
   EXPECT_FALSE(without.takes_simulations(place_of(without, "thickness_error")));
-  strip.model.effects = {{.effect = "force_zero", .quantity = "force_offset", .value = 120.0, .lower = {}, .upper = {}}, {.effect = "thickness", .quantity = "thickness_error", .value = 0.1, .lower = {}, .upper = {}}};
+  strip.model.effects = {
+      {.effect = "force_zero", .quantity = "force_offset", .value = 120.0, .lower = {}, .upper = {}},
+      {.effect = "thickness", .quantity = "thickness_error", .value = 0.1, .lower = {}, .upper = {}}};
   FieldExperiment with = strip.experiment();
   const auto [apart, missing] = without.unwhitened(declared(without));
   const auto [apart_with, missing_with] = with.unwhitened(declared(with));
@@ -71,22 +81,35 @@ TEST(Declared, InPlaneStressTheThicknessScalesTheForce) {
   EXPECT_LT((strip.data.force - missing_with - (1.1 * force.array() + 120.0).matrix()).norm(), 1e-9 * force.norm());
 }
 
-/// What a simulation in space shows beyond that of plane stress, which is one of a specimen that is far thinner, is learned, and taken off.
+/// What a simulation in space shows beyond that of plane stress, which is one of a specimen that is far thinner, is
+/// learned, and taken off.
 TEST(Learned, WhatASimulationInSpaceShowsBeyondPlaneStress) {
-  const auto law = [](bool in_space) { return material::make_law({.law = "j2", .hardening = "power_linear", .tie_initial_modulus = true, .plane_stress = !in_space, .table_strain = {}}); };
+  const auto law = [](bool in_space) {
+    return material::make_law({.law = "j2",
+                               .hardening = "power_linear",
+                               .tie_initial_modulus = true,
+                               .plane_stress = !in_space,
+                               .table_strain = {}});
+  };
   const auto in = [&](bool space, double part = 1.0) {
     Strip strip(0.0);
     strip.data.force *= part, strip.data.force_noise *= part;
-    strip.data.correlate = [](const identification::Specimen& made, const Eigen::MatrixXd& U) {  // the nodes of the declared mesh are among those of a finer one
-      return Eigen::MatrixXd(identification::of_components(identification::interpolation(made.surface.mesh, identification::testing::strip().nodes.leftCols<2>())) * U);
-    };
+    strip.data.correlate =
+        [](const identification::Specimen& made,
+           const Eigen::MatrixXd& U) {  // the nodes of the declared mesh are among those of a finer one
+          return Eigen::MatrixXd(identification::of_components(identification::interpolation(
+                                     made.surface.mesh, identification::testing::strip().nodes.leftCols<2>())) *
+                                 U);
+        };
     strip.model.law = law(space);
     strip.model.extended = [law](const std::vector<std::string>&, bool in_space) { return law(in_space); };
     strip.model.specimen = [space, part](const MeshChange& change) {
       mesh::Mesh quads = identification::testing::strip();
       for (int i = 0; i < change.numerics.refinements; ++i) quads = mesh::refine(quads);
-      if (!space && !change.numerics.in_space) return identification::make_specimen(std::move(quads), "bottom", "top", 1, false);
-      return identification::make_specimen(mesh::extrude(quads, 0.5 * part * change.numerics.of_thickness, 1), "bottom", "top", 1, true);
+      if (!space && !change.numerics.in_space)
+        return identification::make_specimen(std::move(quads), "bottom", "top", 1, false);
+      return identification::make_specimen(mesh::extrude(quads, 0.5 * part * change.numerics.of_thickness, 1), "bottom",
+                                           "top", 1, true);
     };
     return strip.experiment();
   };
@@ -122,13 +145,15 @@ TEST(Learned, TheLawIsInDoubtByAThousandth) {
     auto more = values, less = values;
     more[static_cast<std::size_t>(j)] *= 1.0005, less[static_cast<std::size_t>(j)] *= 0.9995;
     const Eigen::VectorXd expected = experiment.residuals({more}).front() - experiment.residuals({less}).front();
-    EXPECT_LT((doubt.col(doubt.cols() - 30 - numbers + j) - expected).norm(), 0.02 * expected.norm()) << strip.model.information[static_cast<std::size_t>(j)].name;
+    EXPECT_LT((doubt.col(doubt.cols() - 30 - numbers + j) - expected).norm(), 0.02 * expected.norm())
+        << strip.model.information[static_cast<std::size_t>(j)].name;
   }
 }
 
 TEST(Declared, AFreeEffectIsIdentified) {
   Strip strip(120.0);
-  strip.model.effects = {{.effect = "force_zero", .quantity = "force_offset", .value = {}, .lower = -200.0, .upper = {}, .free = true}};
+  strip.model.effects = {
+      {.effect = "force_zero", .quantity = "force_offset", .value = {}, .lower = -200.0, .upper = {}, .free = true}};
   FieldExperiment experiment = strip.experiment();
   const int offset = place_of(experiment, "force_offset");
   EXPECT_TRUE(experiment.parameters()[static_cast<std::size_t>(offset)].free);
@@ -165,8 +190,15 @@ TEST(Declared, TheRecordAtRestReadsTheZero) {
 /// A load cell that is off by twelve times what is known of it is not explained by that.
 TEST(Declared, WhatIsKnownBeforehandGoesNoFartherThanItIsKnown) {
   Strip strip(120.0);
-  strip.model.effects = {{.effect = "force_zero", .quantity = "force_offset", .value = {}, .lower = {}, .upper = {}, .free = true, .prior = 1.0}};
-  const double whole = strip.experiment().parameters()[static_cast<std::size_t>(place_of(strip.experiment(), "force_offset"))].prior;
+  strip.model.effects = {{.effect = "force_zero",
+                          .quantity = "force_offset",
+                          .value = {},
+                          .lower = {},
+                          .upper = {},
+                          .free = true,
+                          .prior = 1.0}};
+  const double whole =
+      strip.experiment().parameters()[static_cast<std::size_t>(place_of(strip.experiment(), "force_offset"))].prior;
   strip.model.effects.front().prior = 10.0 / whole;
   FieldExperiment experiment = strip.experiment();
   const int offset = place_of(experiment, "force_offset");
@@ -175,7 +207,8 @@ TEST(Declared, WhatIsKnownBeforehandGoesNoFartherThanItIsKnown) {
   EXPECT_DOUBLE_EQ(known.info.upper, 50.0);
   EXPECT_DOUBLE_EQ(known.info.lower, -50.0);
   const Weight weight(experiment.data(), Eigen::MatrixXd(static_cast<Eigen::Index>(experiment.data().size()), 0));
-  const Fit found = fit(experiment, weight, rows_of_frames(experiment.data(), {1, 1, 1, 1}), {offset}, declared(experiment));
+  const Fit found =
+      fit(experiment, weight, rows_of_frames(experiment.data(), {1, 1, 1, 1}), {offset}, declared(experiment));
   EXPECT_NEAR(found.values[static_cast<std::size_t>(offset)], 50.0, 1e-6);
 }
 
@@ -193,7 +226,8 @@ TEST(Declared, OneOfTwoQuantitiesLeavesTheOtherACandidate) {
 
 TEST(Declared, WhatTheSpecimenLacksIsRefused) {
   Strip strip(0.0);
-  strip.model.effects = {{.effect = "hole_radius", .quantity = "hole_radius_error", .value = 0.1, .lower = {}, .upper = {}}};
+  strip.model.effects = {
+      {.effect = "hole_radius", .quantity = "hole_radius_error", .value = 0.1, .lower = {}, .upper = {}}};
   EXPECT_THROW((void)strip.experiment(), InputError);
   strip.model.effects = {{.effect = "force_zero", .quantity = "force_offset", .value = 1e9, .lower = {}, .upper = {}}};
   EXPECT_THROW((void)strip.experiment(), InputError);

@@ -11,7 +11,8 @@ namespace test_derivatives {
 
 using testing::declared, testing::place_of, testing::Strip;
 
-/// Distance of residuals_near() from residuals() over the change of these, from one side of `values` to the other: what is of second order in the step cancels.
+/// Distance of residuals_near() from residuals() over the change of these, from one side of `values` to the other: what
+/// is of second order in the step cancels.
 double error_of(FieldExperiment& experiment, const std::vector<double>& values, int parameter, double step) {
   const auto j = static_cast<std::size_t>(parameter);
   auto more = values, less = values;
@@ -27,7 +28,8 @@ TEST(ResidualsNear, NumbersOfTheLaw) {
   FieldExperiment experiment = strip.experiment();
   const auto values = declared(experiment);
   for (int j = 0; j < static_cast<int>(strip.model.values.size()); ++j)
-    EXPECT_LT(error_of(experiment, values, j, 1e-3 * std::abs(values[static_cast<std::size_t>(j)])), 1e-3) << experiment.parameters()[static_cast<std::size_t>(j)].info.name;
+    EXPECT_LT(error_of(experiment, values, j, 1e-3 * std::abs(values[static_cast<std::size_t>(j)])), 1e-3)
+        << experiment.parameters()[static_cast<std::size_t>(j)].info.name;
 }
 
 TEST(ResidualsNear, WhatTheCameraAddsMovesTheEnds) {
@@ -46,7 +48,8 @@ TEST(ResidualsNear, WhatActsOnTheSection) {
   const Strip strip(0.0);
   FieldExperiment experiment = strip.experiment();
   const auto at = [&](const char* name) { return static_cast<std::size_t>(place_of(experiment, name)); };
-  for (const char* name : {"region", "taper_x", "taper_y"}) EXPECT_LT(error_of(experiment, declared(experiment), static_cast<int>(at(name)), 2e-4), 1e-3) << name;
+  for (const char* name : {"region", "taper_x", "taper_y"})
+    EXPECT_LT(error_of(experiment, declared(experiment), static_cast<int>(at(name)), 2e-4), 1e-3) << name;
   auto values = declared(experiment);
   values[at("region")] = -0.2, values[at("region_y")] = 0.3, values[at("taper_y")] = 0.01;
   for (const char* name : {"region", "region_x", "region_y", "region_radius", "taper_x", "taper_y"}) {
@@ -76,7 +79,11 @@ TEST(ResidualsNear, WhatHasNoDerivativeIsSimulated) {
 TEST(ResidualsNear, ALawEffectThatIsThereIsDifferentiated) {
   Strip strip(0.0);
   const auto extended = [](const std::vector<std::string>& effects, bool /*in_space*/ = false) {
-    return material::make_law({.law = "j2", .hardening = "power_linear", .tie_initial_modulus = true, .effects = effects, .table_strain = {}});
+    return material::make_law({.law = "j2",
+                               .hardening = "power_linear",
+                               .tie_initial_modulus = true,
+                               .effects = effects,
+                               .table_strain = {}});
   };
   strip.model.extended = extended;
   const auto law = extended({"voce_term"});
@@ -92,7 +99,8 @@ TEST(ResidualsNear, ALawEffectThatIsThereIsDifferentiated) {
     if (!experiment.parameters()[j].info.shape) values[j] = 20.0;  // MPa
   }
   for (std::size_t j = strip.model.values.size(); j < strip.model.values.size() + 2; ++j)
-    EXPECT_LT(error_of(experiment, values, static_cast<int>(j), 1e-3 * values[j]), 1e-3) << experiment.parameters()[j].info.name;
+    EXPECT_LT(error_of(experiment, values, static_cast<int>(j), 1e-3 * values[j]), 1e-3)
+        << experiment.parameters()[j].info.name;
 }
 
 }  // namespace test_derivatives

@@ -11,16 +11,24 @@ namespace imic3d::loop {
 namespace test_effects {
 
 /// Force of a test that yields between two frames, is unloaded from one and hardens: at any time.
-double force_at(double time) { return time < 3.4 ? 100.0 * time : time < 8.0 ? 340.0 + 9.0 * (time - 3.4) : time < 10.0 ? 381.4 - 100.0 * (time - 8.0) : 181.4 + 100.0 * std::min(time - 10.0, 2.0) + 8.0 * std::max(0.0, time - 12.0); }
+double force_at(double time) {
+  return time < 3.4    ? 100.0 * time
+         : time < 8.0  ? 340.0 + 9.0 * (time - 3.4)
+         : time < 10.0 ? 381.4 - 100.0 * (time - 8.0)
+                       : 181.4 + 100.0 * std::min(time - 10.0, 2.0) + 8.0 * std::max(0.0, time - 12.0);
+}
 
-/// What the delayed force between two frames is, is unknown by about what it is off: not where it is straight, nor at frames.
+/// What the delayed force between two frames is, is unknown by about what it is off: not where it is straight, nor at
+/// frames.
 TEST(Effects, ADelayKnowsWhatItDoesNotKnowOfTheForce) {
   Scene scene;
   scene.time = Eigen::VectorXd::LinSpaced(15, 1.0, 15.0);
   scene.force = scene.time.unaryExpr([](double time) { return force_at(time); });
   for (const auto& effect : effects()) {
     if (effect->describe(scene).name != "delay of the force") {
-      EXPECT_EQ(effect->unknown_in_record(std::vector<double>(effect->describe(scene).quantities.size(), 0.1), scene).size(), 0);
+      EXPECT_EQ(
+          effect->unknown_in_record(std::vector<double>(effect->describe(scene).quantities.size(), 0.1), scene).size(),
+          0);
       continue;
     }
     EXPECT_EQ(effect->unknown_in_record(std::vector{0.0}, scene).norm(), 0.0);
@@ -61,8 +69,10 @@ TEST(Effects, WhatADelayLeavesUnknownIsInTheNull) {
   for (const auto column : with.colwise()) {
     double last = 0.0;
     for (std::size_t i = 0; i < experiment.data().size(); ++i)
-      if (experiment.data()[i].channel == force_channel && experiment.data()[i].frame == 3) last = column[static_cast<Eigen::Index>(i)];
-    there = there || (std::abs(last) > 0.0 && std::abs(std::abs(last) - column.norm()) < 1e-12 && std::abs(std::abs(last) - std::abs(slope) / strip.data.force_noise) < 1e-6 * std::abs(last));
+      if (experiment.data()[i].channel == force_channel && experiment.data()[i].frame == 3)
+        last = column[static_cast<Eigen::Index>(i)];
+    there = there || (std::abs(last) > 0.0 && std::abs(std::abs(last) - column.norm()) < 1e-12 &&
+                      std::abs(std::abs(last) - std::abs(slope) / strip.data.force_noise) < 1e-6 * std::abs(last));
   }
   EXPECT_TRUE(there);
 }

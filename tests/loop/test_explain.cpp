@@ -1,4 +1,5 @@
-// Effects whose bias is known: what carries one set of parameters into another is found, its size too, beyond the first tangent.
+// Effects whose bias is known: what carries one set of parameters into another is found, its size too, beyond the first
+// tangent.
 
 #include <gtest/gtest.h>
 
@@ -15,7 +16,9 @@ const Eigen::Vector4d pattern(17.0, 5.0, -3.0, 0.1), other(6.0, 6.0, 6.0, 0.0);
 const Eigen::MatrixXd unit = Eigen::MatrixXd::Identity(4, 4);
 
 /// Grows faster than its size: at 1 by 1.5 times what the tangent says.
-std::optional<Eigen::VectorXd> curved(const Eigen::VectorXd& e) { return Eigen::VectorXd((e[0] + 0.5 * e[0] * e[0]) * pattern); }
+std::optional<Eigen::VectorXd> curved(const Eigen::VectorXd& e) {
+  return Eigen::VectorXd((e[0] + 0.5 * e[0] * e[0]) * pattern);
+}
 
 TEST(Explain, FollowsTheBiasBeyondTheTangent) {
   const auto found = explain(*curved(Eigen::VectorXd::Constant(1, 1.0)), unit, {{0.0, 1e-3, -2.0, 2.0}}, curved, 8);
@@ -60,7 +63,9 @@ TEST(Explain, RefusesTheTruthInOneOfAHundred) {
 }
 
 TEST(Explain, TwoSizesAndBounds) {
-  const auto both = [](const Eigen::VectorXd& e) { return std::optional<Eigen::VectorXd>(e[0] * pattern + e[1] * other); };
+  const auto both = [](const Eigen::VectorXd& e) {
+    return std::optional<Eigen::VectorXd>(e[0] * pattern + e[1] * other);
+  };
   const Eigen::VectorXd wanted = 0.5 * pattern - 0.7 * other;
   const auto found = explain(wanted, unit, {{0.0, 1e-3, -2.0, 2.0}, {0.0, 1e-3, -2.0, 2.0}}, both);
   EXPECT_NEAR(found.size[0], 0.5, 1e-6);

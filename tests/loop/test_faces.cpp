@@ -1,4 +1,5 @@
-// Cameras on both faces: rigid motions of a rig leave no trace, bending is seen, and what a camera adds is told from what the other one shows.
+// Cameras on both faces: rigid motions of a rig leave no trace, bending is seen, and what a camera adds is told from
+// what the other one shows.
 
 #include <gtest/gtest.h>
 
@@ -23,11 +24,18 @@ struct Faces {
   std::vector<identification::Face> faces;
 
   explicit Faces(std::vector<identification::SeenFace> seen) {
-    const auto make = [seen] { return identification::make_specimen(mesh::extrude(identification::testing::strip(), 1.0, 2), "bottom", "top", 1, false, "specimen", seen); };
+    const auto make = [seen] {
+      return identification::make_specimen(mesh::extrude(identification::testing::strip(), 1.0, 2), "bottom", "top", 1,
+                                           false, "specimen", seen);
+    };
     const identification::testing::Plate plate({0.002, 0.004, 0.02, 0.05}, make());
     faces = plate.specimen.faces;
     for (const auto& face : faces)
-      data.faces.push_back({.name = face.back ? "back" : "front", .surface = face.surface.mesh, .components = face.components, .M = plate.images.M.block(face.first_unknown, face.first_unknown, face.unknowns(), face.unknowns())});
+      data.faces.push_back(
+          {.name = face.back ? "back" : "front",
+           .surface = face.surface.mesh,
+           .components = face.components,
+           .M = plate.images.M.block(face.first_unknown, face.first_unknown, face.unknowns(), face.unknowns())});
     data.displacement = data.driving = plate.record.surface_displacement;
     data.smooth = [](Eigen::MatrixXd field) { return field; };
     data.frames = plate.record.frames, data.time = plate.record.time;
@@ -98,7 +106,8 @@ TEST(BothFaces, RigidMotionsOfARigLeaveNoTrace) {
     FieldExperiment at = shifted.experiment();
     EXPECT_LT((at.residuals({declared(at)}).front() - before).norm(), 1e-4);
     for (Eigen::Index i = 0; i < face.nodes(); ++i)
-      for (auto column : stretched.data.displacement.colwise()) column[face.first_unknown + face.components * i + 1] += 1e-5 * face.surface.mesh.nodes(i, 1);
+      for (auto column : stretched.data.displacement.colwise())
+        column[face.first_unknown + face.components * i + 1] += 1e-5 * face.surface.mesh.nodes(i, 1);
     FieldExperiment on = stretched.experiment();
     EXPECT_GT((on.residuals({declared(on)}).front() - before).norm(), 0.1);
   }
@@ -111,7 +120,8 @@ TEST(BothFaces, EachRigHasItsOwnCameraEffects) {
   EXPECT_TRUE(is_candidate(experiment, "back magnification drift"));
   EXPECT_FALSE(is_candidate(experiment, "magnification drift"));
   EXPECT_TRUE(is_candidate(experiment, "preload"));
-  // The rear camera's drift is (X + u) times the clock on its face, and nothing on the other but for the ends, which it drives by half.
+  // The rear camera's drift is (X + u) times the clock on its face, and nothing on the other but for the ends, which it
+  // drives by half.
   auto values = declared(experiment);
   const double drift = 1e-4;
   values[static_cast<std::size_t>(place_of(experiment, "back_magnification_drift"))] = drift;
@@ -130,15 +140,19 @@ TEST(BothFaces, EachRigHasItsOwnCameraEffects) {
 
 TEST(BothFaces, BendingIsNotLearnedAsBias) {
   Faces with({front, back});
-  with.data.correlate = [&with](const identification::Specimen& made, const Eigen::MatrixXd& U) {  // the nodes of the declared mesh are among those of a finer one
-    Eigen::MatrixXd seen(with.data.displacement.rows(), U.cols());
-    for (std::size_t k = 0; k < with.faces.size(); ++k) {
-      const auto &face = with.faces[k], &own = made.faces[k];
-      seen.middleRows(face.first_unknown, face.unknowns()) =
-          identification::of_components(identification::interpolation(own.surface.mesh, face.surface.mesh.nodes.leftCols<2>())) * U.middleRows(own.first_unknown, own.unknowns());
-    }
-    return seen;
-  };
+  with.data.correlate =
+      [&with](const identification::Specimen& made,
+              const Eigen::MatrixXd& U) {  // the nodes of the declared mesh are among those of a finer one
+        Eigen::MatrixXd seen(with.data.displacement.rows(), U.cols());
+        for (std::size_t k = 0; k < with.faces.size(); ++k) {
+          const auto &face = with.faces[k], &own = made.faces[k];
+          seen.middleRows(face.first_unknown, face.unknowns()) =
+              identification::of_components(
+                  identification::interpolation(own.surface.mesh, face.surface.mesh.nodes.leftCols<2>())) *
+              U.middleRows(own.first_unknown, own.unknowns());
+        }
+        return seen;
+      };
   FieldExperiment experiment = with.experiment();
   auto values = declared(experiment);
   const auto straight = experiment.residuals({values}).front();
@@ -155,7 +169,8 @@ TEST(BothFaces, BendingIsNotLearnedAsBias) {
   EXPECT_EQ(other.learned()->at, values);
 }
 
-/// Ends that are cut from a longer specimen move at depth as no camera on one face sees: a shape of the null, learned as a derivative, is what the model changes by when its ends do so.
+/// Ends that are cut from a longer specimen move at depth as no camera on one face sees: a shape of the null, learned
+/// as a derivative, is what the model changes by when its ends do so.
 TEST(OneFace, EndsMayMoveUnevenlyAtDepth) {
   Faces with({front});
   with.data.correlate = [](const identification::Specimen&, const Eigen::MatrixXd& U) { return U; };
@@ -173,27 +188,36 @@ TEST(OneFace, EndsMayMoveUnevenlyAtDepth) {
   identification::ForwardModel model(Communicator{}, specimen, plate.law, plate.record, {.with_fields = false}, 1, 1);
   constexpr double part = 1e-3;  // of what is learned: at first yield the model is not linear
   const auto moved = [&](const std::function<double(double x)>& profile, const std::vector<int>& end) {
-    Eigen::MatrixXd beyond = Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(specimen.displacement_dofs.size()), frames);
+    Eigen::MatrixXd beyond =
+        Eigen::MatrixXd::Zero(static_cast<Eigen::Index>(specimen.displacement_dofs.size()), frames);
     for (std::size_t i = 0; i < specimen.displacement_dofs.size(); ++i) {
       const int node = specimen.displacement_dofs[i] / 3;
-      if (specimen.displacement_dofs[i] % 3 == 1 && std::find(end.begin(), end.end(), node) != end.end() && std::abs(front_z - nodes(node, 2) - 0.5) < 1e-9)
+      if (specimen.displacement_dofs[i] % 3 == 1 && std::find(end.begin(), end.end(), node) != end.end() &&
+          std::abs(front_z - nodes(node, 2) - 0.5) < 1e-9)
         beyond.row(static_cast<Eigen::Index>(i)) = part * 0.01 * profile(nodes(node, 0) / half_width) * elongation;
     }
     EXPECT_GT(beyond.norm(), 0.0);
-    const auto there = model.simulate(identification::Control::displacement, {{.parameters = plate.truth, .driving = &with.data.driving, .beyond = &beyond}}, static_cast<int>(frames)).front();
+    const auto there = model
+                           .simulate(identification::Control::displacement,
+                                     {{.parameters = plate.truth, .driving = &with.data.driving, .beyond = &beyond}},
+                                     static_cast<int>(frames))
+                           .front();
     Faces other({front});
     other.data.displacement = there.surface, other.data.force = there.reaction;
     FieldExperiment seen = other.experiment();
     return Eigen::VectorXd((seen.residuals({values}).front() - with.experiment().residuals({values}).front()) / part);
   };
-  // The columns of the shapes are the last ones: ends, then along the axis, across and through the thickness, then degrees.
+  // The columns of the shapes are the last ones: ends, then along the axis, across and through the thickness, then
+  // degrees.
   ASSERT_GE(doubt.cols(), 30);
   const auto shape = [&](int k) { return Eigen::VectorXd(doubt.col(doubt.cols() - 30 + k)); };
   // By the square of the thickness over the width, of which plates 0.4 of their width thick have all.
   const double share = std::pow(std::min(1.0, experiment.scene().thickness / (2.0 * half_width) / 0.4), 2);
   EXPECT_LT(share, 0.9);
-  for (const auto& [column, change] : {std::pair(shape(0), moved([](double) { return 1.0; }, specimen.loaded)), std::pair(shape(1), moved([](double) { return 1.0; }, specimen.held)),
-                                      std::pair(shape(12), moved([](double x) { return 1.5 * x * x - 0.5; }, specimen.loaded))}) {
+  for (const auto& [column, change] :
+       {std::pair(shape(0), moved([](double) { return 1.0; }, specimen.loaded)),
+        std::pair(shape(1), moved([](double) { return 1.0; }, specimen.held)),
+        std::pair(shape(12), moved([](double x) { return 1.5 * x * x - 0.5; }, specimen.loaded))}) {
     EXPECT_GT(change.norm(), 1.0);
     EXPECT_LT((column - share * change).norm(), 0.01 * share * change.norm());
   }
@@ -203,11 +227,16 @@ TEST(OneFace, EndsMayMoveUnevenlyAtDepth) {
 
 TEST(BothFaces, ADeclaredEffectNamesItsCamera) {
   Faces with({front, back});
-  with.model.effects = {{.effect = "back_magnification_drift", .quantity = "magnification_drift", .value = 1e-4, .lower = {}, .upper = {}}};
+  with.model.effects = {{.effect = "back_magnification_drift",
+                         .quantity = "magnification_drift",
+                         .value = 1e-4,
+                         .lower = {},
+                         .upper = {}}};
   FieldExperiment experiment = with.experiment();
   EXPECT_FALSE(is_candidate(experiment, "back magnification drift"));
   EXPECT_TRUE(is_candidate(experiment, "front magnification drift"));
-  EXPECT_EQ(experiment.parameters()[static_cast<std::size_t>(place_of(experiment, "back_magnification_drift"))].value, 1e-4);
+  EXPECT_EQ(experiment.parameters()[static_cast<std::size_t>(place_of(experiment, "back_magnification_drift"))].value,
+            1e-4);
   with.model.effects.front().effect = "magnification_drift";
   EXPECT_THROW((void)with.experiment(), InputError);
 }
@@ -216,7 +245,8 @@ TEST(BothFaces, AStereoRigHasNoEffectsOfASingleCamera) {
   FieldExperiment experiment = Faces({front, stereo_back}).experiment();
   EXPECT_TRUE(is_candidate(experiment, "back magnification drift"));
   EXPECT_TRUE(is_candidate(experiment, "front parallax"));
-  for (const char* name : {"back parallax", "back camera bump", "back lens distortion", "back sub-pixel interpolation"}) EXPECT_FALSE(is_candidate(experiment, name)) << name;
+  for (const char* name : {"back parallax", "back camera bump", "back lens distortion", "back sub-pixel interpolation"})
+    EXPECT_FALSE(is_candidate(experiment, name)) << name;
 }
 
 }  // namespace test_faces

@@ -19,7 +19,8 @@ Eigen::MatrixXd of_motion(const Eigen::VectorXd& frame_noise, const Eigen::RowVe
   strip.data.faces.front().frame_noise = frame_noise;
   const auto nodes = strip.data.faces.front().surface.nodes;
   for (Eigen::Index t = 0; t < 4; ++t)
-    for (Eigen::Index i = 0; i < nodes.rows(); ++i) strip.data.displacement(2 * i, t) += 1e-3 * course[t] * std::sin(nodes(i, 1));
+    for (Eigen::Index i = 0; i < nodes.rows(); ++i)
+      strip.data.displacement(2 * i, t) += 1e-3 * course[t] * std::sin(nodes(i, 1));
   FieldExperiment experiment = strip.experiment();
   const Eigen::VectorXd r = experiment.residuals({declared(experiment)}).front();
   return r.reshaped(r.size() / 4, 4);
@@ -28,7 +29,9 @@ Eigen::MatrixXd of_motion(const Eigen::VectorXd& frame_noise, const Eigen::RowVe
 /// S^2 + 11^T/references, to whose inverse squares of residuals are taken, whatever root whitens.
 TEST(FrameNoise, ResidualsCountByTheNoiseOfTheirFrame) {
   const Eigen::RowVector4d course(0.3, -1.0, 2.0, 0.7);
-  const auto squares = [&](const Eigen::VectorXd& noise) { return of_motion(noise, course).topRows(of_motion(noise, course).rows() - 1).squaredNorm(); };
+  const auto squares = [&](const Eigen::VectorXd& noise) {
+    return of_motion(noise, course).topRows(of_motion(noise, course).rows() - 1).squaredNorm();
+  };
   const auto expected = [&](const Eigen::Vector4d& noise) {
     const Eigen::Matrix4d covariance = Eigen::Matrix4d(noise.cwiseAbs2().asDiagonal()) + Eigen::Matrix4d::Ones();
     return double(course * covariance.inverse() * course.transpose());
@@ -47,11 +50,13 @@ TEST(FrameNoise, DrawsAreThoseThatAreWhitened) {
     const Eigen::MatrixXd draws = experiment.noise(declared(experiment), 400);
     const Eigen::Index per_frame = draws.rows() / 4;
     Eigen::Vector4d mean;
-    for (Eigen::Index t = 0; t < 4; ++t) mean[t] = draws.middleRows(t * per_frame, per_frame - 1).array().square().mean();
+    for (Eigen::Index t = 0; t < 4; ++t)
+      mean[t] = draws.middleRows(t * per_frame, per_frame - 1).array().square().mean();
     return mean;
   };
   const Eigen::Vector4d alike = variances({}), different = variances(levels);
-  for (Eigen::Index t = 0; t < 4; ++t) EXPECT_NEAR(different[t] / alike[t], 1.0, 0.1) << "frame " << t << ": " << alike[t];
+  for (Eigen::Index t = 0; t < 4; ++t)
+    EXPECT_NEAR(different[t] / alike[t], 1.0, 0.1) << "frame " << t << ": " << alike[t];
 }
 
 }  // namespace test_frame_noise

@@ -37,7 +37,8 @@ TEST(Scenes, HalfASpecimenIsNotBent) {
   EXPECT_FALSE(is_candidate(experiment, "grip slip"));
 }
 
-/// The elastic field is that of a loaded frame, though the first one is at rest and the next one bears more than a third of the load.
+/// The elastic field is that of a loaded frame, though the first one is at rest and the next one bears more than a
+/// third of the load.
 TEST(Scenes, AFrameAtRestIsNotTheElasticField) {
   const Strip strip(0.0);
   const auto of_frames = [&](bool rested) {
@@ -62,7 +63,8 @@ TEST(Marks, OfTheNumericsHoldNoNoiseOfTheEnds) {
     Strip strip(0.0);
     const Eigen::MatrixXd clean = strip.data.driving;
     for (Eigen::Index i = 0; i < clean.rows(); ++i)
-      for (Eigen::Index t = 0; t < clean.cols(); ++t) strip.data.driving(i, t) += noise * std::sin(7.0 * static_cast<double>(i) + 3.0 * static_cast<double>(t));
+      for (Eigen::Index t = 0; t < clean.cols(); ++t)
+        strip.data.driving(i, t) += noise * std::sin(7.0 * static_cast<double>(i) + 3.0 * static_cast<double>(t));
     strip.data.smooth = [clean](const Eigen::MatrixXd&) { return clean; };
     FieldExperiment experiment = strip.experiment();
     std::vector<double> values = declared(experiment), more = values;

@@ -15,14 +15,39 @@ namespace test_joint {
 
 class Line final : public Experiment {
  public:
-  struct Truth { double gain = 0.0, bend = 0.0; };
+  struct Truth {
+    double gain = 0.0, bend = 0.0;
+  };
   Line(int frames, unsigned seed, bool with_gain, Truth truth, double a = 10.0) : frames_(frames), seed_(seed) {
     parameters_ = {{.info = {.name = "a", .unit = "-", .description = ""}, .value = a, .step = 1e-4, .free = true},
-                   {.info = {.name = "bend", .unit = "-", .description = "", .lower = -50, .upper = 50, .null_value = 0.0, .effect = "bend"}, .value = 0.0, .step = 1e-4}};
-    candidates_ = {{.name = "bend", .link = Link::material, .parameters = {1}, .sentence = "it bends", .confused_with = "", .separated_by = "", .after = {}}};
+                   {.info = {.name = "bend",
+                             .unit = "-",
+                             .description = "",
+                             .lower = -50,
+                             .upper = 50,
+                             .null_value = 0.0,
+                             .effect = "bend"},
+                    .value = 0.0,
+                    .step = 1e-4}};
+    candidates_ = {{.name = "bend",
+                    .link = Link::material,
+                    .parameters = {1},
+                    .sentence = "it bends",
+                    .confused_with = "",
+                    .separated_by = "",
+                    .after = {}}};
     if (with_gain) {
-      parameters_.push_back({.info = {.name = "gain", .unit = "-", .description = "", .lower = -1, .upper = 1, .null_value = 0.0}, .value = 0.0, .step = 1e-5});
-      candidates_.push_back({.name = "gain", .link = Link::record, .parameters = {2}, .sentence = "the load cell is off", .confused_with = "", .separated_by = "", .after = {}});
+      parameters_.push_back(
+          {.info = {.name = "gain", .unit = "-", .description = "", .lower = -1, .upper = 1, .null_value = 0.0},
+           .value = 0.0,
+           .step = 1e-5});
+      candidates_.push_back({.name = "gain",
+                             .link = Link::record,
+                             .parameters = {2},
+                             .sentence = "the load cell is off",
+                             .confused_with = "",
+                             .separated_by = "",
+                             .after = {}});
     }
     for (int t = 0; t < frames; ++t)
       for (int k = 0; k < 3; ++k) data_.push_back({t, 0});
@@ -49,8 +74,12 @@ class Line final : public Experiment {
     for (int b = 0; b < draws; ++b) all.col(b) = draw(1000U * seed_ + 1U + static_cast<unsigned>(b));
     return all;
   }
-  Eigen::VectorXd freedom() const override { return few > 0.0 ? Eigen::VectorXd::Constant(measured_.size(), few) : Eigen::VectorXd(); }
-  Eigen::MatrixXd noise_of_squares(const std::vector<double>&, const Eigen::MatrixXd& noise) override { return (few > 0.0 ? 2.0 : 1.0) * noise; }
+  Eigen::VectorXd freedom() const override {
+    return few > 0.0 ? Eigen::VectorXd::Constant(measured_.size(), few) : Eigen::VectorXd();
+  }
+  Eigen::MatrixXd noise_of_squares(const std::vector<double>&, const Eigen::MatrixXd& noise) override {
+    return (few > 0.0 ? 2.0 : 1.0) * noise;
+  }
   int asked = 0;
   double few = 0.0;  // degrees of freedom of its noise
 
@@ -78,7 +107,9 @@ class Line final : public Experiment {
   Eigen::VectorXd measured_;
 };
 
-Report close(Experiment& experiment, const std::vector<int>& held_out) { return close_loop(experiment, {.draws = 60, .starts = {1.0}, .held_out = held_out}, {}); }
+Report close(Experiment& experiment, const std::vector<int>& held_out) {
+  return close_loop(experiment, {.draws = 60, .starts = {1.0}, .held_out = held_out}, {});
+}
 
 std::vector<std::string> names(const JointExperiment& joint, const std::vector<int>& which) {
   std::vector<std::string> all;
@@ -114,7 +145,8 @@ TEST(Joint, AnotherTestShowsWhatOneCannot) {
   EXPECT_EQ(bars.held_out.size(), 16U);
 }
 
-/// Each frame is of one test, also where the answers are kept for a restart; a fit has the iterations that the dearest of the tests lets be.
+/// Each frame is of one test, also where the answers are kept for a restart; a fit has the iterations that the dearest
+/// of the tests lets be.
 TEST(Joint, AFrameIsOfItsTest) {
   Line images(24, 1, true, {}), curves(16, 2, false, {});
   images.iterations = 12, curves.iterations = 200;
@@ -131,7 +163,12 @@ TEST(Joint, ATestsBaselinesAreOfItsOwnCandidates) {
   Line images(24, 1, true, {}), curves(16, 2, true, {.gain = 0.05});
   JointExperiment joint({{"plate", &images, held_out_blocks(24)}, {"bars", &curves, held_out_blocks(16)}});
   const auto report = close(joint, joint.held_out());
-  const auto first_name = [](const Report& its, const Experiment& experiment) { return experiment.candidates()[static_cast<std::size_t>(its.declared.others.at(static_cast<std::size_t>(its.declared.baselines.bic.at(0))))].name; };
+  const auto first_name = [](const Report& its, const Experiment& experiment) {
+    return experiment
+        .candidates()[static_cast<std::size_t>(
+            its.declared.others.at(static_cast<std::size_t>(its.declared.baselines.bic.at(0))))]
+        .name;
+  };
   ASSERT_FALSE(report.declared.baselines.bic.empty());
   const std::string name = first_name(report, joint);
   ASSERT_THAT(name, ::testing::AnyOf("gain (plate)", "gain (bars)"));  // both at once: the law is free

@@ -18,7 +18,8 @@ mesh::Mesh plate() {
     for (int i = 0; i < columns; ++i) mesh.nodes.row(j * columns + i) << 2.0 * i - 6.0, 2.0 * j - 10.0, 0.0;
   int cell = 0;
   for (int j = 0; j + 1 < rows; ++j)
-    for (int i = 0; i + 1 < columns; ++i) mesh.cells.row(cell++) << j * columns + i, j * columns + i + 1, (j + 1) * columns + i + 1, (j + 1) * columns + i;
+    for (int i = 0; i + 1 < columns; ++i)
+      mesh.cells.row(cell++) << j * columns + i, j * columns + i + 1, (j + 1) * columns + i + 1, (j + 1) * columns + i;
   return mesh;
 }
 
@@ -32,7 +33,8 @@ imaging::PinholeCamera looking_from(double x) {
 }
 
 /// The displacement in space that carries the pixels of both cameras from X to `seen` best (Gauss and Newton).
-Eigen::Vector3d triangulated(const std::vector<imaging::PinholeCamera>& cameras, const Eigen::Vector3d& X, const std::vector<Eigen::Vector2d>& seen) {
+Eigen::Vector3d triangulated(const std::vector<imaging::PinholeCamera>& cameras, const Eigen::Vector3d& X,
+                             const std::vector<Eigen::Vector2d>& seen) {
   Eigen::Vector3d x = X;
   for (int k = 0; k < 20; ++k) {
     Eigen::Matrix3d normal = Eigen::Matrix3d::Zero();
@@ -46,36 +48,51 @@ Eigen::Vector3d triangulated(const std::vector<imaging::PinholeCamera>& cameras,
   return x - X;
 }
 
-/// What the left camera's lens, its growing image, or a push make of its pixels is the motion that a triangulation of both cameras finds, and nothing where nothing is.
+/// What the left camera's lens, its growing image, or a push make of its pixels is the motion that a triangulation of
+/// both cameras finds, and nothing where nothing is.
 TEST(OneCamera, ErrsAsTheTriangulationDoes) {
   const std::vector<imaging::PinholeCamera> cameras = {looking_from(-85.0), looking_from(85.0)};
   const mesh::Mesh surface = plate();
   const Eigen::Index n = surface.nodes.rows();
   std::vector<Sight> sights;
-  for (const auto& camera : cameras) sights.emplace_back(sights.empty() ? "left" : "right", camera, surface, Eigen::Vector2d(100, 150));
+  for (const auto& camera : cameras)
+    sights.emplace_back(sights.empty() ? "left" : "right", camera, surface, Eigen::Vector2d(100, 150));
   Scene scene;
-  scene.surface = &surface, scene.components = 3, scene.time = Eigen::Vector2d(0.5, 1.0), scene.force = Eigen::Vector2d(1.0, 2.0);
+  scene.surface = &surface, scene.components = 3, scene.time = Eigen::Vector2d(0.5, 1.0),
+  scene.force = Eigen::Vector2d(1.0, 2.0);
   measure(scene, surface);
   EXPECT_NEAR(sights[0].scale(), 5600.0 / 399.2, 0.02);
 
   Eigen::VectorXd U(3 * n);
-  for (Eigen::Index i = 0; i < n; ++i) U.segment<3>(3 * i) << -0.01 * surface.nodes(i, 0), 0.04 * surface.nodes(i, 1) + 0.3, -0.05;
+  for (Eigen::Index i = 0; i < n; ++i)
+    U.segment<3>(3 * i) << -0.01 * surface.nodes(i, 0), 0.04 * surface.nodes(i, 1) + 0.3, -0.05;
   const double k1 = 2e-4;
-  const auto shift = [&](std::size_t c, Eigen::Index i) -> Eigen::Vector2d { return cameras[c].project(surface.nodes.row(i).transpose() + U.segment<3>(3 * i)); };
+  const auto shift = [&](std::size_t c, Eigen::Index i) -> Eigen::Vector2d {
+    return cameras[c].project(surface.nodes.row(i).transpose() + U.segment<3>(3 * i));
+  };
   struct Case {
     std::shared_ptr<const Effect> effect;
     std::vector<double> values;
     std::function<Eigen::Vector2d(Eigen::Index)> beyond;  // [px]
   };
-  const auto from_centre = [&](const Eigen::Vector2d& pixel) -> Eigen::Vector2d { return pixel - Eigen::Vector2d(100, 150); };
+  const auto from_centre = [&](const Eigen::Vector2d& pixel) -> Eigen::Vector2d {
+    return pixel - Eigen::Vector2d(100, 150);
+  };
   const double scale = sights[0].scale();
   const std::vector<Case> all = {
-      {lens_distortion(), {k1}, [&](Eigen::Index i) -> Eigen::Vector2d {
-         const Eigen::Vector2d now = from_centre(shift(0, i)), before = from_centre(cameras[0].project(surface.nodes.row(i).transpose()));
+      {lens_distortion(),
+       {k1},
+       [&](Eigen::Index i) -> Eigen::Vector2d {
+         const Eigen::Vector2d now = from_centre(shift(0, i)),
+                               before = from_centre(cameras[0].project(surface.nodes.row(i).transpose()));
          return k1 / (scale * scale) * (now * now.squaredNorm() - before * before.squaredNorm());
        }},
-      {magnification_drift(), {1e-3}, [&](Eigen::Index i) -> Eigen::Vector2d { return 1e-3 * from_centre(shift(0, i)); }},
-      {camera_bump(), {0.0, 0.0, 1e-3, 0.3}, [&](Eigen::Index i) -> Eigen::Vector2d { return 1e-3 * from_centre(shift(0, i)); }}};
+      {magnification_drift(),
+       {1e-3},
+       [&](Eigen::Index i) -> Eigen::Vector2d { return 1e-3 * from_centre(shift(0, i)); }},
+      {camera_bump(), {0.0, 0.0, 1e-3, 0.3}, [&](Eigen::Index i) -> Eigen::Vector2d {
+         return 1e-3 * from_centre(shift(0, i));
+       }}};
   for (const Case& one : all) {
     const auto effect = of_one_camera(one.effect, sights, 0, surface, scene);
     ASSERT_TRUE(effect->applies(scene));
@@ -84,7 +101,8 @@ TEST(OneCamera, ErrsAsTheTriangulationDoes) {
     effect->see(one.values, scene, 1, U, error);
     for (Eigen::Index i = 0; i < n; ++i) {
       const Eigen::Vector3d X = surface.nodes.row(i).transpose();
-      expected.segment<3>(3 * i) = triangulated(cameras, X, {shift(0, i) + one.beyond(i), shift(1, i)}) - U.segment<3>(3 * i);
+      expected.segment<3>(3 * i) =
+          triangulated(cameras, X, {shift(0, i) + one.beyond(i), shift(1, i)}) - U.segment<3>(3 * i);
     }
     ASSERT_GT(expected.norm(), 1e-3);
     EXPECT_LE((error - expected).norm(), 0.01 * expected.norm()) << one.effect->describe(scene).name;

@@ -22,7 +22,9 @@ TEST(Statistics, TailsOfChiSquared) {
 }
 
 TEST(Statistics, EstimatesAreToldFromZeroAt95Percent) {
-  const auto alone = [](double x) { return told_from_zero(Eigen::VectorXd::Constant(1, x), Eigen::MatrixXd::Constant(1, 1, 4.0)); };
+  const auto alone = [](double x) {
+    return told_from_zero(Eigen::VectorXd::Constant(1, x), Eigen::MatrixXd::Constant(1, 1, 4.0));
+  };
   EXPECT_TRUE(alone(3.93) && alone(-3.93));
   EXPECT_FALSE(alone(3.91) || alone(-3.91));
   const Eigen::Matrix2d correlated{{1.0, 0.9}, {0.9, 1.0}};  // along (1, 1) nine tenths of the noise is common
@@ -40,7 +42,8 @@ TEST(Statistics, StudentsTails) {
   EXPECT_NEAR(student_as_normal(3.0, 1e12), 3.0, 1e-9);
 }
 
-/// A mean of that length, in one of `degrees` directions, is found in 86 of 100 cases (Phi(1.1)), whatever the number of degrees.
+/// A mean of that length, in one of `degrees` directions, is found in 86 of 100 cases (Phi(1.1)), whatever the number
+/// of degrees.
 TEST(Statistics, DetectableSizesAreFoundAsOften) {
   std::mt19937_64 random(3);
   std::normal_distribution<double> normal;

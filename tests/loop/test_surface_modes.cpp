@@ -17,7 +17,11 @@ Eigen::SparseMatrix<double> mass(const mesh::Mesh& surface) {
   std::vector<Eigen::Triplet<double>> entries;
   for (Eigen::Index cell = 0; cell < surface.cells.rows(); ++cell)
     for (int a = 0; a < 4; ++a)
-      for (int b = 0; b < 4; ++b) entries.emplace_back(surface.cells(cell, a), surface.cells(cell, b), a == b ? 4e6 : (a + b) % 2 == 1 ? 2e6 : 1e6);
+      for (int b = 0; b < 4; ++b)
+        entries.emplace_back(surface.cells(cell, a), surface.cells(cell, b),
+                             a == b             ? 4e6
+                             : (a + b) % 2 == 1 ? 2e6
+                                                : 1e6);
   Eigen::SparseMatrix<double> M(surface.nodes.rows(), surface.nodes.rows());
   M.setFromTriplets(entries.begin(), entries.end());
   return identification::of_components(M);

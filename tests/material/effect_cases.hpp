@@ -29,7 +29,8 @@ inline std::vector<EffectCase> effect_cases() {
           with_effects("three back-stresses", {"kinematic", "kinematic_2", "kinematic_3"},
                        {20e3, 150, 3e3, 12, 60e3, 1200}),
           with_effects("hill", {"hill"}, {1.2, 0.85, 1.1, 25}),
-          with_effects("hill, two back-stresses, rate", {"kinematic", "kinematic_2", "hill", "rate"}, {20e3, 150, 3e3, 12, 1.2, 0.85, 1.1, 25, 0.02, 1e-3}),
+          with_effects("hill, two back-stresses, rate", {"kinematic", "kinematic_2", "hill", "rate"},
+                       {20e3, 150, 3e3, 12, 1.2, 0.85, 1.1, 25, 0.02, 1e-3}),
           with_effects("viscosity", {"viscosity"}, {80, 0.4}),
           with_effects("rate", {"rate"}, {0.02, 1e-3}),
           with_effects("heating", {"heating"}, {2e-3, 0.3}),
@@ -42,8 +43,8 @@ inline std::vector<EffectCase> effect_cases() {
           with_effects("all",
                        {"kinematic", "kinematic_2", "kinematic_3", "hill", "viscosity", "rate", "heating", "voce_term",
                         "plateau", "damage", "pressure", "voce_term_2", "power_term"},
-                       {20e3, 150,  3e3,  12,  60e3, 1200, 1.2,  0.85, 1.1,  25,   80,  0.4,
-                        0.02, 1e-3, 2e-4, 0.3, 60,   40,   5e-4, 1.5,  4e-4, 0.15, 0.08, 30, 60, 0.04, 2e-4}),
+                       {20e3, 150, 3e3, 12, 60e3, 1200, 1.2,  0.85, 1.1,  25, 80, 0.4,  0.02, 1e-3,
+                        2e-4, 0.3, 60,  40, 5e-4, 1.5,  4e-4, 0.15, 0.08, 30, 60, 0.04, 2e-4}),
           with_effects("viscosity of a small exponent", {"viscosity"}, {80, 0.03})};
 }
 

@@ -81,7 +81,9 @@ TEST(Bar, ALoadTrainTakesItsShareOfTheStrain) {
     const BarResponse r = pull_bar(*c.law, c.parameters, shown);
     ASSERT_EQ(r.rows, 12) << c.name;
     EXPECT_LT((r.engineering - alone.engineering).norm(), 1e-9 * alone.engineering.norm()) << c.name;
-    EXPECT_LT((r.kirchhoff.array() - alone.engineering.array() * shown.strain.array().exp()).matrix().norm(), 1e-9 * alone.kirchhoff.norm()) << c.name;
+    EXPECT_LT((r.kirchhoff.array() - alone.engineering.array() * shown.strain.array().exp()).matrix().norm(),
+              1e-9 * alone.kirchhoff.norm())
+        << c.name;
     EXPECT_LT((r.plastic_strain - alone.plastic_strain).norm(), 1e-9) << c.name;
   }
 }
@@ -92,21 +94,26 @@ TEST(Bar, BackStressesNeedNoNarrowRows) {
   std::vector<int> free(c.parameters.size());
   std::iota(free.begin(), free.end(), 0);
   const auto cycle_of = [](Eigen::Index rows) {
-    BarHistory history{.time = Eigen::VectorXd::LinSpaced(3 * rows + 1, 0.0, 3.0), .strain = Eigen::VectorXd(3 * rows + 1)};
+    BarHistory history{.time = Eigen::VectorXd::LinSpaced(3 * rows + 1, 0.0, 3.0),
+                       .strain = Eigen::VectorXd(3 * rows + 1)};
     const double turns[] = {0.0, 0.01, -0.01, 0.01};
     for (Eigen::Index i = 0; i <= 3 * rows; ++i) {
       const auto branch = static_cast<std::size_t>(std::min<Eigen::Index>(i / rows, 2));
-      history.strain[i] = turns[branch] + (turns[branch + 1] - turns[branch]) * static_cast<double>(i - static_cast<Eigen::Index>(branch) * rows) / static_cast<double>(rows);
+      history.strain[i] = turns[branch] + (turns[branch + 1] - turns[branch]) *
+                                              static_cast<double>(i - static_cast<Eigen::Index>(branch) * rows) /
+                                              static_cast<double>(rows);
     }
     return history;
   };
-  const BarResponse coarse = pull_bar(*c.made().law, c.parameters, cycle_of(30), free), fine = pull_bar(*c.made().law, c.parameters, cycle_of(3000), free);
+  const BarResponse coarse = pull_bar(*c.made().law, c.parameters, cycle_of(30), free),
+                    fine = pull_bar(*c.made().law, c.parameters, cycle_of(3000), free);
   const auto rows = Eigen::seqN(0, 91, 100);
   const double stress = (coarse.kirchhoff - fine.kirchhoff(rows)).norm() / coarse.kirchhoff.norm();
   double slope = 0.0;  // worst column: what the parameter is off by, if it alone is free
   for (Eigen::Index j = 0; j < coarse.derivatives.cols(); ++j) {
     const Eigen::VectorXd own = fine.derivatives(rows, j);
-    if (own.norm() * c.parameters[static_cast<std::size_t>(j)] > 1e-3 * fine.kirchhoff(rows).norm()) slope = std::max(slope, (coarse.derivatives.col(j) - own).norm() / own.norm());
+    if (own.norm() * c.parameters[static_cast<std::size_t>(j)] > 1e-3 * fine.kirchhoff(rows).norm())
+      slope = std::max(slope, (coarse.derivatives.col(j) - own).norm() / own.norm());
   }
   std::cout << "[          ] 30 rows a branch against 3000: stress " << stress << ", derivatives " << slope << "\n";
   EXPECT_LT(stress, 1e-4);
@@ -145,20 +152,26 @@ class Corner final : public FiniteStrainLaw {
   void initialise(std::span<double> history) const override { law_->initialise(history); }
   [[nodiscard]] int plastic_strain_index() const override { return law_->plastic_strain_index(); }
   [[nodiscard]] int thickness_strain_index() const override { return law_->thickness_strain_index(); }
-  [[nodiscard]] bool update(const Matrix3& F, double time_increment, std::span<const double> parameters, std::span<const double> history_old, std::span<double> history_new, Response& response,
+  [[nodiscard]] bool update(const Matrix3& F, double time_increment, std::span<const double> parameters,
+                            std::span<const double> history_old, std::span<double> history_new, Response& response,
                             bool with_tangent) const noexcept override {
     ++asked;
     const double strain = std::log(F(0, 0));
-    return !(strain > 0.010 && strain < 0.0125 && time_increment > shortest_) && law_->update(F, time_increment, parameters, history_old, history_new, response, with_tangent);
+    return !(strain > 0.010 && strain < 0.0125 && time_increment > shortest_) &&
+           law_->update(F, time_increment, parameters, history_old, history_new, response, with_tangent);
   }
-  [[nodiscard]] bool parameter_derivatives(const Matrix3& F, double time_increment, std::span<const double> parameters, std::span<const double> history_old,
-                                           Eigen::Ref<Eigen::Matrix<double, 6, Eigen::Dynamic>> derivatives) const noexcept override {
+  [[nodiscard]] bool parameter_derivatives(
+      const Matrix3& F, double time_increment, std::span<const double> parameters, std::span<const double> history_old,
+      Eigen::Ref<Eigen::Matrix<double, 6, Eigen::Dynamic>> derivatives) const noexcept override {
     return law_->parameter_derivatives(F, time_increment, parameters, history_old, derivatives);
   }
-  [[nodiscard]] bool directional_derivatives(const Matrix3& F, std::span<const Matrix3> dF, double time_increment, std::span<const double> parameters, std::span<const double> d_parameters,
-                                             std::span<const double> history_old, std::span<const double> d_history_old, Vector6& kirchhoff, std::span<Vector6> d_kirchhoff,
+  [[nodiscard]] bool directional_derivatives(const Matrix3& F, std::span<const Matrix3> dF, double time_increment,
+                                             std::span<const double> parameters, std::span<const double> d_parameters,
+                                             std::span<const double> history_old, std::span<const double> d_history_old,
+                                             Vector6& kirchhoff, std::span<Vector6> d_kirchhoff,
                                              std::span<double> d_history_new) const noexcept override {
-    return law_->directional_derivatives(F, dF, time_increment, parameters, d_parameters, history_old, d_history_old, kirchhoff, d_kirchhoff, d_history_new);
+    return law_->directional_derivatives(F, dF, time_increment, parameters, d_parameters, history_old, d_history_old,
+                                         kirchhoff, d_kirchhoff, d_history_new);
   }
   mutable int asked = 0;
 
@@ -169,8 +182,10 @@ class Corner final : public FiniteStrainLaw {
 
 TEST(Bar, StepsAreShortWhereTheyMustBeAndLongAgain) {
   const Corner law(make_law({.hardening = "voce"}), 1e-2);
-  // Two rows of 26 steps of 1.9 units of time; in one place steps must be 256 times as short. To the end of their row they would be 5000.
-  BarHistory history{.time = Eigen::VectorXd::LinSpaced(3, 0.0, 100.0), .strain = Eigen::VectorXd::LinSpaced(3, 0.0, 0.1001)};
+  // Two rows of 26 steps of 1.9 units of time; in one place steps must be 256 times as short. To the end of their row
+  // they would be 5000.
+  BarHistory history{.time = Eigen::VectorXd::LinSpaced(3, 0.0, 100.0),
+                     .strain = Eigen::VectorXd::LinSpaced(3, 0.0, 0.1001)};
   const BarResponse r = pull_bar(law, testing::voce_parameters(), history);
   ASSERT_EQ(r.rows, 3);
   EXPECT_GT(law.asked, 500);
@@ -180,7 +195,8 @@ TEST(Bar, StepsAreShortWhereTheyMustBeAndLongAgain) {
   RecordProperty("asked", law.asked);
 }
 
-/// With an exponent near null the overstress is there at once: where the stress is just above the yield stress the rate is 1e-30, and less.
+/// With an exponent near null the overstress is there at once: where the stress is just above the yield stress the rate
+/// is 1e-30, and less.
 TEST(Bar, ViscosityWithASmallExponentIsFollowedFromItsOnset) {
   for (double exponent : {0.1, 0.0574, 0.03, 0.01}) {
     const double overstress = 131.0;
@@ -192,21 +208,28 @@ TEST(Bar, ViscosityWithASmallExponentIsFollowedFromItsOnset) {
       // Rows so near each other that some lie just beyond the onset, then to 10 % strain.
       const double yield = plain[2] / plain[0];
       BarHistory history{.time = Eigen::VectorXd(140), .strain = Eigen::VectorXd(140)};
-      history.strain << Eigen::VectorXd::LinSpaced(80, 0.99 * yield, 1.05 * yield), Eigen::VectorXd::LinSpaced(60, 1.06 * yield, 0.1);
+      history.strain << Eigen::VectorXd::LinSpaced(80, 0.99 * yield, 1.05 * yield),
+          Eigen::VectorXd::LinSpaced(60, 1.06 * yield, 0.1);
       history.time = history.strain / rate;
       const BarResponse r = pull_bar(*c.made().law, c.parameters, history, free);
       ASSERT_EQ(r.rows, 140) << "m " << exponent << ", rate " << rate;
       EXPECT_TRUE(r.derivatives.allFinite()) << "m " << exponent << ", rate " << rate;
       // sigma_y(p) + eta p'^m
       const Eigen::Index last = 139;
-      const double p = r.plastic_strain[last], speed = (p - r.plastic_strain[last - 1]) / (history.time[last] - history.time[last - 1]);
-      const double hardened = pull_bar(*make_law({.hardening = "voce"}), plain, {.time = history.time.tail(2), .strain = Eigen::Vector2d(0.0, p + r.kirchhoff[last] / plain[0])}).kirchhoff[1];
-      EXPECT_NEAR(r.kirchhoff[last] / (hardened + overstress * std::pow(speed, exponent)), 1.0, 0.02) << "m " << exponent << ", rate " << rate;
+      const double p = r.plastic_strain[last],
+                   speed = (p - r.plastic_strain[last - 1]) / (history.time[last] - history.time[last - 1]);
+      const double hardened =
+          pull_bar(*make_law({.hardening = "voce"}), plain,
+                   {.time = history.time.tail(2), .strain = Eigen::Vector2d(0.0, p + r.kirchhoff[last] / plain[0])})
+              .kirchhoff[1];
+      EXPECT_NEAR(r.kirchhoff[last] / (hardened + overstress * std::pow(speed, exponent)), 1.0, 0.02)
+          << "m " << exponent << ", rate " << rate;
     }
   }
 }
 
-/// Loaded at one rate, at a hundred times that, and held, in few rows: the overstress of a hold from its closed form, (sigma - S_y)^(1-1/m) grows by (1/m - 1) E eta^(-1/m) in a unit of time; all of it from narrow rows.
+/// Loaded at one rate, at a hundred times that, and held, in few rows: the overstress of a hold from its closed form,
+/// (sigma - S_y)^(1-1/m) grows by (1/m - 1) E eta^(-1/m) in a unit of time; all of it from narrow rows.
 TEST(Bar, AHoldAndAJumpOfTheRateNeedNoNarrowRows) {
   constexpr double E = 200e3, yield = 300.0, eta = 200.0, m = 0.2;
   const auto course = [](Eigen::Index parts) {
@@ -221,19 +244,23 @@ TEST(Bar, AHoldAndAJumpOfTheRateNeedNoNarrowRows) {
   const auto c = testing::with_effects("viscosity", {"viscosity"}, {eta, m});
   std::vector<double> parameters = {E, 0.3, yield, yield, 15.0, 0.0, eta, m};
   std::vector<int> free = {0, 2, 6, 7};
-  const BarResponse r = pull_bar(*c.made().law, parameters, course(1), free), narrow = pull_bar(*c.made().law, parameters, course(200), free);
+  const BarResponse r = pull_bar(*c.made().law, parameters, course(1), free),
+                    narrow = pull_bar(*c.made().law, parameters, course(200), free);
   ASSERT_EQ(r.rows, 35);
   const auto rows = Eigen::seqN(0, 35, 200);
   EXPECT_NEAR(r.kirchhoff[9], yield + eta * std::pow(1e-3, m), 0.01);
   EXPECT_NEAR(r.kirchhoff[18], yield + eta * std::pow(1e-1, m), 0.01);
   for (Eigen::Index i = 19; i <= 34; ++i) {
-    const double over = std::pow(std::pow(r.kirchhoff[18] - yield, 1.0 - 1.0 / m) + (1.0 / m - 1.0) * E * std::pow(eta, -1.0 / m) * 2.0 * static_cast<double>(i - 18), 1.0 / (1.0 - 1.0 / m));
+    const double over = std::pow(std::pow(r.kirchhoff[18] - yield, 1.0 - 1.0 / m) +
+                                     (1.0 / m - 1.0) * E * std::pow(eta, -1.0 / m) * 2.0 * static_cast<double>(i - 18),
+                                 1.0 / (1.0 - 1.0 / m));
     EXPECT_NEAR(r.kirchhoff[i], yield + over, 0.5) << i;
   }
   const double off = (r.kirchhoff - narrow.kirchhoff(rows)).cwiseAbs().maxCoeff();
   std::cout << "[          ] off by " << off << " MPa\n";
   EXPECT_LT(off, 0.5);
-  for (Eigen::Index j = 0; j < 4; ++j) EXPECT_LT((r.derivatives.col(j) - narrow.derivatives(rows, j)).norm(), 0.02 * r.derivatives.col(j).norm()) << j;
+  for (Eigen::Index j = 0; j < 4; ++j)
+    EXPECT_LT((r.derivatives.col(j) - narrow.derivatives(rows, j)).norm(), 0.02 * r.derivatives.col(j).norm()) << j;
 }
 
 /// 1 + C ln(1 + p'/rate_0) below zero: no yield stress is left, and a viscous stress on top of none is no metal's.
@@ -243,8 +270,8 @@ TEST(Bar, ARateThatTakesTheYieldStressAwayIsNotFollowed) {
     const Eigen::VectorXd strain = Eigen::VectorXd::LinSpaced(60, 0.0, 0.1);
     return pull_bar(*c.made().law, c.parameters, {.time = strain / rate, .strain = strain}).rows;
   };
-  EXPECT_EQ(pulled(1e-4), 60);  // 1 - 0.2 ln(1.3)
-  EXPECT_LT(pulled(500.0), 60); // 1 - 0.2 ln(1.7e6)
+  EXPECT_EQ(pulled(1e-4), 60);   // 1 - 0.2 ln(1.3)
+  EXPECT_LT(pulled(500.0), 60);  // 1 - 0.2 ln(1.7e6)
 }
 
 }  // namespace test_bar

@@ -118,9 +118,11 @@ TEST(Effects, TangentOfAYieldStressInCauchyStressIsSymmetricAndOffByNoMoreThanTh
       const Response response = point.at(F);
       EXPECT_LT((response.tangent - response.tangent.transpose()).norm(), 1e-12 * response.tangent.norm()) << c.name;
       const Matrix3 tau = testing::tensor_of(response.kirchhoff);
-      const Vector6 rate = response.tangent * testing::engineering_strain(L) + testing::vector_of(L * tau + tau * L.transpose());
+      const Vector6 rate =
+          response.tangent * testing::engineering_strain(L) + testing::vector_of(L * tau + tau * L.transpose());
       constexpr double h = 1e-6;
-      const Vector6 difference = (point.at((I + h * L) * F).kirchhoff - point.at((I - h * L) * F).kirchhoff) / (2.0 * h);
+      const Vector6 difference =
+          (point.at((I + h * L) * F).kirchhoff - point.at((I - h * L) * F).kirchhoff) / (2.0 * h);
       EXPECT_LT((rate - difference).norm(), 2.0 * response.kirchhoff.norm()) << c.name << " step " << step;
       EXPECT_LT((rate - difference).norm(), 0.05 * response.tangent.norm()) << c.name << " step " << step;
       point.advance(F);

@@ -18,8 +18,8 @@ struct PlaneCase {
   Case plane, solid;
 };
 
-/// Every law of the registry in plane stress and in three dimensions, one of them yielding in Cauchy stress, and a law that
-/// brings no tangent and is not isotropic in the plane.
+/// Every law of the registry in plane stress and in three dimensions, one of them yielding in Cauchy stress, and a law
+/// that brings no tangent and is not isotropic in the plane.
 std::vector<PlaneCase> cases() {
   const auto both = [](const std::string& name, LawChoice choice, const std::vector<double>& parameters) {
     choice.plane_stress = false;
@@ -38,7 +38,8 @@ std::vector<PlaneCase> cases() {
   list.push_back(both("cauchy", {.hardening = "power_linear", .tie_initial_modulus = true, .cauchy_yield = true},
                       {198e3, 0.25, 284, 1480, 0.042}));
   list.push_back(both("nu 0", {.hardening = "linear"}, {200e3, 0.0, 300, 20}));  // the thickness has two slopes, 3 : 1
-  for (const auto& effect : testing::effect_cases()) list.push_back(both(effect.name, effect.choice, effect.parameters));
+  for (const auto& effect : testing::effect_cases())
+    list.push_back(both(effect.name, effect.choice, effect.parameters));
   using Law = testing::AnisotropicViscous;
   const std::vector<double> parameters = {1000.0, 5000.0, 0.2};
   list.push_back({{"anisotropic", std::make_shared<LogStrainLaw<PlaneStress<Law>>>(PlaneStress<Law>{}), parameters},
@@ -103,16 +104,18 @@ TEST(PlaneStress, TangentMatchesDifferencesOfTheStress) {
       F = (I + in_plane(random, 0.03)) * F;
       const Matrix3 L = in_plane(random, 1.0);
       if (point.has_plastic_strain()) {
-        ASSERT_GT(point.plastic_strain_after(F), point.plastic_strain() + 1e-3) << plane.name << ": the state must yield";
+        ASSERT_GT(point.plastic_strain_after(F), point.plastic_strain() + 1e-3)
+            << plane.name << ": the state must yield";
       }
       const Response response = point.at(F);
       const Matrix3 tau = testing::tensor_of(response.kirchhoff);
       const Vector6 rate =
           response.tangent * testing::engineering_strain(L) + testing::vector_of(L * tau + tau * L.transpose());
       const auto plane_of = [](const Vector6& v) { return std::vector<double>{v[0], v[1], v[3]}; };
-      testing::expect_v_shaped(testing::difference_errors([&](double t) { return plane_of(point.at((I + t * L) * F).kirchhoff); },
-                                                          plane_of(rate), 1.0, 1e-3),
-                               plane.name + " step " + std::to_string(step));
+      testing::expect_v_shaped(
+          testing::difference_errors([&](double t) { return plane_of(point.at((I + t * L) * F).kirchhoff); },
+                                     plane_of(rate), 1.0, 1e-3),
+          plane.name + " step " + std::to_string(step));
       Matrix3 c;
       constexpr int at[3] = {0, 1, 3};
       for (int i = 0; i < 3; ++i)
@@ -144,7 +147,8 @@ TEST(PlaneStress, TurningThePathTurnsTheStress) {
       const Matrix3 Q = turn(random.uniform(-3.0, 3.0));
       const Response a = point.advance(F), b = turned.advance(Q * F);
       const Matrix3 expected = Q * testing::tensor_of(a.kirchhoff) * Q.transpose();
-      EXPECT_LT((testing::tensor_of(b.kirchhoff) - expected).norm(), 1e-12 * expected.norm()) << plane.name << " step " << step;
+      EXPECT_LT((testing::tensor_of(b.kirchhoff) - expected).norm(), 1e-12 * expected.norm())
+          << plane.name << " step " << step;
       EXPECT_NEAR(thickness_strain(point), thickness_strain(turned), 1e-13) << plane.name;
     }
   }
@@ -229,7 +233,9 @@ TEST(PlaneStress, YieldInCauchyStressIsThatOfTheTrueStress) {
   MaterialPoint point(*law, parameters);
   const double strain = 0.1;
   double low = -0.6 * strain, high = -0.4 * strain;
-  const auto gradient = [&](double width) { return Matrix3(Eigen::Vector3d(std::exp(strain), std::exp(width), 1.0).asDiagonal()); };
+  const auto gradient = [&](double width) {
+    return Matrix3(Eigen::Vector3d(std::exp(strain), std::exp(width), 1.0).asDiagonal());
+  };
   for (int i = 0; i < 100; ++i) {
     const double middle = 0.5 * (low + high);
     (point.at(gradient(middle)).kirchhoff[1] < 0.0 ? low : high) = middle;
@@ -249,7 +255,8 @@ TEST(PlaneStress, DerivativesMatchDifferencesForEveryParameter) {
     for (int step = 0; step < 4; ++step) {
       F = (I + in_plane(random, 0.006 * (1 + 2 * step))) * F;
       if (point.has_plastic_strain()) {
-        ASSERT_GT(point.plastic_strain_after(F), point.plastic_strain() + 1e-4) << plane.name << ": the state must yield";
+        ASSERT_GT(point.plastic_strain_after(F), point.plastic_strain() + 1e-4)
+            << plane.name << ": the state must yield";
       }
       Eigen::Matrix<double, 6, Eigen::Dynamic> derivatives(6, static_cast<Eigen::Index>(plane.parameters.size()));
       ASSERT_TRUE(plane.law->parameter_derivatives(F, 1.0, plane.parameters, point.history(), derivatives));
@@ -266,7 +273,8 @@ TEST(PlaneStress, DerivativesMatchDifferencesForEveryParameter) {
           EXPECT_TRUE(plane.name == "table" || plane.name == "anisotropic") << what;
           continue;
         }
-        testing::expect_v_shaped(testing::difference_errors(stress, testing::listed(derivative), plane.parameters[i]), what);
+        testing::expect_v_shaped(testing::difference_errors(stress, testing::listed(derivative), plane.parameters[i]),
+                                 what);
       }
       point.advance(F);
     }
@@ -296,14 +304,13 @@ TEST(PlaneStress, DerivativeAlongAPathMatchesDifferencesOfTheWholePath) {
     std::vector<double> d_history(point.history().size(), 0.0), d_next(d_history);
     for (std::size_t step = 0; step < F.size(); ++step) {
       Vector6 d_kirchhoff;
-      ASSERT_TRUE(plane.law->directional_derivative(F[step], dF[step], 1.0, plane.parameters, d_parameters, point.history(),
-                                                    d_history, d_kirchhoff, d_next));
+      ASSERT_TRUE(plane.law->directional_derivative(F[step], dF[step], 1.0, plane.parameters, d_parameters,
+                                                    point.history(), d_history, d_kirchhoff, d_next));
       d_history = d_next;
       point.advance(F[step]);
-      testing::expect_v_shaped(
-          testing::difference_errors([&](double s) { return history_along(s, step + 1); }, d_history, 1.0,
-                                     plane.name == "anisotropic" ? 1e-2 : 1e-4),
-          plane.name + " step " + std::to_string(step));
+      testing::expect_v_shaped(testing::difference_errors([&](double s) { return history_along(s, step + 1); },
+                                                          d_history, 1.0, plane.name == "anisotropic" ? 1e-2 : 1e-4),
+                               plane.name + " step " + std::to_string(step));
     }
   }
 }

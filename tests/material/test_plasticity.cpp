@@ -105,9 +105,10 @@ TEST(ReturnMapping, EndsOnTheYieldSurface) {
 }
 
 TEST(ReturnMapping, EndsOnTheYieldSurfaceOfTheCauchyStress) {
-  const Case tied{"power_linear_tied",
-                  make_law({.law = "j2", .hardening = "power_linear", .tie_initial_modulus = true, .cauchy_yield = true}),
-                  {2000.0, 0.2, 60.0, 30.0, 0.1}};  // soft: J differs from 1 by some per cent
+  const Case tied{
+      "power_linear_tied",
+      make_law({.law = "j2", .hardening = "power_linear", .tie_initial_modulus = true, .cauchy_yield = true}),
+      {2000.0, 0.2, 60.0, 30.0, 0.1}};  // soft: J differs from 1 by some per cent
   MaterialPoint point(*tied.law, tied.parameters);
   Random random(5);
   double largest_change = 0.0;

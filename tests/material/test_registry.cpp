@@ -54,11 +54,13 @@ TEST(Registry, ParametersStandInTheDocumentedOrder) {
 }
 
 TEST(Registry, EffectsBringTheirParametersInTheOrderOfTheLibrary) {
-  EXPECT_THAT(known_effects(), ElementsAre("kinematic", "kinematic_2", "kinematic_3", "hill", "viscosity", "rate", "heating", "voce_term", "plateau",
-                                           "damage", "pressure", "voce_term_2", "power_term"));
+  EXPECT_THAT(known_effects(),
+              ElementsAre("kinematic", "kinematic_2", "kinematic_3", "hill", "viscosity", "rate", "heating",
+                          "voce_term", "plateau", "damage", "pressure", "voce_term_2", "power_term"));
   EXPECT_THAT(parameter_names({.hardening = "linear", .effects = {"rate", "kinematic"}}),
               ElementsAre("E", "nu", "S_y", "H", "C_1", "gamma_1", "C_rate", "rate_0"));
-  EXPECT_EQ(make_law({.hardening = "linear", .effects = {"rate", "kinematic"}})->name(), "j2 linear + rate + kinematic");
+  EXPECT_EQ(make_law({.hardening = "linear", .effects = {"rate", "kinematic"}})->name(),
+            "j2 linear + rate + kinematic");
   const auto extended = make_law({.effects = known_effects()});
   for (const auto& info : extended->parameters()) {
     EXPECT_EQ(info.effect.empty(), !info.null_value.has_value()) << info.name;
@@ -70,7 +72,9 @@ TEST(Registry, EffectsBringTheirParametersInTheOrderOfTheLibrary) {
 }
 
 TEST(Registry, NamesWhatIsAllowed) {
-  EXPECT_THAT(mistake({.effects = {"kinematics"}}), ::testing::AllOf(HasSubstr("material.effects"), HasSubstr("kinematics"), HasSubstr("kinematic_2, kinematic_3, hill")));
+  EXPECT_THAT(mistake({.effects = {"kinematics"}}),
+              ::testing::AllOf(HasSubstr("material.effects"), HasSubstr("kinematics"),
+                               HasSubstr("kinematic_2, kinematic_3, hill")));
   EXPECT_THAT(mistake({.effects = {"rate", "rate"}}), HasSubstr("twice"));
   EXPECT_THAT(mistake({.law = "elastic", .effects = {"rate"}}), HasSubstr("law elastic"));
 

@@ -9,13 +9,16 @@ namespace test_corner_grid {
 
 using OwnedVec = PetscOwner<Vec, VecDestroy>;
 
-/// A displacement that is linear in space moves the middles as its corners do; constrained ones stay, and no other goes with a constrained corner.
+/// A displacement that is linear in space moves the middles as its corners do; constrained ones stay, and no other goes
+/// with a constrained corner.
 TEST(CornerGrid, MovesTheMiddlesLinearly) {
   mesh::Mesh mesh = mesh::quadratic(testing::box({3, 2, 4}, {3.0, 1.5, 2.0}, 0.2));
   const auto corners = static_cast<int>(testing::box({3, 2, 4}, {3.0, 1.5, 2.0}).nodes.rows());
   const mesh::Partition partition = mesh::partition(mesh, {});
   const Numbering numbering(partition, 3);
-  const auto linear = [&](int node, int component) { return mesh.nodes.row(node).dot(Eigen::RowVector3d(0.3, -0.2, 0.1)) + component; };
+  const auto linear = [&](int node, int component) {
+    return mesh.nodes.row(node).dot(Eigen::RowVector3d(0.3, -0.2, 0.1)) + component;
+  };
   std::vector<int> constrained;
   for (int node : mesh.node_groups.at("left")) constrained.push_back(3 * node + 1);
   std::sort(constrained.begin(), constrained.end());
@@ -36,7 +39,9 @@ TEST(CornerGrid, MovesTheMiddlesLinearly) {
   IMIC3D_PETSC(MatMult(grid.interpolation(), coarse, fine));
   const Eigen::VectorXd moved = numbering.to_natural(fine);
 
-  const auto held = [&](int node, int i) { return std::binary_search(constrained.begin(), constrained.end(), 3 * node + i); };
+  const auto held = [&](int node, int i) {
+    return std::binary_search(constrained.begin(), constrained.end(), 3 * node + i);
+  };
   for (int node = 0; node < corners; ++node)
     for (int i = 0; i < 3; ++i) EXPECT_DOUBLE_EQ(moved[3 * node + i], linear(node, i));
   const mesh::Cells middles = mesh::edge_middles(mesh);
@@ -59,9 +64,11 @@ TEST(CornerGrid, FollowsTheTangent) {
   PetscOwner<Mat, MatDestroy> tangent;
   PetscOwner<KSP, KSPDestroy> solver;
   const PetscInt own = 3 * partition.owned_nodes();
-  IMIC3D_PETSC(MatCreateAIJ(partition.communicator.handle, own, own, PETSC_DETERMINE, PETSC_DETERMINE, 1, nullptr, 0, nullptr, tangent.put()));
+  IMIC3D_PETSC(MatCreateAIJ(partition.communicator.handle, own, own, PETSC_DETERMINE, PETSC_DETERMINE, 1, nullptr, 0,
+                            nullptr, tangent.put()));
   IMIC3D_PETSC(MatSetBlockSize(tangent, 3));
-  for (PetscInt row = 3 * partition.first_owned(); row < 3 * partition.first_owned() + own; ++row) IMIC3D_PETSC(MatSetValue(tangent, row, row, 1.0, INSERT_VALUES));
+  for (PetscInt row = 3 * partition.first_owned(); row < 3 * partition.first_owned() + own; ++row)
+    IMIC3D_PETSC(MatSetValue(tangent, row, row, 1.0, INSERT_VALUES));
   IMIC3D_PETSC(MatAssemblyBegin(tangent, MAT_FINAL_ASSEMBLY));
   IMIC3D_PETSC(MatAssemblyEnd(tangent, MAT_FINAL_ASSEMBLY));
   IMIC3D_PETSC(KSPCreate(partition.communicator.handle, solver.put()));

@@ -41,9 +41,11 @@ class Hexahedron : public ::testing::Test {
     std::uniform_real_distribution<double> shift(-0.15, 0.15), move(-0.03, 0.03), bend(-0.03, 0.03);
     nodes.template topRows<8>() << 0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0, 0, 0, 1, 1, 0, 1, 1, 1, 1, 0, 1, 1;
     for (int i = 0; i < 24; ++i) nodes(i / 3, i % 3) += shift(random);
-    constexpr int edges[12][2] = {{0, 1}, {1, 2}, {2, 3}, {3, 0}, {4, 5}, {5, 6}, {6, 7}, {7, 4}, {0, 4}, {1, 5}, {2, 6}, {3, 7}};
+    constexpr int edges[12][2] = {{0, 1}, {1, 2}, {2, 3}, {3, 0}, {4, 5}, {5, 6},
+                                  {6, 7}, {7, 4}, {0, 4}, {1, 5}, {2, 6}, {3, 7}};
     for (int e = 8; e < nodes_count; ++e)  // curved edges
-      for (int i = 0; i < 3; ++i) nodes(e, i) = 0.5 * (nodes(edges[e - 8][0], i) + nodes(edges[e - 8][1], i)) + bend(random);
+      for (int i = 0; i < 3; ++i)
+        nodes(e, i) = 0.5 * (nodes(edges[e - 8][0], i) + nodes(edges[e - 8][1], i)) + bend(random);
     for (int i = 0; i < dofs; ++i) u[i] = move(random);
     for (int a = 0; a < nodes_count; ++a) u[3 * a] += 0.05 * nodes(a, 0);
     old_history.resize(static_cast<std::size_t>(Element::points * law->history_size() + Element::state));
@@ -102,7 +104,8 @@ TYPED_TEST(Hexahedron, RigidRotationLeavesNoForce) {
   const Eigen::Matrix3d R = Eigen::AngleAxisd(1.1, Eigen::Vector3d(1, 2, 3).normalized()).toRotationMatrix();
   Vector moved;
   for (int a = 0; a < count; ++a)
-    moved.template segment<3>(3 * a) = (R - Eigen::Matrix3d::Identity()) * this->nodes.row(a).transpose() + Eigen::Vector3d(5, 6, 7);
+    moved.template segment<3>(3 * a) =
+        (R - Eigen::Matrix3d::Identity()) * this->nodes.row(a).transpose() + Eigen::Vector3d(5, 6, 7);
   Result result;
   ASSERT_TRUE(this->evaluate_at(moved, result, false));
   EXPECT_LT(result.force.norm(), 1e-9 * this->parameters[0]);
@@ -122,11 +125,12 @@ TYPED_TEST(Hexahedron, ForcesTurnWithTheElement) {
   }
   ASSERT_TRUE(this->evaluate_at(moved, turned, false));
   for (int a = 0; a < count; ++a)
-    EXPECT_LT((turned.force.template segment<3>(3 * a) - R * result.force.template segment<3>(3 * a)).norm(), 1e-12 * result.force.norm());
+    EXPECT_LT((turned.force.template segment<3>(3 * a) - R * result.force.template segment<3>(3 * a)).norm(),
+              1e-12 * result.force.norm());
 }
 
-/// Rank of the stiffness at rest: 6 rigid modes, and with one point the 12 hourglass modes. The quadratic element's reduced
-/// integration has 6 more, of which the class says that they do not spread.
+/// Rank of the stiffness at rest: 6 rigid modes, and with one point the 12 hourglass modes. The quadratic element's
+/// reduced integration has 6 more, of which the class says that they do not spread.
 TYPED_TEST(Hexahedron, ModesWithoutEnergy) {
   using Result = typename TestFixture::ResultOf;
   constexpr int expected = TypeParam::nodes == 20 ? 12 : TypeParam::points == 8 || TypeParam::state > 0 ? 6 : 18;

@@ -27,7 +27,8 @@ mesh::Mesh sheet(std::array<int, 2> n, Eigen::Vector2d size, double thickness, d
   std::mt19937 random(7);
   std::uniform_real_distribution<double> shift(-distortion, distortion);
   for (Eigen::Index i = 0; i < nodes; ++i) {
-    const bool inside = mesh.nodes(i, 0) > 0 && mesh.nodes(i, 0) < size[0] && mesh.nodes(i, 1) > 0 && mesh.nodes(i, 1) < size[1];
+    const bool inside =
+        mesh.nodes(i, 0) > 0 && mesh.nodes(i, 0) < size[0] && mesh.nodes(i, 1) > 0 && mesh.nodes(i, 1) < size[1];
     if (!inside) mesh.node_groups["boundary"].push_back(static_cast<int>(i));
     if (inside)
       for (int k = 0; k < 2; ++k) mesh.nodes(i, k) += shift(random) * size[k] / n[static_cast<std::size_t>(k)];
@@ -64,8 +65,10 @@ void patch_test(const mesh::Mesh& mesh) {
   double worst = 0.0, spread = 0.0, plastic = 0.0, thickness_stress = 0.0;
   const auto status = equilibrium.run(steps, steel, 0.0, [&](int t, const FrameState& state) {
     for (Eigen::Index node = 0; node < mesh.nodes.rows(); ++node) {
-      const Eigen::Vector2d exact = steps[static_cast<std::size_t>(t)].time * G * mesh.nodes.row(node).head<2>().transpose();
-      worst = std::max(worst, (state.displacement.segment<3>(3 * node) - Eigen::Vector3d(exact[0], exact[1], 0.0)).norm());
+      const Eigen::Vector2d exact =
+          steps[static_cast<std::size_t>(t)].time * G * mesh.nodes.row(node).head<2>().transpose();
+      worst =
+          std::max(worst, (state.displacement.segment<3>(3 * node) - Eigen::Vector3d(exact[0], exact[1], 0.0)).norm());
     }
     const Eigen::RowVectorXd mean = state.cauchy_stress.colwise().mean();
     spread = (state.cauchy_stress.rowwise() - mean).norm() / state.cauchy_stress.norm();
@@ -95,14 +98,14 @@ void newton_order(const mesh::Mesh& mesh) {
   LoadStep step{.time = 1.0, .prescribed = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(dofs.size())), .force = {}};
   for (std::size_t i = 0; i < dofs.size(); ++i)
     if (mesh.nodes(dofs[i] / 3, 0) > 2.0) step.prescribed[static_cast<Eigen::Index>(i)] = dofs[i] % 3 == 0 ? 0.3 : 0.1;
-  const auto status = equilibrium.run({step}, steel, 0.0, [](int, const FrameState& state) {
-    EXPECT_GT(state.plastic_strain.minCoeff(), 0.01);
-  });
+  const auto status = equilibrium.run(
+      {step}, steel, 0.0, [](int, const FrameState& state) { EXPECT_GT(state.plastic_strain.minCoeff(), 0.01); });
   ASSERT_EQ(status.frames, 1) << status.message;
   const auto& r = status.residuals;
   double order = 0.0;
   for (std::size_t i = 2; i < r.size(); ++i)
-    if (r[i - 1] < 1e-2 && r[i] > 1e-12 && r[i] < r[i - 1]) order = std::max(order, std::log(r[i]) / std::log(r[i - 1]));
+    if (r[i - 1] < 1e-2 && r[i] > 1e-12 && r[i] < r[i - 1])
+      order = std::max(order, std::log(r[i]) / std::log(r[i - 1]));
   // log r_{k+1} / log r_k: 2 for quadratic convergence of a residual that is relative already.
   EXPECT_GE(order, 1.8) << ::testing::PrintToString(r);
   EXPECT_LT(r.size(), 12U);
@@ -147,8 +150,8 @@ TEST(PlaneStress, AStripInTensionFollowsTheClosedForm) {
   EXPECT_NEAR(stress / (tau * std::exp(-strain - 2.0 * lateral)), 1.0, 1e-10);
 }
 
-/// A sheet and a plate of hexahedra, the same elements in the plane: as the plate gets thinner, force and displacement of
-/// a clamped strip tend to the sheet's. Two thicknesses tell a limit from a coincidence.
+/// A sheet and a plate of hexahedra, the same elements in the plane: as the plate gets thinner, force and displacement
+/// of a clamped strip tend to the sheet's. Two thicknesses tell a limit from a coincidence.
 TEST(PlaneStress, IsTheLimitOfAThinPlate) {
   const Eigen::Vector2d size(2.0, 1.0);
   const auto pull = [&](const mesh::Mesh& mesh, double* transverse) {
@@ -160,7 +163,8 @@ TEST(PlaneStress, IsTheLimitOfAThinPlate) {
       for (int node : mesh.node_groups.at(end)) dofs.insert({3 * node, 3 * node + 1});
     for (Eigen::Index node = 0; !plane && node < mesh.nodes.rows(); ++node)  // mid-plane
       if (mesh.nodes(node, 2) == 0.0) dofs.insert(3 * static_cast<int>(node) + 2);
-    LoadStep step{.time = 1.0, .prescribed = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(dofs.size())), .force = {}};
+    LoadStep step{
+        .time = 1.0, .prescribed = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(dofs.size())), .force = {}};
     Eigen::Index row = 0;
     for (int dof : dofs) step.prescribed[row++] = dof % 3 == 0 && mesh.nodes(dof / 3, 0) > 1.0 ? 0.04 : 0.0;
     double force = 0.0;
@@ -168,7 +172,8 @@ TEST(PlaneStress, IsTheLimitOfAThinPlate) {
     const auto status = equilibrium.run({step}, steel, 0.0, [&](int, const FrameState& state) {
       for (int node : mesh.node_groups.at("right")) force += state.internal[3 * node];
       for (Eigen::Index node = 0; node < mesh.nodes.rows(); ++node)
-        if ((mesh.nodes.row(node) - Eigen::RowVector3d(1.0, 1.0, 0.0)).norm() < 1e-9) *transverse = state.displacement[3 * node + 1];
+        if ((mesh.nodes.row(node) - Eigen::RowVector3d(1.0, 1.0, 0.0)).norm() < 1e-9)
+          *transverse = state.displacement[3 * node + 1];
       EXPECT_GT(state.plastic_strain.maxCoeff(), 0.02);
     });
     EXPECT_EQ(status.frames, 1) << status.message;
@@ -183,8 +188,9 @@ TEST(PlaneStress, IsTheLimitOfAThinPlate) {
     force_error.push_back(std::abs(stress / sheet_stress - 1.0));
     displacement_error.push_back(std::abs(of_plate / of_sheet - 1.0));
   }
-  std::printf("thin plate against sheet: force %.2e, %.2e, transverse displacement %.2e, %.2e (half thickness 0.1, 0.02)\n",
-              force_error[0], force_error[1], displacement_error[0], displacement_error[1]);
+  std::printf(
+      "thin plate against sheet: force %.2e, %.2e, transverse displacement %.2e, %.2e (half thickness 0.1, 0.02)\n",
+      force_error[0], force_error[1], displacement_error[0], displacement_error[1]);
   EXPECT_LT(force_error[1], 1e-3);
   EXPECT_LT(displacement_error[1], 3e-3);
   EXPECT_LT(force_error[1], 0.5 * force_error[0]);

@@ -37,10 +37,12 @@ class Quadrilateral : public ::testing::Test {
     old_history.resize(static_cast<std::size_t>(quadrilateral_points * law->history_size()));
     new_history = old_history;
     const auto size = static_cast<std::size_t>(law->history_size());
-    for (std::size_t p = 0; p < quadrilateral_points; ++p) law->initialise(std::span(old_history).subspan(p * size, size));
+    for (std::size_t p = 0; p < quadrilateral_points; ++p)
+      law->initialise(std::span(old_history).subspan(p * size, size));
   }
   bool evaluate_at(const VectorOf& at, ResultOf& result, bool tangent) {
-    return evaluate<nodes_count>(*law, thickness, parameters, 1.0, nodes, at, old_history, new_history, result, tangent);
+    return evaluate<nodes_count>(*law, thickness, parameters, 1.0, nodes, at, old_history, new_history, result,
+                                 tangent);
   }
   /// The displacement that follows `u` by a rotation and a shift.
   VectorOf turned(const VectorOf& at, const Eigen::Matrix2d& R) const {
@@ -92,7 +94,8 @@ TYPED_TEST(Quadrilateral, ForcesTurnWithTheElement) {
   const Eigen::Matrix2d R = Eigen::Rotation2Dd(0.7).toRotationMatrix();
   ASSERT_TRUE(this->evaluate_at(this->turned(this->u, R), turned, false));
   for (int a = 0; a < TestFixture::nodes_count; ++a)
-    EXPECT_LT((turned.force.template segment<2>(2 * a) - R * result.force.template segment<2>(2 * a)).norm(), 1e-12 * result.force.norm());
+    EXPECT_LT((turned.force.template segment<2>(2 * a) - R * result.force.template segment<2>(2 * a)).norm(),
+              1e-12 * result.force.norm());
 }
 
 TYPED_TEST(Quadrilateral, AnInvertedElementIsReported) {

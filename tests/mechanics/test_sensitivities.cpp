@@ -1,6 +1,5 @@
 // Derivatives of whole paths by the parameters of the law, direct differentiation against differences of simulations.
 #include <gtest/gtest.h>
-
 #include <petscsys.h>
 
 #include <Eigen/Dense>
@@ -23,14 +22,18 @@ struct LawCase {
   std::vector<double> parameters;
 };
 
-const LawCase power{"power_linear", {.hardening = "power_linear", .tie_initial_modulus = true}, {198e3, 0.25, 284.0, 4480.0, 0.042}};
+const LawCase power{
+    "power_linear", {.hardening = "power_linear", .tie_initial_modulus = true}, {198e3, 0.25, 284.0, 4480.0, 0.042}};
 const LawCase all{"voce, kinematic, Hill, rate",
                   {.hardening = "voce", .effects = {"kinematic", "hill", "rate"}},
                   {198e3, 0.25, 284, 400, 10, 3500, 20e3, 150, 1.2, 0.9, 1.1, 20, 0.005, 1e-3}};
-const LawCase kinematic{"kinematic", {.hardening = "linear", .effects = {"kinematic"}}, {198e3, 0.25, 284, 4900, 20e3, 150}};
+const LawCase kinematic{
+    "kinematic", {.hardening = "linear", .effects = {"kinematic"}}, {198e3, 0.25, 284, 4900, 20e3, 150}};
 const std::vector<LawCase> laws = {
     power,
-    {"power_linear in Cauchy stress", {.hardening = "power_linear", .cauchy_yield = true}, {198e3, 0.25, 264.0, 4480.0, 0.05, 2e-3}},
+    {"power_linear in Cauchy stress",
+     {.hardening = "power_linear", .cauchy_yield = true},
+     {198e3, 0.25, 264.0, 4480.0, 0.05, 2e-3}},
     {"voce", {.hardening = "voce"}, {198e3, 0.25, 284, 400, 10, 3500}},
     kinematic,
     {"Hill", {.hardening = "linear", .effects = {"hill"}}, {198e3, 0.25, 284, 4900, 1.2, 0.9, 1.1, 20}},
@@ -68,7 +71,9 @@ class Bar {
     std::set<int> dofs;
     for (int node : mesh_.node_groups.at("left")) {
       for (int i = 0; i < 3; ++i)
-        if (driven == Driven::by_displacement || i == 0 || (i == 1 && mesh_.nodes(node, 1) == 0.0) || (i == 2 && mesh_.nodes(node, 2) == 0.0)) dofs.insert(3 * node + i);
+        if (driven == Driven::by_displacement || i == 0 || (i == 1 && mesh_.nodes(node, 1) == 0.0) ||
+            (i == 2 && mesh_.nodes(node, 2) == 0.0))
+          dofs.insert(3 * node + i);
     }
     if (driven == Driven::by_displacement)
       for (int node : mesh_.node_groups.at("right"))
@@ -87,7 +92,8 @@ class Bar {
     optical_.stiffness.resize(size, size);
     optical_.stiffness.setFromTriplets(entries.begin(), entries.end());
     const Eigen::VectorXd stretch = 0.04 * mesh_.nodes.reshaped<Eigen::RowMajor>();
-    // Between two frames on the way from one to the next: images that jump back at the beginning of a frame unload all of the bar.
+    // Between two frames on the way from one to the next: images that jump back at the beginning of a frame unload all
+    // of the bar.
     const auto seen = [stretch](int frame, double fraction) -> Eigen::VectorXd {
       const double before = frame > 0 ? levels[static_cast<std::size_t>(frame) - 1] : 0.0;
       return (before + fraction * (levels[static_cast<std::size_t>(frame)] - before)) * stretch;
@@ -97,13 +103,14 @@ class Bar {
       const Eigen::VectorXd gap = seen(frame, fraction) - U;
       return optical_.stiffness * (gap.array() + gap.array().cube()).matrix();
     };
-    optical_.d_force = [this, seen](int frame, double fraction, const Eigen::VectorXd& U, const Eigen::VectorXd& dU) -> Eigen::VectorXd {
+    optical_.d_force = [this, seen](int frame, double fraction, const Eigen::VectorXd& U,
+                                    const Eigen::VectorXd& dU) -> Eigen::VectorXd {
       const Eigen::VectorXd gap = seen(frame, fraction) - U;
       return -optical_.stiffness * ((1.0 + 3.0 * gap.array().square()) * dU.array()).matrix();
     };
   }
 
-  static constexpr double turn = 0.7;  ///< [rad]
+  static constexpr double turn = 0.7;                          ///< [rad]
   static constexpr std::array levels = {0.4, 0.8, 1.0, 0.97};  ///< of the frames
 
   /// As if there were so much memory [bytes]; 0: what there is.
@@ -115,14 +122,22 @@ class Bar {
   [[nodiscard]] const LawCase& law() const { return case_; }
   [[nodiscard]] bool under_given_forces() const { return driven_ == Driven::by_force; }
 
-  /// Pulled beyond yield in three frames, of several increments some, then unloaded; `sideways`: times a force across at every node on the way. Derivatives in `directions` of the forces, too: the k-th turned by `turn` * k towards another one.
-  Path pull(const std::vector<double>& parameters, const std::vector<int>& free = {}, double sideways = 0.0, int directions = 0) {
+  /// Pulled beyond yield in three frames, of several increments some, then unloaded; `sideways`: times a force across
+  /// at every node on the way. Derivatives in `directions` of the forces, too: the k-th turned by `turn` * k towards
+  /// another one.
+  Path pull(const std::vector<double>& parameters, const std::vector<int>& free = {}, double sideways = 0.0,
+            int directions = 0) {
     std::vector<LoadStep> steps;
     for (const double level : levels) {
-      LoadStep step{.time = static_cast<double>(steps.size()) + level, .prescribed = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(dofs_.size())), .force = {}};
+      LoadStep step{.time = static_cast<double>(steps.size()) + level,
+                    .prescribed = Eigen::VectorXd::Zero(static_cast<Eigen::Index>(dofs_.size())),
+                    .force = {}};
       if (driven_ == Driven::by_displacement)
         for (std::size_t i = 0; i < dofs_.size(); ++i)
-          if (mesh_.nodes(dofs_[i] / 3, 0) > 2.0) step.prescribed[static_cast<Eigen::Index>(i)] = dofs_[i] % 3 == 0 ? 0.08 * level : dofs_[i] % 3 == 1 ? 0.02 * level : 0.0;
+          if (mesh_.nodes(dofs_[i] / 3, 0) > 2.0)
+            step.prescribed[static_cast<Eigen::Index>(i)] = dofs_[i] % 3 == 0   ? 0.08 * level
+                                                            : dofs_[i] % 3 == 1 ? 0.02 * level
+                                                                                : 0.0;
       if (driven_ != Driven::by_displacement) {
         step.force.setZero(3 * mesh_.nodes.rows());
         const auto& right = mesh_.node_groups.at("right");
@@ -130,9 +145,12 @@ class Bar {
       }
       if (sideways != 0.0 || directions > 0) {
         Eigen::VectorXd across = Eigen::VectorXd::Zero(3 * mesh_.nodes.rows()), along = across;
-        for (Eigen::Index node = 0; node < mesh_.nodes.rows(); ++node) across[3 * node + 1] = level * (1.0 + static_cast<double>(steps.size())) * mesh_.nodes(node, 0);
-        for (Eigen::Index node = 0; node < mesh_.nodes.rows(); ++node) along[3 * node] = level * 30.0 * mesh_.nodes(node, 1);
-        step.force = step.force.size() > 0 ? Eigen::VectorXd(step.force + sideways * across) : Eigen::VectorXd(sideways * across);
+        for (Eigen::Index node = 0; node < mesh_.nodes.rows(); ++node)
+          across[3 * node + 1] = level * (1.0 + static_cast<double>(steps.size())) * mesh_.nodes(node, 0);
+        for (Eigen::Index node = 0; node < mesh_.nodes.rows(); ++node)
+          along[3 * node] = level * 30.0 * mesh_.nodes(node, 1);
+        step.force = step.force.size() > 0 ? Eigen::VectorXd(step.force + sideways * across)
+                                           : Eigen::VectorXd(sideways * across);
         step.d_prescribed.setZero(step.prescribed.size(), directions);
         Eigen::MatrixXd turned(across.size(), directions);
         for (int k = 0; k < directions; ++k) turned.col(k) = std::cos(turn * k) * across + std::sin(turn * k) * along;
@@ -141,7 +159,8 @@ class Bar {
       if (by_section_) {
         step.d_prescribed.setZero(step.prescribed.size(), directions + 2);
         step.d_section.setZero(mesh_.cells.rows(), directions + 2);
-        for (int k = 0; k < 2; ++k) step.d_section.col(directions + k) = (1.0 + k) * change_of_section().cwiseQuotient(mesh_.section);
+        for (int k = 0; k < 2; ++k)
+          step.d_section.col(directions + k) = (1.0 + k) * change_of_section().cwiseQuotient(mesh_.section);
         step.d_force.conservativeResize(3 * mesh_.nodes.rows(), directions + 2);
       }
       steps.push_back(std::move(step));
@@ -150,9 +169,12 @@ class Bar {
     const Communicator world;
     const mesh::Partition partition = mesh::partition(mesh_, world);
     const double tight = driven_ == Driven::by_images ? 1e-12 : 1e-13;
-    Equilibrium equilibrium(partition, mesh_, law_, dofs_, {.max_iterations = 40, .tolerance = tight, .derivative_tolerance = 1e-11, .memory_of_solver = memory_});
+    Equilibrium equilibrium(
+        partition, mesh_, law_, dofs_,
+        {.max_iterations = 40, .tolerance = tight, .derivative_tolerance = 1e-11, .memory_of_solver = memory_});
     Path path;
-    path.d_displacement.resize(free.size() + static_cast<std::size_t>(directions)), path.d_reaction.resize(path.d_displacement.size());
+    path.d_displacement.resize(free.size() + static_cast<std::size_t>(directions)),
+        path.d_reaction.resize(path.d_displacement.size());
     path.plastic_strain.resize(mesh_.cells.rows(), static_cast<Eigen::Index>(steps.size()));
     const auto append = [](Eigen::VectorXd& list, const Eigen::VectorXd& more) {
       list.conservativeResize(list.size() + more.size());
@@ -163,17 +185,22 @@ class Bar {
         [&](int t, const FrameState& state) {
           append(path.displacement, state.displacement), append(path.reaction, state.internal);
           path.plastic_strain.col(t) = state.plastic_strain;
-          for (std::size_t k = 0; k < path.d_displacement.size(); ++k) append(path.d_displacement[k], state.d_displacement[k]), append(path.d_reaction[k], state.d_internal[k]);
+          for (std::size_t k = 0; k < path.d_displacement.size(); ++k)
+            append(path.d_displacement[k], state.d_displacement[k]), append(path.d_reaction[k], state.d_internal[k]);
         },
-        {}, driven_ == Driven::by_displacement ? std::vector<int>{1, 2, 1, 1} : std::vector<int>{2, 8, 8, 1}, driven_ == Driven::by_images ? &optical_ : nullptr, free);
+        {}, driven_ == Driven::by_displacement ? std::vector<int>{1, 2, 1, 1} : std::vector<int>{2, 8, 8, 1},
+        driven_ == Driven::by_images ? &optical_ : nullptr, free);
     return path;
   }
 
  private:
-  [[nodiscard]] Eigen::VectorXd initial_section() const { return Eigen::VectorXd::LinSpaced(mesh_.cells.rows(), 0.9, 1.1); }
+  [[nodiscard]] Eigen::VectorXd initial_section() const {
+    return Eigen::VectorXd::LinSpaced(mesh_.cells.rows(), 0.9, 1.1);
+  }
   [[nodiscard]] Eigen::VectorXd change_of_section() const {
     Eigen::VectorXd change(mesh_.cells.rows());
-    for (Eigen::Index cell = 0; cell < change.size(); ++cell) change[cell] = cell % 3 == 1 ? 0.5 : 0.1 * static_cast<double>(cell % 2);
+    for (Eigen::Index cell = 0; cell < change.size(); ++cell)
+      change[cell] = cell % 3 == 1 ? 0.5 : 0.1 * static_cast<double>(cell % 2);
     return change;
   }
 
@@ -187,7 +214,8 @@ class Bar {
   OpticalTerm optical_;
 };
 
-/// By every parameter of the law: the error of central differences falls with the step to 1e-6 and less, until rounding makes it rise.
+/// By every parameter of the law: the error of central differences falls with the step to 1e-6 and less, until rounding
+/// makes it rise.
 void expect_derivatives(Bar bar) {
   const auto& parameters = bar.law().parameters;
   std::vector<int> free(parameters.size());
@@ -211,13 +239,15 @@ void expect_derivatives(Bar bar) {
       };
       const Path plus = at(1.0), minus = at(-1.0);
       // Other increments are another function.
-      if (plus.status.increments != path.status.increments || minus.status.increments != path.status.increments) continue;
+      if (plus.status.increments != path.status.increments || minus.status.increments != path.status.increments)
+        continue;
       const auto error = [&](const Eigen::VectorXd& a, const Eigen::VectorXd& b, const Eigen::VectorXd& derivative) {
         return ((a - b) / (2.0 * h * parameters[j]) - derivative).norm() / derivative.norm();
       };
       largest_step = std::max(largest_step, h), smallest_step = std::min(smallest_step, h);
       errors.push_back(error(plus.displacement, minus.displacement, path.d_displacement[j]));
-      if (!bar.under_given_forces()) errors.back() = std::max(errors.back(), error(plus.reaction, minus.reaction, path.d_reaction[j]));
+      if (!bar.under_given_forces())
+        errors.back() = std::max(errors.back(), error(plus.reaction, minus.reaction, path.d_reaction[j]));
       char line[60];
       std::snprintf(line, sizeof line, "\n  %.0e  %.2e", h, errors.back());
       table += line;
@@ -228,8 +258,12 @@ void expect_derivatives(Bar bar) {
     EXPECT_LE(*best, 1e-6) << what;
     EXPECT_GT(*best, 0.0) << what;
     // Either branch where it was reached: the steps beyond may have taken other increments.
-    if (largest_step > 1e-2) { EXPECT_GT(errors.front(), 10.0 * *best) << what; }
-    if (smallest_step < 1e-6) { EXPECT_GT(errors.back(), 10.0 * *best) << what; }
+    if (largest_step > 1e-2) {
+      EXPECT_GT(errors.front(), 10.0 * *best) << what;
+    }
+    if (smallest_step < 1e-6) {
+      EXPECT_GT(errors.back(), 10.0 * *best) << what;
+    }
   }
 }
 
@@ -244,8 +278,10 @@ TEST(Sensitivities, InADirectionOfTheForces) {
       double best = 1.0, coarse = 0.0;
       for (const double h : {1e-2, 1e-3, 1e-4, 1e-5, 1e-6}) {
         const Path plus = bar.pull(power.parameters, {}, h), minus = bar.pull(power.parameters, {}, -h);
-        if (plus.status.increments != path.status.increments || minus.status.increments != path.status.increments) continue;
-        const double error = ((plus.displacement - minus.displacement) / (2.0 * h) - path.d_displacement[1]).norm() / path.d_displacement[1].norm();
+        if (plus.status.increments != path.status.increments || minus.status.increments != path.status.increments)
+          continue;
+        const double error = ((plus.displacement - minus.displacement) / (2.0 * h) - path.d_displacement[1]).norm() /
+                             path.d_displacement[1].norm();
         best = std::min(best, error), coarse = std::max(coarse, error);
       }
       EXPECT_LE(best, 1e-6);
@@ -275,10 +311,15 @@ TEST(Sensitivities, InADirectionOfTheSection) {
           return moved.pull(power.parameters);
         };
         const Path plus = at(h), minus = at(-h);
-        if (plus.status.increments != path.status.increments || minus.status.increments != path.status.increments) continue;
-        const auto error_of = [&](const Eigen::VectorXd& above, const Eigen::VectorXd& below, const Eigen::VectorXd& derivative) { return ((above - below) / (2.0 * h) - derivative).norm() / derivative.norm(); };
+        if (plus.status.increments != path.status.increments || minus.status.increments != path.status.increments)
+          continue;
+        const auto error_of = [&](const Eigen::VectorXd& above, const Eigen::VectorXd& below,
+                                  const Eigen::VectorXd& derivative) {
+          return ((above - below) / (2.0 * h) - derivative).norm() / derivative.norm();
+        };
         double error = error_of(plus.displacement, minus.displacement, path.d_displacement[2]);
-        if (driven == Driven::by_displacement) error = std::max(error, error_of(plus.reaction, minus.reaction, path.d_reaction[2]));
+        if (driven == Driven::by_displacement)
+          error = std::max(error, error_of(plus.reaction, minus.reaction, path.d_reaction[2]));
         best = std::min(best, error), coarse = std::max(coarse, error);
       }
       EXPECT_LE(best, 1e-6) << mesh::name(type);
@@ -298,7 +339,8 @@ TEST(Sensitivities, InManyDirectionsOfTheForces) {
       ASSERT_EQ(more.d_displacement.size(), 1U + many);
       const auto& increments = more.status.increments;
       if (driven != Driven::by_images) {
-        EXPECT_LE(more.status.derivative_corrections, std::accumulate(increments.begin(), increments.end(), 0)) << "with the converged tangent's factor each takes one solution";
+        EXPECT_LE(more.status.derivative_corrections, std::accumulate(increments.begin(), increments.end(), 0))
+            << "with the converged tangent's factor each takes one solution";
       }
       const auto expect_same = [](const std::vector<Eigen::VectorXd>& one, const std::vector<Eigen::VectorXd>& other) {
         EXPECT_LE((other[0] - one[0]).norm(), 1e-9 * one[0].norm()) << "by the parameter";
@@ -306,7 +348,8 @@ TEST(Sensitivities, InManyDirectionsOfTheForces) {
         ASSERT_GT(along.norm(), 0.1 * across.norm());
         for (int k = 0; k < many; ++k) {
           const Eigen::VectorXd expected = std::cos(Bar::turn * k) * across + std::sin(Bar::turn * k) * along;
-          EXPECT_LE((other[static_cast<std::size_t>(k) + 1] - expected).norm(), 1e-9 * (across.norm() + along.norm())) << "direction " << k;
+          EXPECT_LE((other[static_cast<std::size_t>(k) + 1] - expected).norm(), 1e-9 * (across.norm() + along.norm()))
+              << "direction " << k;
         }
       };
       expect_same(few.d_displacement, more.d_displacement);
@@ -343,21 +386,26 @@ TEST(Sensitivities, ImagesSeeNodesOfOtherRanks) {
   EXPECT_GT(path.plastic_strain.maxCoeff(), 1e-3);
 }
 
-/// Two grids, the corners solved by MUMPS (an option) or by GAMG (where there is no memory), or GAMG alone (linear elements): the same path and derivatives as by MUMPS alone.
+/// Two grids, the corners solved by MUMPS (an option) or by GAMG (where there is no memory), or GAMG alone (linear
+/// elements): the same path and derivatives as by MUMPS alone.
 TEST(Sensitivities, WithAnIterativeSolver) {
-  const LawCase pressure{"pressure dependence", {.hardening = "linear", .effects = {"pressure"}}, {198e3, 0.25, 284, 4900, 0.05, 0.02}};
+  const LawCase pressure{
+      "pressure dependence", {.hardening = "linear", .effects = {"pressure"}}, {198e3, 0.25, 284, 4900, 0.05, 0.02}};
   for (const auto type : {mesh::CellType::hex20, mesh::CellType::quad8, mesh::CellType::hex8})
     for (const LawCase& law : {power, pressure})
       for (const Driven driven : {Driven::by_displacement, Driven::by_force})
         for (const bool by_option : {false, true}) {
           const bool quadratic = type != mesh::CellType::hex8;
           if ((by_option && !quadratic) || (mesh::dimension(type) == 2 && law.name == pressure.name)) continue;
-          if (Communicator{}.size() > 1 && (type != mesh::CellType::hex20 || law.name == pressure.name || driven == Driven::by_force)) continue;
+          if (Communicator{}.size() > 1 &&
+              (type != mesh::CellType::hex20 || law.name == pressure.name || driven == Driven::by_force))
+            continue;
           // Hundreds of unknowns on more ranks than processors: minutes of waiting, if something else runs, too.
           const bool crowded = Communicator{}.size() > 2;
           if (crowded && !by_option) continue;
           const std::vector<int> free = crowded ? std::vector<int>{} : std::vector<int>{2};
-          const std::string of = mesh::name(type) + ", " + law.name + (driven == Driven::by_force ? ", under forces" : "") + (by_option ? ", option" : "");
+          const std::string of = mesh::name(type) + ", " + law.name +
+                                 (driven == Driven::by_force ? ", under forces" : "") + (by_option ? ", option" : "");
           Bar bar(type, driven, law);
           const Path direct = bar.pull(law.parameters, free);
           bar.solve_within(by_option ? 0.0 : 1.0);
@@ -367,10 +415,14 @@ TEST(Sensitivities, WithAnIterativeSolver) {
           ASSERT_EQ(direct.status.frames, 4) << of << direct.status.message;
           ASSERT_EQ(iterative.status.frames, 4) << of << iterative.status.message;
           ASSERT_EQ(iterative.status.increments, direct.status.increments) << of;
-          EXPECT_LT(iterative.status.work.factorisations, iterative.status.work.solutions) << of << ": a preconditioner serves again";
+          EXPECT_LT(iterative.status.work.factorisations, iterative.status.work.solutions)
+              << of << ": a preconditioner serves again";
           EXPECT_NE(iterative.displacement, direct.displacement) << of << ": the other solver was asked for";
           EXPECT_LE((iterative.displacement - direct.displacement).norm(), 1e-9 * direct.displacement.norm()) << of;
-          for (std::size_t k = 0; k < free.size(); ++k) EXPECT_LE((iterative.d_displacement[k] - direct.d_displacement[k]).norm(), 1e-8 * direct.d_displacement[k].norm()) << of;
+          for (std::size_t k = 0; k < free.size(); ++k)
+            EXPECT_LE((iterative.d_displacement[k] - direct.d_displacement[k]).norm(),
+                      1e-8 * direct.d_displacement[k].norm())
+                << of;
         }
 }
 

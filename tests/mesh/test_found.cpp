@@ -8,10 +8,11 @@ namespace test_found {
 
 TEST(Found, MeshesGiveAResultOrAnInputError) {
   int files = 0;
-  fuzz::for_each_found(IMIC3D_SOURCE_DIRECTORY "/tests/fuzz/found/mesh", [&](const std::string& name, const std::uint8_t* data, std::size_t size) {
-    EXPECT_NO_THROW(fuzz::mesh(data, size)) << name;
-    ++files;
-  });
+  fuzz::for_each_found(IMIC3D_SOURCE_DIRECTORY "/tests/fuzz/found/mesh",
+                       [&](const std::string& name, const std::uint8_t* data, std::size_t size) {
+                         EXPECT_NO_THROW(fuzz::mesh(data, size)) << name;
+                         ++files;
+                       });
   EXPECT_GE(files, 7);
 }
 

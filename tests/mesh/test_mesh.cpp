@@ -181,7 +181,8 @@ TEST(Quadratic, GetsMiddlesOfEdgesGroupsAndAFrontOfFourQuadsAFace) {
   EXPECT_THAT(check(surface.mesh, "surface"), SizeIs(0));
   EXPECT_THAT(surface.mesh.node_groups.at("left"), SizeIs(5));
   EXPECT_EQ(surface.mesh.facet_groups.at("top").rows(), 12);
-  // A quadratic field of the volume is the same on the surface, also at the faces' centres, up to the mixed cubic terms.
+  // A quadratic field of the volume is the same on the surface, also at the faces' centres, up to the mixed cubic
+  // terms.
   const Eigen::VectorXd ones = surface.weights * Eigen::VectorXd::Ones(solid.nodes.rows());
   EXPECT_NEAR((ones.array() - 1.0).abs().maxCoeff(), 0.0, 1e-14);
   const Nodes seen = surface.weights * solid.nodes;
@@ -216,23 +217,27 @@ TEST(PlaneMesh, MiddlesLieOnASmoothContourWhoseCurvatureChanges) {
     const Mesh coarse = below(waist, n);
     worst.push_back(0.0);
     for (const Bulge& bulge : bulges(coarse)) {
-      const Eigen::Vector2d middle = 0.5 * (coarse.nodes.row(bulge.from) + coarse.nodes.row(bulge.to)).head<2>().transpose() + bulge.shift;
+      const Eigen::Vector2d middle =
+          0.5 * (coarse.nodes.row(bulge.from) + coarse.nodes.row(bulge.to)).head<2>().transpose() + bulge.shift;
       if (std::abs(middle.x()) < 5.0) worst.back() = std::max(worst.back(), std::abs(middle.y() - waist(middle.x())));
     }
   }
   std::cout << "[          ] off the contour: " << worst[0] << ", " << worst[1] << ", " << worst[2] << '\n';
-  EXPECT_LT(worst[0], 0.005);  // chords are 0.07 off
+  EXPECT_LT(worst[0], 0.005);            // chords are 0.07 off
   EXPECT_GT(worst[0] / worst[1], 32.0);  // of sixth order
   EXPECT_GT(worst[1] / worst[2], 32.0);
 }
 
 TEST(PlaneMesh, AnArcBetweenStraightPartsIsOneToItsEnds) {
   constexpr double radius = 6.0;  // tangent to y = 3 at x = 0
-  const auto fillet = [](double x) { return x <= 0.0 ? 3.0 : 3.0 + radius - std::sqrt(radius * radius - std::min(x, 5.0) * std::min(x, 5.0)); };
+  const auto fillet = [](double x) {
+    return x <= 0.0 ? 3.0 : 3.0 + radius - std::sqrt(radius * radius - std::min(x, 5.0) * std::min(x, 5.0));
+  };
   const Mesh coarse = below(fillet, 16);
   int bent = 0;
   for (const Bulge& bulge : bulges(coarse)) {
-    const Eigen::Vector2d middle = 0.5 * (coarse.nodes.row(bulge.from) + coarse.nodes.row(bulge.to)).head<2>().transpose() + bulge.shift;
+    const Eigen::Vector2d middle =
+        0.5 * (coarse.nodes.row(bulge.from) + coarse.nodes.row(bulge.to)).head<2>().transpose() + bulge.shift;
     if (middle.y() < 2.0 || middle.x() > 4.0) continue;
     EXPECT_GT(middle.x(), 0.0);
     EXPECT_NEAR((middle - Eigen::Vector2d(0.0, 3.0 + radius)).norm(), radius, 0.002) << middle.x();
@@ -263,7 +268,10 @@ TEST(PlaneMesh, QuadraticHasItsMiddlesOnTheContourAndIsSeenAsFourQuadsEach) {
   EXPECT_THAT(check(surface.mesh, "surface"), SizeIs(0));
   EXPECT_THAT(surface.mesh.node_groups.at("left"), SizeIs(5));
   EXPECT_EQ(surface.mesh.facet_groups.at("top").rows(), 12);
-  EXPECT_NEAR((surface.weights * Eigen::VectorXd::Ones(curved.nodes.rows()) - Eigen::VectorXd::Ones(surface.mesh.nodes.rows())).norm(), 0.0, 1e-13);
+  EXPECT_NEAR(
+      (surface.weights * Eigen::VectorXd::Ones(curved.nodes.rows()) - Eigen::VectorXd::Ones(surface.mesh.nodes.rows()))
+          .norm(),
+      0.0, 1e-13);
   EXPECT_THROW((void)quadratic(curved), InputError);
   EXPECT_THROW((void)refine(curved), InputError);
 }

@@ -24,12 +24,12 @@ void say(const GroupTimes& times);
 struct StageSummary {
   std::vector<std::string> free;
   int iterations = 0;
-  int increments = 1;      ///< load increments between two frames, identification::Iterate
+  int increments = 1;  ///< load increments between two frames, identification::Iterate
   bool converged = false;
-  double eta = 0.0;        ///< Eq. 13, of the last step
+  double eta = 0.0;  ///< Eq. 13, of the last step
   std::string message;
   identification::Covariance covariance;
-  Eigen::VectorXd unsure;  ///< identification::FinerIncrements
+  Eigen::VectorXd unsure;     ///< identification::FinerIncrements
   std::string unknown_noise;  ///< identification::StageResult
 };
 
@@ -47,17 +47,21 @@ class RunOutput {
   void iteration(int stage, int iteration, const identification::Iterate& at);
   void identified(const std::vector<double>& values, const Eigen::MatrixXd& covariance, const std::set<int>& on_bound);
   /// Of parameters that stages found one after another; a doubt where they would move by more than noise.
-  void freed_at_once(const Material& material, const std::vector<int>& free, const identification::FreedAtOnce& at_once);
+  void freed_at_once(const Material& material, const std::vector<int>& free,
+                     const identification::FreedAtOnce& at_once);
   enum class Finer { mesh, in_space };
-  /// What parameters would change by on a finer mesh, or in space; a doubt where that is more than their standard deviations.
-  void moved_by(Finer finer, const Material& material, const std::vector<int>& free, const Eigen::VectorXd& moved, const Eigen::MatrixXd& covariance);
+  /// What parameters would change by on a finer mesh, or in space; a doubt where that is more than their standard
+  /// deviations.
+  void moved_by(Finer finer, const Material& material, const std::vector<int>& free, const Eigen::VectorXd& moved,
+                const Eigen::MatrixXd& covariance);
   void simulation_frame(int place, const mechanics::FrameState& state);
   /// Residual of the model on every frame (collective) and the force of the DIC-driven simulation; pictures of the
   /// residual at a few frames.
   void model(const Communicator& world, const identification::ImageData& images, const identification::Record& record,
              const identification::Path& shown, const identification::Path& driven);
-  /// result.json, pictures and report.html; prints the table of the parameters. `force_left`: measured force less the reaction of the DIC-driven simulation, rms in units of its noise; `seconds`: time of the run; `groups`: what groups of ranks
-  /// did with theirs, by what they did.
+  /// result.json, pictures and report.html; prints the table of the parameters. `force_left`: measured force less the
+  /// reaction of the DIC-driven simulation, rms in units of its noise; `seconds`: time of the run; `groups`: what
+  /// groups of ranks did with theirs, by what they did.
   void finish(const Material& material, const Eigen::MatrixXd& covariance, const std::vector<StageSummary>& stages,
               double force_left, double seconds, const GroupTimes& groups);
 
@@ -79,7 +83,7 @@ class SimulationOutput {
   SimulationOutput(const Communicator& world, std::filesystem::path folder, const io::Case& test,
                    const identification::Specimen& specimen);
   void frame(int frame, const mechanics::FrameState& state, double force);
-  void finish();  ///< result.json
+  void finish();                            ///< result.json
   void finish(const nlohmann::json& more);  ///< the same with `more` in it
 
  private:

@@ -16,10 +16,11 @@ int run(int argc, char** argv);
 /// What every command gets from the command line.
 struct CommandOptions {
   std::filesystem::path case_file;
-  std::filesystem::path output;  ///< folder of the results; empty: as the case file says
+  std::filesystem::path output;    ///< folder of the results; empty: as the case file says
   bool resume = false;             ///< identify, loop: goes on from the checkpoint
   std::filesystem::path from, to;  ///< explain: result.json of the two sets of parameters
-  double tolerance = 0.01;         ///< explain: relative standard deviation of what the sets' own deviations leave out
+  /// explain: relative standard deviation of what the sets' own deviations leave out
+  double tolerance = 0.01;
 };
 
 // One function per command, each in a file of its own name.

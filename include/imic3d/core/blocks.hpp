@@ -14,7 +14,8 @@ Eigen::SparseMatrix<double> blocks(const Faces& faces, Block&& block) {
   for (const auto& face : faces) {
     const Eigen::SparseMatrix<double> own = block(face);
     for (int j = 0; j < own.outerSize(); ++j)
-      for (Eigen::SparseMatrix<double>::InnerIterator entry(own, j); entry; ++entry) entries.emplace_back(static_cast<int>(rows + entry.row()), static_cast<int>(columns) + j, entry.value());
+      for (Eigen::SparseMatrix<double>::InnerIterator entry(own, j); entry; ++entry)
+        entries.emplace_back(static_cast<int>(rows + entry.row()), static_cast<int>(columns) + j, entry.value());
     rows += own.rows(), columns += own.cols();
   }
   Eigen::SparseMatrix<double> all(rows, columns);

@@ -27,8 +27,8 @@ struct GroupPlan {
   [[nodiscard]] int groups() const { return static_cast<int>(ranks.size()); }
 };
 
-/// `groups` = 0 takes as many as end first (the fewest of those, since each group has the operators in its own memory); more groups
-/// than ranks are as many as ranks.
+/// `groups` = 0 takes as many as end first (the fewest of those, since each group has the operators in its own memory);
+/// more groups than ranks are as many as ranks.
 [[nodiscard]] GroupPlan plan_groups(int ranks, const GroupCosts& costs, int groups = 0);
 
 /// "3 groups of 2, 2, 1 ranks"

@@ -9,13 +9,15 @@
 
 namespace imic3d {
 
-/// A run that was asked to stop (exit status 4); what() is the signal's name. What was computed before is kept. `collectively` keeps its type.
+/// A run that was asked to stop (exit status 4); what() is the signal's name. What was computed before is kept.
+/// `collectively` keeps its type.
 class Interrupted : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
 
-/// While it lives, SIGTERM, SIGUSR1 (what SLURM's --signal sends), SIGINT (Ctrl-C, of which a second one ends the process) and SIGHUP (a terminal that closes) are noted and do not end the process.
+/// While it lives, SIGTERM, SIGUSR1 (what SLURM's --signal sends), SIGINT (Ctrl-C, of which a second one ends the
+/// process) and SIGHUP (a terminal that closes) are noted and do not end the process.
 class SignalWatch {
  public:
   SignalWatch();
@@ -24,7 +26,7 @@ class SignalWatch {
   SignalWatch& operator=(const SignalWatch&) = delete;
 
  private:
-  std::array<struct sigaction, 4> before_ {};
+  std::array<struct sigaction, 4> before_{};
 };
 
 /// Throws Interrupted on every rank of `communicator` once a signal was noted on any of them. Collective.

@@ -4,9 +4,11 @@
 #include <cstring>
 #include <type_traits>
 
-/// Before a function that shall use the vector units of the machine it runs on, though the program is built for any x86-64:
-/// it is chosen when the program is loaded. What the versions compute differs by the rounding of fused multiply-adds.
-#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(__AVX2__) && !defined(__SANITIZE_ADDRESS__)
+/// Before a function that shall use the vector units of the machine it runs on, though the program is built for any
+/// x86-64: it is chosen when the program is loaded. What the versions compute differs by the rounding of fused
+/// multiply-adds.
+#if defined(__x86_64__) && defined(__GNUC__) && !defined(__clang__) && !defined(__AVX2__) && \
+    !defined(__SANITIZE_ADDRESS__)
 #define IMIC3D_CLONES __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))
 #else
 #define IMIC3D_CLONES
@@ -32,7 +34,9 @@ template <class Real = float, class Stored>
   return __builtin_convertvector(values, Lanes<Real>);
 }
 template <class Real>
-IMIC3D_INLINE void store(const Lanes<Real>& values, Real* to) { std::memcpy(to, &values, sizeof values); }
+IMIC3D_INLINE void store(const Lanes<Real>& values, Real* to) {
+  std::memcpy(to, &values, sizeof values);
+}
 [[nodiscard]] IMIC3D_INLINE Doubles doubles(const Floats& values) { return __builtin_convertvector(values, Doubles); }
 [[nodiscard]] IMIC3D_INLINE Doubles doubles(const Doubles& values) { return values; }
 [[nodiscard]] IMIC3D_INLINE double total(const Floats& v) {

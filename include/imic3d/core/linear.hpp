@@ -1,5 +1,6 @@
 #pragma once
-// Dense linear algebra of small systems, compiled once: wherever one of Eigen's decompositions stands it takes the compiler seconds.
+// Dense linear algebra of small systems, compiled once: wherever one of Eigen's decompositions stands it takes the
+// compiler seconds.
 
 #include <Eigen/Core>
 
@@ -8,8 +9,8 @@ namespace imic3d {
 /// The rows of `above` [m x n], then those of `below` [k x n].
 [[nodiscard]] Eigen::MatrixXd stacked(const Eigen::MatrixXd& above, const Eigen::MatrixXd& below);
 
-/// X that makes |A X - B| least, that of least norm where A [m x n] leaves it open: complete orthogonal decomposition; pivots
-/// below `threshold` of the largest count as 0 (Eigen's own threshold if 0). B [m x k], X [n x k].
+/// X that makes |A X - B| least, that of least norm where A [m x n] leaves it open: complete orthogonal decomposition;
+/// pivots below `threshold` of the largest count as 0 (Eigen's own threshold if 0). B [m x k], X [n x k].
 [[nodiscard]] Eigen::MatrixXd least_squares(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B, double threshold = 0.0);
 
 /// Moore and Penrose's inverse [n x m] of A [m x n].

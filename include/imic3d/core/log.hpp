@@ -1,21 +1,22 @@
 #pragma once
 // Messages and progress: from the root rank only; progress lines only on a terminal.
 
+#include <spdlog/spdlog.h>
+
 #include <chrono>
 #include <filesystem>
 #include <memory>
 #include <string>
 
-#include <spdlog/spdlog.h>
-
 #include "imic3d/core/parallel.hpp"
 
 namespace imic3d {
 
-/// Sets up the default spdlog logger: rank 0 writes to stderr, and to the log file once there is one; the others are silent.
+/// Sets up the default spdlog logger: rank 0 writes to stderr, and to the log file once there is one; the others are
+/// silent.
 void start_log(const Communicator& communicator);
-/// Begins the log file of rank 0, with all lines so far, or goes on with the one that is there. One that cannot be written (a full disk) is warned of, and does
-/// no more.
+/// Begins the log file of rank 0, with all lines so far, or goes on with the one that is there. One that cannot be
+/// written (a full disk) is warned of, and does no more.
 void begin_log_file(const std::filesystem::path& file, bool append = false);
 /// A line for the log file alone.
 void note_in_log_file(const std::string& line);

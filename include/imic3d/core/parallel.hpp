@@ -18,7 +18,7 @@ struct Communicator {
   [[nodiscard]] int size() const;
   [[nodiscard]] bool is_root() const { return rank() == 0; }
   void barrier() const;
-  void sum(std::span<double> values) const;       ///< in place, over all ranks
+  void sum(std::span<double> values) const;  ///< in place, over all ranks
   [[nodiscard]] double sum(double value) const;
   [[nodiscard]] double max(double value) const;
   [[nodiscard]] bool all(bool value) const;
@@ -44,7 +44,7 @@ class GroupLayout {
   [[nodiscard]] Communicator world() const { return world_; }
   [[nodiscard]] Communicator group() const { return group_; }  ///< this rank's group
   [[nodiscard]] int groups() const { return groups_; }
-  [[nodiscard]] int index() const { return index_; }           ///< number of this rank's group
+  [[nodiscard]] int index() const { return index_; }  ///< number of this rank's group
 
  private:
   Communicator world_, group_;

@@ -42,11 +42,14 @@ struct PixelQuadrature {
 };
 
 struct QuadratureOptions {
-  const imaging::Image* mask = nullptr;  ///< pixels whose level is 0 there are left out; same size as the reference
-  double border = 0.0;         ///< pixels nearer than this to the mesh's contour are left out [px]: at the specimen's edge
-                               ///< the spline rings, and that belongs to the background as much as to the specimen
+  /// pixels whose level is 0 there are left out; same size as the reference
+  const imaging::Image* mask = nullptr;
+  /// pixels nearer than this to the mesh's contour are left out [px]: at the specimen's edge the spline rings, and that
+  /// belongs to the background as much as to the specimen
+  double border = 0.0;
   std::vector<char> left_out = {};  ///< elements that get no pixels [elements]; empty: none
-  std::vector<int> cut_nodes = {};  ///< contour edges between two of these are where the specimen goes on: no border there
+  /// contour edges between two of these are where the specimen goes on: no border there
+  std::vector<int> cut_nodes = {};
   bool clip = false;           ///< elements may reach beyond the reference image: the pixels there are left out
   std::string place = "mesh";  ///< what messages call the mesh or the entry that places it
 };

@@ -19,15 +19,18 @@ struct Curve {
   std::string name, group;       ///< curves of a group are repetitions of each other
   material::BarHistory history;  ///< logarithmic strain of the gauge in time [rows]
   Eigen::VectorXd stress;        ///< measured [rows, stress]
-  bool engineering = true;       ///< the stress is force over the first section; else that times length/length_0
-  double deviation = 1.0;        ///< standard deviation of a row [stress]
-  bool estimated = false;        ///< that is the point_noise of this curve
-  double strain_noise = 0.0;     ///< standard deviation of the recorded strain, of which `history` has the smooth course; 0: not known
-  std::vector<char> use;         ///< of each row: not_judged, fitted, held_out
+  /// the stress is force over the first section; else that times length/length_0
+  bool engineering = true;
+  double deviation = 1.0;  ///< standard deviation of a row [stress]
+  bool estimated = false;  ///< that is the point_noise of this curve
+  /// standard deviation of the recorded strain, of which `history` has the smooth course; 0: not known
+  double strain_noise = 0.0;
+  std::vector<char> use;  ///< of each row: not_judged, fitted, held_out
   enum Use : char { not_judged, fitted, held_out };
 };
 
-/// From the recorded strain of `history` its noise, its turns and the smooth course between (gauge.hpp). Without recorded times (`timed`) the noise is not sought.
+/// From the recorded strain of `history` its noise, its turns and the smooth course between (gauge.hpp). Without
+/// recorded times (`timed`) the noise is not sought.
 void read_gauge(Curve& curve, bool timed = true);
 
 /// Row `row` of curve `curve`.
@@ -54,12 +57,15 @@ class CurveSet {
   [[nodiscard]] const Eigen::VectorXd& measured() const { return measured_; }
   /// Of each row, with all that it is off by.
   [[nodiscard]] const Eigen::VectorXd& standard_deviation() const { return deviation_; }
-  /// Of `values` of all rows [rows x k] those of the fitted ones, which become independent with a standard deviation of one [fitted x k].
+  /// Of `values` of all rows [rows x k] those of the fitted ones, which become independent with a standard deviation of
+  /// one [fitted x k].
   [[nodiscard]] Eigen::MatrixXd whitened(const Eigen::MatrixXd& values) const;
   [[nodiscard]] const std::vector<CurvePlace>& places() const { return places_; }
   [[nodiscard]] bool is_fitted(Eigen::Index i) const;
-  /// Weighs the rows of curves that have no repetition by what their strain's noise, if any is seen about the prediction at `parameters`, makes of the stress: of each row's own, and
-  /// by what is not known of a turn of all rows that remember it (`memory_of_turns`). Returns the standard deviation of the strain of each curve; 0 where none is seen.
+  /// Weighs the rows of curves that have no repetition by what their strain's noise, if any is seen about the
+  /// prediction at `parameters`, makes of the stress: of each row's own, and by what is not known of a turn of all rows
+  /// that remember it (`memory_of_turns`). Returns the standard deviation of the strain of each curve; 0 where none is
+  /// seen.
   std::vector<double> weigh(const std::vector<double>& parameters);
   [[nodiscard]] const std::vector<Curve>& curves() const { return curves_; }
   [[nodiscard]] const std::vector<ParameterInfo>& parameters() const { return law_->parameters(); }
@@ -84,30 +90,44 @@ class CurveSet {
   Eigen::VectorXd measured_, deviation_;
 };
 
-/// Distances of the values y at x to the line through their neighbours, over the deviation of such a distance of independent values of deviation one [rows between two others that x goes on through and that `counts`].
-[[nodiscard]] std::vector<double> distances(const Eigen::VectorXd& x, const Eigen::VectorXd& y, const std::function<bool(Eigen::Index)>& counts = {});
-/// Noise of values y at x [points]: from each one's distance to the line through its neighbours, robust (Huber's proposal 2, 1964: distances beyond three standard deviations count as three).
+/// Distances of the values y at x to the line through their neighbours, over the deviation of such a distance of
+/// independent values of deviation one [rows between two others that x goes on through and that `counts`].
+[[nodiscard]] std::vector<double> distances(const Eigen::VectorXd& x, const Eigen::VectorXd& y,
+                                            const std::function<bool(Eigen::Index)>& counts = {});
+/// Noise of values y at x [points]: from each one's distance to the line through its neighbours, robust (Huber's
+/// proposal 2, 1964: distances beyond three standard deviations count as three).
 [[nodiscard]] double point_noise(const Eigen::VectorXd& x, const Eigen::VectorXd& y);
-/// The same of a course that bends from row to row: from the distances to the cubic through two rows on either side, their median, where that is less than three quarters of it.
+/// The same of a course that bends from row to row: from the distances to the cubic through two rows on either side,
+/// their median, where that is less than three quarters of it.
 [[nodiscard]] double noise_of_course(const Eigen::VectorXd& x, const Eigen::VectorXd& y);
 /// Noise of the points of a curve [stress], which bends.
 [[nodiscard]] double point_noise(const Curve& curve);
-/// How a bar's stress rises with its strain from the row before, d(stress)/d(strain) [rows, stress]; where the strain stands still as in the row before, and as in the row after where it turned back between the two.
-/// Nowhere more than `steepest`, E of a law: where a hold relaxes the stress does not change by what the strain does.
-[[nodiscard]] Eigen::VectorXd slopes(const material::BarHistory& history, const Eigen::VectorXd& stress, double steepest = INFINITY);
+/// How a bar's stress rises with its strain from the row before, d(stress)/d(strain) [rows, stress]; where the strain
+/// stands still as in the row before, and as in the row after where it turned back between the two. Nowhere more than
+/// `steepest`, E of a law: where a hold relaxes the stress does not change by what the strain does.
+[[nodiscard]] Eigen::VectorXd slopes(const material::BarHistory& history, const Eigen::VectorXd& stress,
+                                     double steepest = INFINITY);
 
-/// Noise of the points of a curve, of its stress and of its strain, which moves the stress by d(stress)/d(strain) times as much: almost only where the curve is steep.
+/// Noise of the points of a curve, of its stress and of its strain, which moves the stress by d(stress)/d(strain) times
+/// as much: almost only where the curve is steep.
 struct PointNoise {
-  double stress = 0.0, strain = 0.0;  ///< standard deviations; strain: 0 where the steep rows scatter no more than chance lets them, or as an error of the law does
-  double steep_freedom = 0.0;         ///< degrees of freedom of the square of the noise where the curve is steep
+  /// standard deviations; strain: 0 where the steep rows scatter no more than chance lets them, or as an error of the
+  /// law does
+  double stress = 0.0, strain = 0.0;
+  /// degrees of freedom of the square of the noise where the curve is steep
+  double steep_freedom = 0.0;
 };
-/// From the distances of the residual (measured - predicted) to the line through its neighbours, on the rows that are steeper than half of the steepest and on
-/// the others; `slope` is that of the prediction [rows]. `stress`: what is known of the stress's noise, `of_strain`: of the strain's; 0: nothing.
-[[nodiscard]] PointNoise point_noise(const Eigen::VectorXd& strain, const Eigen::VectorXd& residual, const Eigen::VectorXd& slope, double stress = 0.0, double of_strain = 0.0);
+/// From the distances of the residual (measured - predicted) to the line through its neighbours, on the rows that are
+/// steeper than half of the steepest and on the others; `slope` is that of the prediction [rows]. `stress`: what is
+/// known of the stress's noise, `of_strain`: of the strain's; 0: nothing.
+[[nodiscard]] PointNoise point_noise(const Eigen::VectorXd& strain, const Eigen::VectorXd& residual,
+                                     const Eigen::VectorXd& slope, double stress = 0.0, double of_strain = 0.0);
 
-/// Degrees of freedom of its square, of so many points: neighbouring distances share points (their squares are correlated by 4/9 and
-/// 1/36), and 0.96 is the efficiency of the clipped mean.
-[[nodiscard]] inline double freedom_of_point_noise(Eigen::Index points) { return 0.96 * static_cast<double>(points) / 1.944; }
+/// Degrees of freedom of its square, of so many points: neighbouring distances share points (their squares are
+/// correlated by 4/9 and 1/36), and 0.96 is the efficiency of the clipped mean.
+[[nodiscard]] inline double freedom_of_point_noise(Eigen::Index points) {
+  return 0.96 * static_cast<double>(points) / 1.944;
+}
 
 /// Standard deviation between repetitions [stress]: of their stresses at the same strain, rms over the strains that at
 /// least two of them reach; each curve up to where its strain first turns back. Rows that are not judged do not count.
@@ -127,7 +147,8 @@ struct CurveIterate {
 struct CurveFit {
   std::vector<double> parameters;    ///< all of them
   Eigen::MatrixXd noise_covariance;  ///< of the free ones, if the rows' noise is white [free x free]
-  Eigen::MatrixXd covariance;  ///< the same, and each bar of a group of repetitions off by their scatter, all along it
+  /// the same, and each bar of a group of repetitions off by their scatter, all along it
+  Eigen::MatrixXd covariance;
   std::vector<CurveIterate> iterates;
   std::vector<int> at_bounds;  ///< free parameters that ended on a bound
   bool converged = false;

@@ -12,10 +12,13 @@ namespace imic3d::identification {
 
 /// What Eq. 2 finds beside the parameters.
 struct EquilibriumGapResult {
-  StageResult stage;         ///< iterates, covariance (images' noise alone)
-  Eigen::MatrixXd surface;   ///< displacement of the surface's nodes [2 * surface nodes x frames of the stage, length]
-  Eigen::VectorXd reaction;  ///< resultant on the loaded end that the parameters ask for [frames of the stage, force]
-  Eigen::VectorXd gap;  ///< norm of F_int at the nodes without external force over that of F_int [frames of the stage]
+  StageResult stage;  ///< iterates, covariance (images' noise alone)
+  /// displacement of the surface's nodes [2 * surface nodes x frames of the stage, length]
+  Eigen::MatrixXd surface;
+  /// resultant on the loaded end that the parameters ask for [frames of the stage, force]
+  Eigen::VectorXd reaction;
+  /// norm of F_int at the nodes without external force over that of F_int [frames of the stage]
+  Eigen::VectorXd gap;
 };
 
 /// Eq. 2 in plane stress, for every frame of the stage with the same parameters:

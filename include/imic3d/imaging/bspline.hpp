@@ -32,14 +32,16 @@ class BSpline {
   }
 
   template <class Real = float>
-  [[nodiscard]] Real value(double x, double y) const { return interpolate<Real>(locate(x, y)); }
+  [[nodiscard]] Real value(double x, double y) const {
+    return interpolate<Real>(locate(x, y));
+  }
   /// values[i] at (column + i + dx[i], row + dy[i]) for i < count, without any check: all positions at least one pixel
   /// inside. For the pixel loops: neighbours that share their integer shift are interpolated side by side. dx, dy and
   /// values have `lanes` - 1 elements beyond `count`, which are read and overwritten.
   void shifted_row(int column, int row, const float* dx, const float* dy, int count, float* values) const;
   void shifted_row(int column, int row, const double* dx, const double* dy, int count, double* values) const;
-  /// values[i] = xx d2/dx2 + 2 xy d2/dxdy + yy d2/dy2 at the pixel (column + i, row) for i < count, without any check. values has
-  /// `lanes` - 1 elements beyond `count`, which are overwritten.
+  /// values[i] = xx d2/dx2 + 2 xy d2/dxdy + yy d2/dy2 at the pixel (column + i, row) for i < count, without any check.
+  /// values has `lanes` - 1 elements beyond `count`, which are overwritten.
   void curvature_row(int column, int row, int count, float xx, float xy, float yy, float* values) const;
   /// (d/dx, d/dy) [grey level/px].
   [[nodiscard]] Eigen::Vector2f gradient(double x, double y) const { return sample(x, y).slope; }
@@ -56,7 +58,8 @@ class BSpline {
 
  private:
   using Four = Eigen::Array4f;
-  static constexpr int border = 2;  // coefficients kept beyond each edge, so that no evaluation asks where it is
+  // coefficients kept beyond each edge, so that no evaluation asks where it is
+  static constexpr int border = 2;
 
   struct Cell {
     const float* corner;  // coefficient (column - 1, row - 1)
@@ -81,7 +84,8 @@ class BSpline {
   // The four cubic B-splines that reach the cell, as polynomials of t in [0, 1).
   template <class Real>
   [[nodiscard]] static Eigen::Array<Real, 4, 1> weights(Real t) {
-    static const Eigen::Array<Real, 4, 1> a(Real(1) / 6, Real(2) / 3, Real(1) / 6, 0), b(-0.5, 0, 0.5, 0), c(0.5, -1, 0.5, 0), d(-Real(1) / 6, 0.5, -0.5, Real(1) / 6);
+    static const Eigen::Array<Real, 4, 1> a(Real(1) / 6, Real(2) / 3, Real(1) / 6, 0), b(-0.5, 0, 0.5, 0),
+        c(0.5, -1, 0.5, 0), d(-Real(1) / 6, 0.5, -0.5, Real(1) / 6);
     return a + t * (b + t * (c + t * d));
   }
   [[nodiscard]] static Four slopes(float t) {

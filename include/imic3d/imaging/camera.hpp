@@ -22,7 +22,7 @@ class Camera {
 class TelecentricCamera final : public Camera {
  public:
   Eigen::Matrix<double, 2, 3> linear = Eigen::Matrix<double, 2, 3>::Zero();  ///< [px/length]
-  Eigen::Vector2d offset = Eigen::Vector2d::Zero();                           ///< [px]
+  Eigen::Vector2d offset = Eigen::Vector2d::Zero();                          ///< [px]
   [[nodiscard]] Eigen::Vector2d project(const Eigen::Vector3d& point) const override { return linear * point + offset; }
   [[nodiscard]] Eigen::Matrix<double, 2, 3> jacobian(const Eigen::Vector3d&) const override { return linear; }
   [[nodiscard]] bool affine() const override { return true; }

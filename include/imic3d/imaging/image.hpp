@@ -47,8 +47,8 @@ struct Image {
 };
 
 /// Reads a TIFF, PNG or BMP file of 8 or 16 bits. A colour file becomes 0.299 R + 0.587 G + 0.114 B (OpenCV's weights),
-/// an alpha channel is ignored, an orientation tag too. Up to 2^30 pixels: OpenCV's limit, which the environment variable
-/// OPENCV_IO_MAX_IMAGE_PIXELS raises. Throws InputError (missing, unreadable, other depth).
+/// an alpha channel is ignored, an orientation tag too. Up to 2^30 pixels: OpenCV's limit, which the environment
+/// variable OPENCV_IO_MAX_IMAGE_PIXELS raises. Throws InputError (missing, unreadable, other depth).
 [[nodiscard]] Image read_image(const std::filesystem::path& file);
 
 /// Size and depth without decoding the pixels. Throws InputError.

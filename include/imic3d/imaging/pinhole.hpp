@@ -8,18 +8,19 @@
 
 namespace imic3d::imaging {
 
-/// Lens and sensor. Distortion as OpenCV has it (Brown 1966, rational and thin-prism terms, docs of calib3d): a direction
-/// (x, y) = (X/Z, Y/Z) in the camera's frame with r^2 = x^2 + y^2 is seen at
-///   x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6)/(1 + k4 r^2 + k5 r^4 + k6 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2) + s1 r^2 + s2 r^4,
-///   y' likewise with p1 and p2, s3 and s4; then column = fx x' + skew y' + cx, row = fy y' + cy.
+/// Lens and sensor. Distortion as OpenCV has it (Brown 1966, rational and thin-prism terms, docs of calib3d): a
+/// direction (x, y) = (X/Z, Y/Z) in the camera's frame with r^2 = x^2 + y^2 is seen at
+///   x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6)/(1 + k4 r^2 + k5 r^4 + k6 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2) + s1 r^2 + s2
+///   r^4, y' likewise with p1 and p2, s3 and s4; then column = fx x' + skew y' + cx, row = fy y' + cy.
 struct Intrinsics {
-  double fx = 1.0, fy = 1.0;             ///< focal lengths [px]
-  double cx = 0.0, cy = 0.0;             ///< principal point; the centre of the upper left pixel is (0, 0) [px]
-  double skew = 0.0;                     ///< [px]
-  std::array<double, 12> distortion{};   ///< k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 [-]
+  double fx = 1.0, fy = 1.0;            ///< focal lengths [px]
+  double cx = 0.0, cy = 0.0;            ///< principal point; the centre of the upper left pixel is (0, 0) [px]
+  double skew = 0.0;                    ///< [px]
+  std::array<double, 12> distortion{};  ///< k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4 [-]
 };
 
-/// x_camera = rotation * X + translation; the camera looks along its +z, its x to the right and y downwards in the image.
+/// x_camera = rotation * X + translation; the camera looks along its +z, its x to the right and y downwards in the
+/// image.
 struct Pose {
   Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();
   Eigen::Vector3d translation = Eigen::Vector3d::Zero();  ///< [length]

@@ -18,13 +18,14 @@ namespace imic3d::imaging {
 /// A camera and how well it fits what it was found from.
 struct Placement {
   TelecentricCamera camera;
-  double rms = 0.0;           ///< of the distances of points, or of the edge points that agree [px]
-  int agreeing = 0;           ///< points, or edge points of the outline that agree
-  int visible = 0;            ///< points given, or points of the outline at which the image shows an edge
-  int tried = 0;              ///< points given, or points of the outline at which an edge was looked for
-  double pixel_size = 0.0;    ///< mean [length/px]
-  double rotation = 0.0;      ///< of the specimen's x axis in the image, counter-clockwise [degree]
-  double eccentricity = 0.0;  ///< relative difference of the two magnifications of an affine fit (0: a similarity)
+  double rms = 0.0;         ///< of the distances of points, or of the edge points that agree [px]
+  int agreeing = 0;         ///< points, or edge points of the outline that agree
+  int visible = 0;          ///< points given, or points of the outline at which the image shows an edge
+  int tried = 0;            ///< points given, or points of the outline at which an edge was looked for
+  double pixel_size = 0.0;  ///< mean [length/px]
+  double rotation = 0.0;    ///< of the specimen's x axis in the image, counter-clockwise [degree]
+  /// relative difference of the two magnifications of an affine fit (0: a similarity)
+  double eccentricity = 0.0;
 };
 
 /// Without rotation and flip the specimen's x axis points to the right and its y axis upwards in the image. `flip` is a
@@ -35,17 +36,17 @@ struct Placement {
                                                  double rotation = 0.0, bool flip = false);
 
 /// From points x, y [length], column, row [px]: two points give a similarity (mirrored if `flip`), three or more an
-/// affine map by least squares. Throws InputError (fewer than two, points that coincide or lie on one line, three or more
-/// that are mirrored where `flip` says they are not, or the other way round).
+/// affine map by least squares. Throws InputError (fewer than two, points that coincide or lie on one line, three or
+/// more that are mirrored where `flip` says they are not, or the other way round).
 [[nodiscard]] Placement place_by_points(std::span<const std::array<double, 4>> points, bool flip = false);
 
 struct OutlineOptions {
-  std::optional<double> pixel_size = {}; ///< [length/px]; found with the rest if not given
-  double rotation = 0.0;             ///< where the search begins [degree]
-  double search = 30.0;              ///< rotations are searched within +- this of it [degree]
-  bool flip = false;                 ///< the image is mirrored
-  bool affine = false;               ///< fit a full affine map in the end instead of a similarity
-  double largest_rms = 2.0;          ///< of the edge points that agree [px]; a worse fit is refused
+  std::optional<double> pixel_size = {};  ///< [length/px]; found with the rest if not given
+  double rotation = 0.0;                  ///< where the search begins [degree]
+  double search = 30.0;                   ///< rotations are searched within +- this of it [degree]
+  bool flip = false;                      ///< the image is mirrored
+  bool affine = false;                    ///< fit a full affine map in the end instead of a similarity
+  double largest_rms = 2.0;               ///< of the edge points that agree [px]; a worse fit is refused
 };
 
 /// From the specimen's outline in the reference image: bright on a dark background or the other way round. `contours`
@@ -59,9 +60,11 @@ struct OutlineOptions {
                                          const std::vector<std::vector<Eigen::Vector2d>>& contours,
                                          const OutlineOptions& options = {});
 
-/// The outline within `reach` [px] of where a camera that was placed otherwise has it: a similarity that starts from there. Nothing where the image does not
-/// show the outline clearly (within a pixel, at 70 % of the points that have an edge, at half of those of a hole), or where the mesh could slide along it.
-[[nodiscard]] std::optional<Placement> outline_near(const Image& reference, const std::vector<std::vector<Eigen::Vector2d>>& contours,
+/// The outline within `reach` [px] of where a camera that was placed otherwise has it: a similarity that starts from
+/// there. Nothing where the image does not show the outline clearly (within a pixel, at 70 % of the points that have an
+/// edge, at half of those of a hole), or where the mesh could slide along it.
+[[nodiscard]] std::optional<Placement> outline_near(const Image& reference,
+                                                    const std::vector<std::vector<Eigen::Vector2d>>& contours,
                                                     const TelecentricCamera& camera, double reach);
 
 /// What is wrong if points of the mesh [length] lie outside the image by more than half a pixel; empty if nothing is.

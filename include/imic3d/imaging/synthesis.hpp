@@ -31,12 +31,12 @@ class InverseMapping {
   /// if sizes do not fit or a deformed quad is turned over or not convex.
   InverseMapping(const PixelPoints& reference, const PixelPoints& deformed, const Quads& quads);
 
-  /// The same through a camera: `deformed` are the nodes' positions in space [n x 3, length], between them they are bilinear,
-  /// and P(X) of them is where the camera sees them; `reference` is any bilinear coordinate of the surface. Newton's method on
-  /// P itself, out-of-plane displacement and lens distortion included. `camera` must outlive this. Throws InputError too
-  /// if a node is not seen.
-  InverseMapping(const Camera& camera, const PixelPoints& reference, const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>& deformed,
-                 const Quads& quads);
+  /// The same through a camera: `deformed` are the nodes' positions in space [n x 3, length], between them they are
+  /// bilinear, and P(X) of them is where the camera sees them; `reference` is any bilinear coordinate of the surface.
+  /// Newton's method on P itself, out-of-plane displacement and lens distortion included. `camera` must outlive this.
+  /// Throws InputError too if a node is not seen.
+  InverseMapping(const Camera& camera, const PixelPoints& reference,
+                 const Eigen::Matrix<double, Eigen::Dynamic, 3, Eigen::RowMajor>& deformed, const Quads& quads);
 
   /// Finds the quad that X lies in; false if there is none. `at` is tried first.
   [[nodiscard]] bool locate(const Eigen::Vector2d& deformed, Location& at) const;
@@ -57,8 +57,8 @@ class InverseMapping {
   InverseMapping(const PixelPoints& reference, const PixelPoints& deformed, const Quads& quads, double margin);
   [[nodiscard]] bool solve(int quad, const Eigen::Vector2d& deformed, Eigen::Vector2d& parent) const;
 
-  const Camera* camera_ = nullptr;                        // perspective: `space_` through it is the map
-  std::vector<Eigen::Matrix<double, 3, 4>> space_;        // constant, along xi, along eta, twist in space
+  const Camera* camera_ = nullptr;                  // perspective: `space_` through it is the map
+  std::vector<Eigen::Matrix<double, 3, 4>> space_;  // constant, along xi, along eta, twist in space
 
   std::vector<Bilinear> reference_, deformed_;
   std::vector<std::pair<Eigen::Vector2d, Eigen::Vector2d>> boundary_;
@@ -144,8 +144,8 @@ struct SynthesisOptions {
 /// frame give the same image, whatever the number of threads.
 [[nodiscard]] Image record(const Image& clean, int frame, const SynthesisOptions& options);
 
-/// The image without the specimen: pixels that it covers take the grey level of the nearest one that lies more than `margin` [px] beside it. As it was
-/// where there is none.
+/// The image without the specimen: pixels that it covers take the grey level of the nearest one that lies more than
+/// `margin` [px] beside it. As it was where there is none.
 [[nodiscard]] Image without(const Image& image, const InverseMapping& specimen, int margin);
 
 /// A dark background with a faint texture, for images of `options`' size and depth.

@@ -25,9 +25,9 @@ struct Target {
   [[nodiscard]] std::vector<std::vector<int>> orders() const;
 };
 
-/// Pixels of the target's points, rows of the target from left to right seen as a right-handed frame (its z away from the
-/// camera); empty if the target is not found. Chessboard: OpenCV's findChessboardCornersSB (Duda and Frese 2018). Circles,
-/// dark or bright: OpenCV's findCirclesGrid, then the centroid of each blob's grey levels.
+/// Pixels of the target's points, rows of the target from left to right seen as a right-handed frame (its z away from
+/// the camera); empty if the target is not found. Chessboard: OpenCV's findChessboardCornersSB (Duda and Frese 2018).
+/// Circles, dark or bright: OpenCV's findCirclesGrid, then the centroid of each blob's grey levels.
 [[nodiscard]] std::vector<Eigen::Vector2d> find_target(const Target& target, const Image& image);
 
 }  // namespace imic3d::imaging

@@ -35,62 +35,69 @@ struct Units {
 
 /// Where the specimen lies in front of calibrated cameras (correlation/specimen_pose.hpp).
 struct SpecimenPlaceCase {
-  std::string camera;                         ///< name of the one that the points were read in; the first if not given
-  std::vector<std::array<double, 4>> points;  ///< rows x [length], y [length], column [px], row [px]; at least 3
-  double deviation = 1.0;                     ///< standard deviation of the points [px]
-  bool refine_cameras = false;                ///< also the poses of the cameras but the first pinhole one
-  double shape = 0.0;                         ///< shortest wave of a correction of the shape [length]; 0: flat
+  /// name of the one that the points were read in; the first if not given
+  std::string camera;
+  /// rows x [length], y [length], column [px], row [px]; at least 3
+  std::vector<std::array<double, 4>> points;
+  double deviation = 1.0;       ///< standard deviation of the points [px]
+  bool refine_cameras = false;  ///< also the poses of the cameras but the first pinhole one
+  double shape = 0.0;           ///< shortest wave of a correction of the shape [length]; 0: flat
 };
 
 struct SpecimenCase {
-  std::filesystem::path mesh;  ///< resolved against the case file's folder
-  std::string kinematics = "3d";  ///< `3d`, or `plane_stress` on the quadrilaterals of a 2D mesh
+  std::filesystem::path mesh;       ///< resolved against the case file's folder
+  std::string kinematics = "3d";    ///< `3d`, or `plane_stress` on the quadrilaterals of a 2D mesh
   std::vector<std::string> unused;  ///< keys that are given and say nothing in plane stress
-  double thickness = 0.0;      ///< [length]; 2D meshes only
-  int layers = 4;              ///< hexahedra through the thickness (of the half, with mid-plane symmetry)
-  double layer_ratio = 1.0;  ///< thickness of a layer over that of its neighbour nearer to the free face
-  int refine = 0;              ///< uniform refinements of the simulation's mesh (the DIC mesh is the file's own)
-  std::string element = "hex8";  ///< `hex8r`, `hex8s`: one point, without and with stabilisation; `hex20`; in plane stress the face of it: `quad4` for hex8, `quad8` for hex20
+  double thickness = 0.0;           ///< [length]; 2D meshes only
+  int layers = 4;                   ///< hexahedra through the thickness (of the half, with mid-plane symmetry)
+  double layer_ratio = 1.0;         ///< thickness of a layer over that of its neighbour nearer to the free face
+  /// uniform refinements of the simulation's mesh (the DIC mesh is the file's own)
+  int refine = 0;
+  /// `hex8r`, `hex8s`: one point, without and with stabilisation; `hex20`; in plane stress the face of it: `quad4` for
+  /// hex8, `quad8` for hex20
+  std::string element = "hex8";
   bool mid_plane_symmetry = false;  ///< simulate the camera's half of the thickness
   [[nodiscard]] bool plane_stress() const { return kinematics == "plane_stress"; }
   [[nodiscard]] bool one_point() const { return element == "hex8r" || element == "hex8s"; }
   [[nodiscard]] bool quadratic() const { return element == "hex20" || element == "quad8"; }
-  std::string held, loaded;         ///< node groups at the ends
-  std::string axis = "y";           ///< direction of the load: x or y
-  std::string front = "front";      ///< 3D meshes: group of the face that the camera sees
+  std::string held, loaded;                ///< node groups at the ends
+  std::string axis = "y";                  ///< direction of the load: x or y
+  std::string front = "front";             ///< 3D meshes: group of the face that the camera sees
   std::optional<SpecimenPlaceCase> place;  ///< with pinhole cameras
 };
 
 struct PlaceCase {
   std::string automatic;  ///< "outline": from the specimen's outline and hole; empty if points are given
-  std::vector<std::array<double, 4>> points;    ///< rows x [length], y [length], column [px], row [px]; at least 2
+  /// rows x [length], y [length], column [px], row [px]; at least 2
+  std::vector<std::array<double, 4>> points;
   std::optional<std::array<double, 2>> origin;  ///< pixel of the mesh's origin (with pixel_size and rotation)
-  double rotation = 0.0;                        ///< of the specimen's x axis in the image, counter-clockwise [degree]
-  bool flip = false;                            ///< the image is mirrored
+  /// of the specimen's x axis in the image, counter-clockwise [degree]
+  double rotation = 0.0;
+  bool flip = false;  ///< the image is mirrored
 };
 
 /// A pinhole camera of a virtual test, in the specimen's frame.
 struct ViewCase {
-  double focal = 0.0;                   ///< [px]
-  std::array<double, 3> from{}, at{};   ///< its centre; the point in the middle of the image [length]
-  double roll = 0.0;                    ///< [degree]; 0: the specimen's y axis points upwards
-  std::vector<double> distortion;       ///< k1 k2 p1 p2 k3 …
+  double focal = 0.0;                  ///< [px]
+  std::array<double, 3> from{}, at{};  ///< its centre; the point in the middle of the image [length]
+  double roll = 0.0;                   ///< [degree]; 0: the specimen's y axis points upwards
+  std::vector<double> distortion;      ///< k1 k2 p1 p2 k3 …
 };
 
 struct CameraCase {
   std::string name = "camera";
-  std::string model = "telecentric";  ///< `telecentric`, `pinhole`
-  std::string face = "front";         ///< of the specimen that it looks at: `front` (+z), `back`
-  std::filesystem::path calibration;  ///< pinhole: file with its lens and its pose in the rig
-  int index = 0;                      ///< which camera of that file, from 0
-  std::string frame = "rig";          ///< pinhole: of the calibration's poses; `rig`, `specimen`
-  std::optional<ViewCase> view;       ///< pinhole: for a virtual test
-  std::optional<std::array<int, 2>> size;  ///< virtual: columns, rows of its images [px]
+  std::string model = "telecentric";             ///< `telecentric`, `pinhole`
+  std::string face = "front";                    ///< of the specimen that it looks at: `front` (+z), `back`
+  std::filesystem::path calibration;             ///< pinhole: file with its lens and its pose in the rig
+  int index = 0;                                 ///< which camera of that file, from 0
+  std::string frame = "rig";                     ///< pinhole: of the calibration's poses; `rig`, `specimen`
+  std::optional<ViewCase> view;                  ///< pinhole: for a virtual test
+  std::optional<std::array<int, 2>> size;        ///< virtual: columns, rows of its images [px]
   std::map<std::string, double> calibration_sd;  ///< standard deviations of its numbers, by their names
-  double pixel_size = 0.0;  ///< [length/px]
+  double pixel_size = 0.0;                       ///< [length/px]
   PlaceCase place;
-  std::vector<std::filesystem::path>
-      images;                   ///< in frame order, glob already expanded and sorted; may be empty (virtual)
+  /// in frame order, glob already expanded and sorted; may be empty (virtual)
+  std::vector<std::filesystem::path> images;
   Frames frames;                ///< number of the frame of each image, ascending
   Frames reference;             ///< frames averaged to the reference image; the first one if not given
   std::optional<double> noise;  ///< standard deviation [grey level], measured if not given
@@ -99,16 +106,20 @@ struct CameraCase {
 /// Displacement fields of the specimen's face that another program correlated, in the place of cameras.
 struct FieldsCase {
   std::vector<std::filesystem::path> files;  ///< one table for each frame, in their order
-  Frames frames;                             ///< number of the frame of each; 1, 2, 3 … if not given (0 is the reference)
+  /// number of the frame of each; 1, 2, 3 … if not given (0 is the reference)
+  Frames frames;
   PointColumns columns;
-  double scale = 1.0;                        ///< the tables' unit [length]
-  std::array<double, 2> origin{};            ///< of the mesh in the tables [their unit]
-  double rotation = 0.0;                     ///< of the specimen's x axis in the tables, counter-clockwise as it is seen [degree]
-  bool y_down = false;                       ///< the tables' y axis points downwards, as in an image
-  std::optional<double> noise;               ///< standard deviation of a component at a point [their unit]; else from frames at rest, else from the scatter
-  double subset = 0.0;                       ///< size of what one point is the mean of [their unit]: nearer points share their noise
-  Frames at_rest;                            ///< frames without load, which tell the noise and are not fitted
-  std::vector<PointTable> tables;            ///< one for each file
+  double scale = 1.0;              ///< the tables' unit [length]
+  std::array<double, 2> origin{};  ///< of the mesh in the tables [their unit]
+  /// of the specimen's x axis in the tables, counter-clockwise as it is seen [degree]
+  double rotation = 0.0;
+  bool y_down = false;  ///< the tables' y axis points downwards, as in an image
+  /// standard deviation of a component at a point [their unit]; else from frames at rest, else from the scatter
+  std::optional<double> noise;
+  /// size of what one point is the mean of [their unit]: nearer points share their noise
+  double subset = 0.0;
+  Frames at_rest;                  ///< frames without load, which tell the noise and are not fitted
+  std::vector<PointTable> tables;  ///< one for each file
 };
 
 /// When the images were taken by a clock of their own: at intervals, or as a table says.
@@ -121,13 +132,14 @@ struct FrameTimesCase {
 
 struct LoadsCase {
   std::filesystem::path file;
-  LoadColumns columns;              ///< which column holds what
-  double force_scale = 1.0;         ///< multiplies the column (e.g. 1000 for a column in kN)
-  std::optional<double> noise;      ///< standard deviation [force], measured on static frames if not given
-  double lag = 0.0;                 ///< time constant of the force recorder, a first-order low-pass [time]
-  double offset = 0.0;              ///< reading without load, subtracted [force]
+  LoadColumns columns;                        ///< which column holds what
+  double force_scale = 1.0;                   ///< multiplies the column (e.g. 1000 for a column in kN)
+  std::optional<double> noise;                ///< standard deviation [force], measured on static frames if not given
+  double lag = 0.0;                           ///< time constant of the force recorder, a first-order low-pass [time]
+  double offset = 0.0;                        ///< reading without load, subtracted [force]
   std::optional<FrameTimesCase> frame_times;  ///< else the record has a column of frames
-  std::vector<LoadRecord> records;  ///< every row (with frame_times one for each frame), force already in the case's unit; empty without a file
+  /// every row (with frame_times one for each frame), force already in the case's unit; empty without a file
+  std::vector<LoadRecord> records;
 };
 
 struct ParameterCase {
@@ -141,7 +153,8 @@ struct MaterialCase {
   std::string yield_stress = "kirchhoff";  ///< what the hardening curve is compared with: kirchhoff, cauchy
   std::vector<double> table_strain;
   std::vector<std::string> effects;  ///< what the law is extended by (material/effects)
-  std::map<std::string, ParameterCase> parameters;  ///< those of effects that are not given are at their null values
+  /// those of effects that are not given are at their null values
+  std::map<std::string, ParameterCase> parameters;
 };
 
 /// Uniform tests of one kind, one file each: repetitions of each other.
@@ -150,29 +163,33 @@ struct ExperimentCase {
   std::vector<std::filesystem::path> files;  ///< patterns already expanded
   CurveColumns columns;
   bool engineering_strain = true, engineering_stress = true;  ///< else true: ln(1+e), s (1+e)
-  double strain_scale = 1.0, stress_scale = 1.0;  ///< multiply the columns; the stress then is in the case's unit
-  std::optional<double> noise;   ///< standard deviation [stress]; the scatter of the repetitions, or of the points, if not given
-  std::optional<double> rate;    ///< strain rate where there is no time column [1/time]
-  double direction = 0.0;        ///< of the bar in the material's plane, from its x axis [degree]
-  double from = 0.0;             ///< rows before this strain is reached are simulated but not judged [-]
-  bool until_maximum = false;    ///< rows after the largest force are left out
-  bool monotonic = false;        ///< a strain that turns back is noise: it stays at its largest so far, and the row is not judged
-  bool held_out = false;         ///< simulated but never fitted: all of it, or
-  Frames held_out_rows;          ///< only these rows (from 0)
+  /// multiply the columns; the stress then is in the case's unit
+  double strain_scale = 1.0, stress_scale = 1.0;
+  /// standard deviation [stress]; the scatter of the repetitions, or of the points, if not given
+  std::optional<double> noise;
+  std::optional<double> rate;  ///< strain rate where there is no time column [1/time]
+  double direction = 0.0;      ///< of the bar in the material's plane, from its x axis [degree]
+  double from = 0.0;           ///< rows before this strain is reached are simulated but not judged [-]
+  bool until_maximum = false;  ///< rows after the largest force are left out
+  /// a strain that turns back is noise: it stays at its largest so far, and the row is not judged
+  bool monotonic = false;
+  bool held_out = false;           ///< simulated but never fitted: all of it, or
+  Frames held_out_rows;            ///< only these rows (from 0)
   std::vector<CurveTable> tables;  ///< one per file, as recorded
 };
 
 struct DicCase {
   std::optional<double>
-      regularisation;       ///< cut-off wavelength of the elastic regularisation [length]; none if 0 or not given
+      /// cut-off wavelength of the elastic regularisation [length]; none if 0 or not given
+      regularisation;
   int pyramid_levels = -1;  ///< -1: chosen from the image size
   int max_iterations = 50;
-  double tolerance = 1e-3;  ///< largest nodal update [px]
-  double low_pass = 1.0;    ///< standard deviation of the Gaussian that smooths all images [px]
-  double border = 3.0;      ///< pixels along the mesh's contour that are left out [px]
-  bool brightness = false;  ///< per-frame gain and offset are fitted with the displacement
+  double tolerance = 1e-3;        ///< largest nodal update [px]
+  double low_pass = 1.0;          ///< standard deviation of the Gaussian that smooths all images [px]
+  double border = 3.0;            ///< pixels along the mesh's contour that are left out [px]
+  bool brightness = false;        ///< per-frame gain and offset are fitted with the displacement
   bool local_brightness = false;  ///< the same for each element
-  int groups = 0;           ///< 0: auto
+  int groups = 0;                 ///< 0: auto
 };
 
 struct StageCase {
@@ -182,13 +199,14 @@ struct StageCase {
 
 struct IdentifyCase {
   std::string functional = "force_driven";  ///< `force_driven`, `displacement_driven`, `combined`, `equilibrium_gap`
-  double alpha = 0.0;  ///< penalty parameter of Eq. 16; 0: the limit alpha -> 0
+  double alpha = 0.0;                       ///< penalty parameter of Eq. 16; 0: the limit alpha -> 0
   std::vector<StageCase> stages;
   std::string sensitivities;  ///< `direct`, `perturbed`
-  double eta = 1e-3;  ///< Eq. 13
+  double eta = 1e-3;          ///< Eq. 13
   int max_iterations = 20;
   std::optional<double> boundary_smoothing;  ///< longest waves that the driving displacement may lose [length]
-  std::filesystem::path driving;  ///< results.h5 of `imic3d dic`, whose displacement drives the ends; this run's own if empty
+  /// results.h5 of `imic3d dic`, whose displacement drives the ends; this run's own if empty
+  std::filesystem::path driving;
   int noise_draws = 12;     ///< of the noise of force and driving displacement, for the covariance
   Frames held_out;          ///< frames that are simulated but never fitted
   int groups = 0;           ///< concurrent groups of ranks; 0: auto
@@ -198,21 +216,22 @@ struct IdentifyCase {
 
 /// How the loop is closed (imic3d loop); it asks for nothing.
 struct LoopCase {
-  bool given = false;   ///< whether the case file has the section
-  int draws = 100;      ///< of the null ensemble
-  int modes = 100;      ///< numbers that the displacement residual of a frame is written in
-  int additions = 3;    ///< effects added at most
-  int rivals = 4;       ///< candidates tried at a time
+  bool given = false;                            ///< whether the case file has the section
+  int draws = 100;                               ///< of the null ensemble
+  int modes = 100;                               ///< numbers that the displacement residual of a frame is written in
+  int additions = 3;                             ///< effects added at most
+  int rivals = 4;                                ///< candidates tried at a time
   std::vector<std::string> leave_out;            ///< candidates that are not considered
   std::vector<double> starts = {1.0, 0.9, 1.1};  ///< of the identification, relative to the declared values
-  std::map<std::string, double> prior;           ///< standard deviation of a declared value as it is known beforehand
+  /// standard deviation of a declared value as it is known beforehand
+  std::map<std::string, double> prior;
 };
 
 /// One quantity of an effect of the test (`imic3d effects` lists them) as it is declared.
 struct EffectCase {
-  std::optional<double> value;   ///< its null value if not given
+  std::optional<double> value;  ///< its null value if not given
   std::optional<double> lower, upper;
-  bool free = false;             ///< to be identified by imic3d loop
+  bool free = false;  ///< to be identified by imic3d loop
 };
 
 struct SimulateCase {
@@ -234,7 +253,8 @@ struct VirtualCase {
   int static_frames = 3;                         ///< frames before loading
   unsigned seed = 1;
   std::filesystem::path directory = "virtual";
-  std::filesystem::path declared_mesh;  ///< 2D mesh of the part that is identified: effects are sized by it; specimen.mesh if empty
+  /// 2D mesh of the part that is identified: effects are sized by it; specimen.mesh if empty
+  std::filesystem::path declared_mesh;
 };
 
 /// One of several tests of a material, each a case of its own.
@@ -261,7 +281,7 @@ struct Case {
   std::map<std::string, std::map<std::string, EffectCase>> effects;  ///< of the test, by effect and quantity
   std::optional<SimulateCase> simulate;
   std::optional<VirtualCase> virtual_test;
-  std::filesystem::path output;  ///< folder for results
+  std::filesystem::path output;     ///< folder for results
   std::vector<std::string> doubts;  ///< what is allowed, but hardly meant, a sentence each
 
   /// Numbers of the frames of the series: those with an image, or 0, 1, 2 … of `simulate` where there are no images.
@@ -279,7 +299,8 @@ struct CaseChecks {
   std::function<std::vector<ParameterInfo>(const MaterialCase&)> parameters_of;
   /// Reads the mesh (mesh::read); groups and the need of a thickness are not checked without it.
   std::function<mesh::Mesh(const std::filesystem::path&)> read_mesh;
-  /// Quantities of each effect that a test with these cameras may have, by the effect's key; neither names are checked without it.
+  /// Quantities of each effect that a test with these cameras may have, by the effect's key; neither names are checked
+  /// without it.
   std::function<std::map<std::string, std::vector<std::string>>(const std::vector<CameraCase>& cameras)> effects{};
   /// Sections that must be there: `cameras`, `loads`, `material`, `identify`, `simulate`, `virtual`.
   std::vector<std::string> sections;

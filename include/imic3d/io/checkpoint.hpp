@@ -16,7 +16,8 @@ namespace imic3d::io {
 class Checkpoint {
  public:
   /// Names are paths such as `stages/0/values`.
-  void put(const std::string& name, const Eigen::MatrixXd& matrix);  ///< kept as [columns, rows], last index fastest
+  /// kept as [columns, rows], last index fastest
+  void put(const std::string& name, const Eigen::MatrixXd& matrix);
   void put(const std::string& name, double value) { put(name, Eigen::MatrixXd::Constant(1, 1, value)); }
   void put(const std::string& name, const std::string& text);
   [[nodiscard]] bool has(const std::string& name) const { return numbers_.contains(name) || texts_.contains(name); }
@@ -30,8 +31,8 @@ class Checkpoint {
   /// From rank 0 to the others. Collective.
   void broadcast(const Communicator& world);
 
-  /// Writes an HDF5 file beside `path`, flushes it to the disk and renames it: whatever happens, there is the old file or the new one.
-  /// Throws InputError if it cannot be written; then the old one stays.
+  /// Writes an HDF5 file beside `path`, flushes it to the disk and renames it: whatever happens, there is the old file
+  /// or the new one. Throws InputError if it cannot be written; then the old one stays.
   void write(const std::filesystem::path& path) const;
   /// Throws InputError if the file is not a whole checkpoint (a sum over its contents is checked).
   [[nodiscard]] static Checkpoint read(const std::filesystem::path& path);
@@ -42,8 +43,9 @@ class Checkpoint {
   std::map<std::string, std::string> texts_;
 };
 
-/// What the result of `imic3d identify`, or of `imic3d loop`, depends on, as hashes by the section of the case file: its keys (not how they are written, and
-/// without `groups`) and the files that it names: mesh, load record, calibrations and tables of points by their contents, images by number, name and size.
+/// What the result of `imic3d identify`, or of `imic3d loop`, depends on, as hashes by the section of the case file:
+/// its keys (not how they are written, and without `groups`) and the files that it names: mesh, load record,
+/// calibrations and tables of points by their contents, images by number, name and size.
 [[nodiscard]] std::map<std::string, std::string> fingerprint(const Case& test, bool of_loop = false);
 
 }  // namespace imic3d::io

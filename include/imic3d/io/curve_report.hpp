@@ -1,5 +1,6 @@
 #pragma once
-// What an identification on stress-strain curves leaves behind beside results.h5: result.json, curves.csv and report.html.
+// What an identification on stress-strain curves leaves behind beside results.h5: result.json, curves.csv and
+// report.html.
 
 #include <Eigen/Core>
 #include <filesystem>
@@ -14,7 +15,8 @@ struct CurveRun {
     std::string name, unit, effect;
     double start = 0.0, value = 0.0;
     double deviation = 0.0,
-           noise_deviation = 0.0;  ///< with the scatter of whole curves; of white noise; NaN: not free or on a bound
+           /// with the scatter of whole curves; of white noise; NaN: not free or on a bound
+        noise_deviation = 0.0;
     bool free = false, at_bound = false;
   };
   struct Misfit {
@@ -26,9 +28,11 @@ struct CurveRun {
     std::string name, deviation_from;  ///< `given`, the scatter of `repetitions` or `points`
     int curves = 0;
     double deviation = 0.0;  ///< of a row [stress], mean of the curves
-    double strain_deviation = 0.0;  ///< of a row's strain, mean of the curves, which weighs where they are steep; 0: none is seen
+    /// of a row's strain, mean of the curves, which weighs where they are steep; 0: none is seen
+    double strain_deviation = 0.0;
     double floor =
-        0.0;  ///< scatter between repetitions [stress]: no law can do better on all of them; NaN if there is one
+        /// scatter between repetitions [stress]: no law can do better on all of them; NaN if there is one
+        0.0;
     Misfit fitted, held_out;
   };
   struct Curve {

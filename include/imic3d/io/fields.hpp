@@ -15,12 +15,14 @@ struct PointColumns {
 
 /// The points of one frame at which the displacement is known, in the table's own unit and axes.
 struct PointTable {
-  Eigen::Matrix<double, Eigen::Dynamic, 2> at, displacement;  ///< place in the reference [points x 2], displacement [points x 2]
+  /// place in the reference [points x 2], displacement [points x 2]
+  Eigen::Matrix<double, Eigen::Dynamic, 2> at, displacement;
 };
 
-/// Reads a table separated by comma, semicolon or tab. The header is the first line that names all the columns; what another
-/// program wrote before it is passed over. Points without a finite displacement are left out, as it writes them where it is
-/// lost. Throws InputError with every mistake and its line and column: a column that is not there, a place or a displacement that is no number.
+/// Reads a table separated by comma, semicolon or tab. The header is the first line that names all the columns; what
+/// another program wrote before it is passed over. Points without a finite displacement are left out, as it writes them
+/// where it is lost. Throws InputError with every mistake and its line and column: a column that is not there, a place
+/// or a displacement that is no number.
 [[nodiscard]] PointTable read_points(const std::filesystem::path& file, const PointColumns& columns);
 
 }  // namespace imic3d::io

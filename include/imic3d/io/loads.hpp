@@ -24,18 +24,20 @@ struct LoadRecord {
   int line = 0;                 ///< of the file, from 1
 };
 
-/// Reads a table with a header row, separated by comma, or by semicolon, tab or blanks (then the decimal sign may be a comma), with quoted fields, `#` comment
-/// lines, what a laboratory wrote before the header and, below it, perhaps a row of units in brackets.
-/// Throws InputError with every mistake and its line and column: a column that is not there, something that is not a
-/// finite number, a time that decreases, a frame that comes twice or out of order.
-[[nodiscard]] std::vector<LoadRecord> read_loads(const std::filesystem::path& file, const LoadColumns& columns = {}, double force_scale = 1.0);
+/// Reads a table with a header row, separated by comma, or by semicolon, tab or blanks (then the decimal sign may be a
+/// comma), with quoted fields, `#` comment lines, what a laboratory wrote before the header and, below it, perhaps a
+/// row of units in brackets. Throws InputError with every mistake and its line and column: a column that is not there,
+/// something that is not a finite number, a time that decreases, a frame that comes twice or out of order.
+[[nodiscard]] std::vector<LoadRecord> read_loads(const std::filesystem::path& file, const LoadColumns& columns = {},
+                                                 double force_scale = 1.0);
 
 /// Undoes a recorder that follows the force F by dr/dt = (F - r) / lag: F = r + lag dr/dt, the slope of the parabola
 /// through three rows (of the line through two at the ends). Every row serves, with an image or not. Rows whose times
 /// coincide with their neighbours' keep their force.
 void remove_lag(std::vector<LoadRecord>& records, double lag);
 
-/// A row for each of `frames` (number, time, image) that lies within the record, whose force is linear between the record's rows; the last one counts where several share a time.
+/// A row for each of `frames` (number, time, image) that lies within the record, whose force is linear between the
+/// record's rows; the last one counts where several share a time.
 [[nodiscard]] std::vector<LoadRecord> at_frames(const std::vector<LoadRecord>& record, std::vector<LoadRecord> frames);
 
 }  // namespace imic3d::io

@@ -15,9 +15,10 @@ struct ReportPicture {
   std::string caption;
 };
 
-/// Writes report.html from a results file: what is doubted (a sentence each), parameters with standard deviations, curves, pictures (embedded), a table of
-/// the frames, the case file and the versions. Sections whose data the file does not have are left out. A picture that
-/// cannot be read is left out. Throws InputError if the page cannot be written.
+/// Writes report.html from a results file: what is doubted (a sentence each), parameters with standard deviations,
+/// curves, pictures (embedded), a table of the frames, the case file and the versions. Sections whose data the file
+/// does not have are left out. A picture that cannot be read is left out. Throws InputError if the page cannot be
+/// written.
 void write_report(const std::filesystem::path& page, const ResultsFile& file,
                   const std::vector<ReportPicture>& pictures = {}, const std::vector<std::string>& doubts = {});
 

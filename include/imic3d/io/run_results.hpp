@@ -32,11 +32,13 @@ namespace imic3d::io {
 
 /// What a run is going to write; decides what is declared.
 struct RunPlan {
-  std::map<std::string, std::string> versions;  ///< e.g. {"imic3d", "0.1.0"}, {"git_revision", "9ae1877"}, {"PETSc", …}
-  const mesh::Mesh* volume = nullptr;           ///< the simulation's mesh (hexahedra, or quadrilaterals in plane stress): mesh/ and fields/
-  const mesh::Mesh* surface = nullptr;          ///< the DIC mesh (quad4): surface/, dic/ and residual/
-  std::vector<ParameterInfo> parameters;        ///< not empty: identification/
-  int most_iterations = 500;                    ///< rows kept for iterations, all stages together
+  /// e.g. {"imic3d", "0.1.0"}, {"git_revision", "9ae1877"}, {"PETSc", …}
+  std::map<std::string, std::string> versions;
+  /// the simulation's mesh (hexahedra, or quadrilaterals in plane stress): mesh/ and fields/
+  const mesh::Mesh* volume = nullptr;
+  const mesh::Mesh* surface = nullptr;    ///< the DIC mesh (quad4): surface/, dic/ and residual/
+  std::vector<ParameterInfo> parameters;  ///< not empty: identification/
+  int most_iterations = 500;              ///< rows kept for iterations, all stages together
 };
 
 /// Makes results.h5 and results.xdmf in `folder` (made if need be) with everything that is known beforehand. Returns
@@ -74,17 +76,22 @@ void write_model_residual(ResultsFile& file, std::size_t index, double rms, std:
 void write_iteration(ResultsFile& file, int stage, int iteration, std::span<const double> values, double eta,
                      double residual);
 
-/// The final values [P] and covariance [P x P], NaN for parameters that were not free; `on_bound`: parameters that ended on a bound.
-void write_identified(ResultsFile& file, std::span<const double> values, std::span<const double> covariance, const std::set<int>& on_bound = {});
+/// The final values [P] and covariance [P x P], NaN for parameters that were not free; `on_bound`: parameters that
+/// ended on a bound.
+void write_identified(ResultsFile& file, std::span<const double> values, std::span<const double> covariance,
+                      const std::set<int>& on_bound = {});
 
-/// What parameters that stages found one after another would change by, free at once, and their standard deviations then [P each], NaN for others.
+/// What parameters that stages found one after another would change by, free at once, and their standard deviations
+/// then [P each], NaN for others.
 void write_freed_at_once(ResultsFile& file, std::span<const double> changes, std::span<const double> deviations);
-/// What each parameter would change by: on a mesh that is refined once (`refined_mesh`), simulated in space (`in_space`); NaN where that was not found.
+/// What each parameter would change by: on a mesh that is refined once (`refined_mesh`), simulated in space
+/// (`in_space`); NaN where that was not found.
 void write_change(ResultsFile& file, const std::string& by, std::span<const double> changes);
 
 /// The .xdmf for a results file, to be put beside it; opens in ParaView (with its "XDMF Reader"; the Xdmf3 readers skip
-/// the fields). Its time is the frame's number, because static frames share a time. Every frame is there; those that are
-/// not done are NaN. Of a loop's results the displacement that is left, before and after, and the remainder. Written atomically.
+/// the fields). Its time is the frame's number, because static frames share a time. Every frame is there; those that
+/// are not done are NaN. Of a loop's results the displacement that is left, before and after, and the remainder.
+/// Written atomically.
 void write_xdmf(const ResultsFile& file, const std::filesystem::path& path);
 
 /// Number with its unit as {"value": …, "unit": …}; null for NaN.

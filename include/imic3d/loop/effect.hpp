@@ -14,30 +14,38 @@
 
 namespace imic3d::loop {
 
-/// What the effects are told of the test. Positions and displacements are those of the surface's nodes in the specimen's frame.
+/// What the effects are told of the test. Positions and displacements are those of the surface's nodes in the
+/// specimen's frame.
 struct Scene {
   const mesh::Mesh* surface = nullptr;  ///< quad4 [n nodes]
   int components = 2;                   ///< of a node's displacement: x, y; 3 where several cameras see z too
   int axis = 1;                         ///< of the load
   bool plane = false;                   ///< plane stress
-  bool half = false;                    ///< in space, but the mesh ends at a plane of symmetry in the middle of the thickness: neither face moves otherwise than the other
-  Eigen::Vector2d low, high;            ///< the surface's box [length]
-  double element = 1.0;                 ///< mean size of its elements [length]
-  double thickness = 1.0;               ///< [length]
-  double driven_depth = 0.0;            ///< below the front where what drives the ends was measured: of cameras on both faces the middle [length]
+  /// in space, but the mesh ends at a plane of symmetry in the middle of the thickness: neither face moves otherwise
+  /// than the other
+  bool half = false;
+  Eigen::Vector2d low, high;  ///< the surface's box [length]
+  double element = 1.0;       ///< mean size of its elements [length]
+  double thickness = 1.0;     ///< [length]
+  /// below the front where what drives the ends was measured: of cameras on both faces the middle [length]
+  double driven_depth = 0.0;
   bool has_hole = false;
-  Eigen::Vector2d hole;                 ///< centre of the hole [length]
-  double radius = 0.0;                  ///< of the hole [length]
-  Eigen::VectorXd time, force;          ///< of the record [frames]
-  double start_time = 0.0;              ///< of the last frame before the first
-  double reference_time = 0.0;          ///< of the reference, or the mean of several: what displacements and grey levels count from
-  Eigen::Matrix2d pixels;               ///< d(pixel)/d(displacement) [px/length]
-  Eigen::Vector2d axis_of_lens;         ///< where the optical axis meets the specimen: the image's centre [length]
-  double poisson = 0.3;                 ///< declared
-  Eigen::VectorXd elongation;           ///< of the surface between its ends [frames, length]; of a bar its strain [rows]
-  Eigen::VectorXd elastic;              ///< elastic displacement for a force of one [components * n, length/force]
-  bool images = true;                   ///< the displacement comes of images that this program interpolates
-  double dynamic = 255.0;               ///< largest grey level of the images
+  Eigen::Vector2d hole;         ///< centre of the hole [length]
+  double radius = 0.0;          ///< of the hole [length]
+  Eigen::VectorXd time, force;  ///< of the record [frames]
+  double start_time = 0.0;      ///< of the last frame before the first
+  /// of the reference, or the mean of several: what displacements and grey levels count from
+  double reference_time = 0.0;
+  Eigen::Matrix2d pixels;  ///< d(pixel)/d(displacement) [px/length]
+  /// where the optical axis meets the specimen: the image's centre [length]
+  Eigen::Vector2d axis_of_lens;
+  double poisson = 0.3;  ///< declared
+  /// of the surface between its ends [frames, length]; of a bar its strain [rows]
+  Eigen::VectorXd elongation;
+  /// elastic displacement for a force of one [components * n, length/force]
+  Eigen::VectorXd elastic;
+  bool images = true;      ///< the displacement comes of images that this program interpolates
+  double dynamic = 255.0;  ///< largest grey level of the images
 
   [[nodiscard]] Eigen::Vector2d middle() const { return 0.5 * (low + high); }
   [[nodiscard]] double span(int direction) const { return high[direction] - low[direction]; }
@@ -47,13 +55,16 @@ struct Scene {
   [[nodiscard]] double drifted(Eigen::Index t) const { return since(reference_time, t); }
 
  private:
-  [[nodiscard]] double since(double start, Eigen::Index t) const { return (time[t] - start) / std::max(1e-300, time[time.size() - 1] - start); }
+  [[nodiscard]] double since(double start, Eigen::Index t) const {
+    return (time[t] - start) / std::max(1e-300, time[time.size() - 1] - start);
+  }
 };
 
 /// What a scene knows of the surface [quad4] alone: its box, the size of its elements and its largest hole.
 void measure(Scene& scene, const mesh::Mesh& surface);
 
-/// The coarse grid that says where on the surface something local is: the twelve places over its box that are nearest to squares.
+/// The coarse grid that says where on the surface something local is: the twelve places over its box that are nearest
+/// to squares.
 struct Places {
   Eigen::Vector2d low, size;  ///< corner of the first place, size of each [length]
   int columns = 1, rows = 1;
@@ -63,30 +74,36 @@ struct Places {
   [[nodiscard]] Eigen::Vector2d middle(int place) const;
 };
 
-/// What becomes of the grey levels about a point of the specimen in a frame: recorded = (1 - foreign) (gain grey + offset) + foreign (mean + beneath +
-/// contrast * another speckle), and noise.
+/// What becomes of the grey levels about a point of the specimen in a frame: recorded = (1 - foreign) (gain grey +
+/// offset) + foreign (mean + beneath + contrast * another speckle), and noise.
 struct Light {
   double gain = 1.0, offset = 0.0;  ///< offset [grey level]
   double foreign = 0.0;             ///< share of the area whose speckle is another one than in the reference
   double beneath = 0.0;             ///< what that one is brighter than the mean [grey level]
   double contrast = 1.0;            ///< its contrast over the specimen's
   double noise = 1.0;               ///< standard deviation of the image noise over the reference's
-  double aliased = 0.0;             ///< share of the variance of grey levels that pixels and interpolation do not resolve, in all frames and the reference
-  double smeared = 0.0;             ///< share of the contrast that interpolation takes away where a frame has moved by half a pixel along x; as much along y
-  double saturated = 0.0;           ///< share of the specimen's pixels that the exposure takes to the largest grey level, in all frames and the reference
+  /// share of the variance of grey levels that pixels and interpolation do not resolve, in all frames and the reference
+  double aliased = 0.0;
+  /// share of the contrast that interpolation takes away where a frame has moved by half a pixel along x; as much along
+  /// y
+  double smeared = 0.0;
+  /// share of the specimen's pixels that the exposure takes to the largest grey level, in all frames and the reference
+  double saturated = 0.0;
 };
 
 /// How the simulation is made; the null effect leaves it as declared.
 struct Numerics {
-  int refinements = 0;           ///< of the mesh, beyond the declared ones
-  int increments_factor = 1;     ///< times the declared load increments between two frames
-  bool in_space = false;         ///< with elements through the thickness where plane stress is declared
-  double of_thickness = 1.0;     ///< so large a part of it, in space: a small one is plane stress with the same elements
+  int refinements = 0;        ///< of the mesh, beyond the declared ones
+  int increments_factor = 1;  ///< times the declared load increments between two frames
+  bool in_space = false;      ///< with elements through the thickness where plane stress is declared
+  /// so large a part of it, in space: a small one is plane stress with the same elements
+  double of_thickness = 1.0;
   auto operator<=>(const Numerics&) const = default;
 };
 
-/// An effect acts at one link of the chain; the functions of the other links leave things as they are. `values` are those of
-/// its parameters, in the order in which they are declared. All are smooth in the values and do nothing at the null values.
+/// An effect acts at one link of the chain; the functions of the other links leave things as they are. `values` are
+/// those of its parameters, in the order in which they are declared. All are smooth in the values and do nothing at the
+/// null values.
 class Effect {
  public:
   struct Quantity {
@@ -97,7 +114,8 @@ class Effect {
     double lower, upper;
     bool shape = false;  ///< says how the effect acts, not how much: ParameterInfo::shape
     double scale = 0.0;  ///< of a shape: a usual size
-    bool read_at_rest = false;  ///< the record of a test on images or fields shows it in the frames at rest: FieldData::force_at_rest
+    /// the record of a test on images or fields shows it in the frames at rest: FieldData::force_at_rest
+    bool read_at_rest = false;
   };
   struct Description {
     std::string name;
@@ -121,25 +139,34 @@ class Effect {
   [[nodiscard]] virtual double section(Values, const Scene&, const Eigen::Vector3d& /*point*/) const { return 1.0; }
   /// Whether that is all that it does: a series is differentiated by it.
   [[nodiscard]] virtual bool acts_on_section() const { return false; }
-  /// Geometry: the thickness over the declared one. Where that is not simulated the motion is the same, and the force on the specimen so much larger.
+  /// Geometry: the thickness over the declared one. Where that is not simulated the motion is the same, and the force
+  /// on the specimen so much larger.
   [[nodiscard]] virtual double thickness(Values) const { return 1.0; }
   /// Initial state: the elastic strain (axial, in the direction of the load) of a cell before the test.
-  [[nodiscard]] virtual double initial_strain(Values, const Scene&, const Eigen::Vector3d& /*point*/) const { return 0.0; }
-  /// Loading: displacement along the axis of a point of the loaded end, z above the front (below: negative), beyond what the cameras show at `driven_depth` [length].
+  [[nodiscard]] virtual double initial_strain(Values, const Scene&, const Eigen::Vector3d& /*point*/) const {
+    return 0.0;
+  }
+  /// Loading: displacement along the axis of a point of the loaded end, z above the front (below: negative), beyond
+  /// what the cameras show at `driven_depth` [length].
   [[nodiscard]] virtual double driven(Values, const Scene&, int /*frame*/, double /*z*/) const { return 0.0; }
   /// Whether each rig of cameras has it for itself, on its face.
   [[nodiscard]] virtual bool of_each_camera() const { return false; }
-  /// Whether, where several cameras see a face in three components, each of them has it for itself too (of_one_camera); of the light, each of several cameras.
+  /// Whether, where several cameras see a face in three components, each of them has it for itself too (of_one_camera);
+  /// of the light, each of several cameras.
   [[nodiscard]] virtual bool of_one_of_several() const { return false; }
-  /// Camera: adds to `error` [components * n, length] what the camera shows of the displacement beyond the truth: measured - true, at the
-  /// displacement `U` [components * n, length] of frame t.
-  virtual void see(Values, const Scene&, int /*frame*/, const Eigen::VectorXd& /*U*/, Eigen::VectorXd& /*error*/) const {}
-  /// Light: changes what becomes of the grey levels about the point of the specimen that is at `point` in the reference and at `now` in a frame
+  /// Camera: adds to `error` [components * n, length] what the camera shows of the displacement beyond the truth:
+  /// measured - true, at the displacement `U` [components * n, length] of frame t.
+  virtual void see(Values, const Scene&, int /*frame*/, const Eigen::VectorXd& /*U*/,
+                   Eigen::VectorXd& /*error*/) const {}
+  /// Light: changes what becomes of the grey levels about the point of the specimen that is at `point` in the reference
+  /// and at `now` in a frame
   /// (-1: the reference itself).
-  virtual void light(Values, const Scene&, int /*frame*/, const Eigen::Vector2d& /*point*/, const Eigen::Vector2d& /*now*/, Light& /*light*/) const {}
+  virtual void light(Values, const Scene&, int /*frame*/, const Eigen::Vector2d& /*point*/,
+                     const Eigen::Vector2d& /*now*/, Light& /*light*/) const {}
   /// Record: turns the force on the specimen [frames] into the one that is recorded.
   virtual void record(Values, const Scene&, Eigen::VectorXd& /*force*/) const {}
-  /// Record: standard deviation of what the effect leaves unknown of the force that is recorded in each frame [frames, force]; empty where it leaves nothing.
+  /// Record: standard deviation of what the effect leaves unknown of the force that is recorded in each frame [frames,
+  /// force]; empty where it leaves nothing.
   [[nodiscard]] virtual Eigen::VectorXd unknown_in_record(Values, const Scene&) const { return {}; }
   /// Record of a uniform test: turns the recorded logarithmic strain of a bar [rows] into that of its material.
   virtual void gauge(Values, Eigen::VectorXd& /*strain*/) const {}
@@ -158,10 +185,11 @@ class Effect {
 
 /// A quantity of an effect that the declared model contains.
 struct DeclaredEffect {
-  std::string effect, quantity;            ///< the former as `key_of` writes it
+  std::string effect, quantity;  ///< the former as `key_of` writes it
   std::optional<double> value, lower, upper;
   bool free = false;
-  double prior = 0.0;                      ///< standard deviation of what is known beforehand, in units of Quantity::size; 0: nothing is
+  /// standard deviation of what is known beforehand, in units of Quantity::size; 0: nothing is
+  double prior = 0.0;
 };
 
 /// All effects that act outside the law but on the grey levels, in the order of the links.

@@ -30,14 +30,15 @@ struct Explanation {
   std::string message;        ///< why it could not be followed, if so
 };
 
-/// Shift of the parameters [p] that sizes [k] of an effect cause when it is left out; nothing where the model cannot follow.
+/// Shift of the parameters [p] that sizes [k] of an effect cause when it is left out; nothing where the model cannot
+/// follow.
 using Bias = std::function<std::optional<Eigen::VectorXd>(const Eigen::VectorXd& sizes)>;
 
-/// The sizes that carry the parameters by `difference` [p], by least squares with its `covariance` [p x p]. The first tangent is a
-/// difference of Bias; from there Bias itself is followed in Gauss-Newton steps, its tangent updated by the secant
-/// (Broyden), until the sizes stand within 2 %, `most` steps are done, or after the first of them the new tangent refuses the
-/// effect at 1e-6: nothing that is reported is extrapolated.
-[[nodiscard]] Explanation explain(const Eigen::VectorXd& difference, const Eigen::MatrixXd& covariance, const std::vector<EffectSize>& sizes,
-                                  const Bias& bias, int most = 4);
+/// The sizes that carry the parameters by `difference` [p], by least squares with its `covariance` [p x p]. The first
+/// tangent is a difference of Bias; from there Bias itself is followed in Gauss-Newton steps, its tangent updated by
+/// the secant (Broyden), until the sizes stand within 2 %, `most` steps are done, or after the first of them the new
+/// tangent refuses the effect at 1e-6: nothing that is reported is extrapolated.
+[[nodiscard]] Explanation explain(const Eigen::VectorXd& difference, const Eigen::MatrixXd& covariance,
+                                  const std::vector<EffectSize>& sizes, const Bias& bias, int most = 4);
 
 }  // namespace imic3d::loop

@@ -12,15 +12,16 @@
 
 namespace imic3d::loop {
 
-/// The residuals of several experiments one after another, each in units of its own noise. The numbers of the law, the declared ones and those
-/// that it may lack, are one in all of them; what belongs to a test (its record, cameras, specimen, numerics) is a candidate for each test that has it, named
-/// with the test's name. Their noise is independent. Cameras of the same number are one channel: leaving out a whole test would ask of the others what only it
-/// shows (its load cell's gain).
+/// The residuals of several experiments one after another, each in units of its own noise. The numbers of the law, the
+/// declared ones and those that it may lack, are one in all of them; what belongs to a test (its record, cameras,
+/// specimen, numerics) is a candidate for each test that has it, named with the test's name. Their noise is
+/// independent. Cameras of the same number are one channel: leaving out a whole test would ask of the others what only
+/// it shows (its load cell's gain).
 class JointExperiment final : public Experiment {
  public:
   struct Test {
     std::string name;
-    Experiment* experiment;      ///< outlives this
+    Experiment* experiment;       ///< outlives this
     std::vector<int> held_out{};  ///< its frames (places in its record) that are never fitted
   };
   /// Throws InputError where the tests declare a number of the law differently (value, prior, whether it is free).
@@ -34,8 +35,11 @@ class JointExperiment final : public Experiment {
   [[nodiscard]] std::string frame_name(int frame) const override;
   [[nodiscard]] std::string channel_name(int channel) const override;
   [[nodiscard]] std::vector<Eigen::VectorXd> residuals(const std::vector<std::vector<double>>& sets) override;
-  [[nodiscard]] std::vector<Eigen::VectorXd> residuals_near(const std::vector<double>& values, std::vector<std::vector<double>> sets) override;
-  [[nodiscard]] std::vector<Eigen::VectorXd> residuals_disturbed(const std::vector<double>& values, std::vector<std::vector<double>> sets, double times) override;
+  [[nodiscard]] std::vector<Eigen::VectorXd> residuals_near(const std::vector<double>& values,
+                                                            std::vector<std::vector<double>> sets) override;
+  [[nodiscard]] std::vector<Eigen::VectorXd> residuals_disturbed(const std::vector<double>& values,
+                                                                 std::vector<std::vector<double>> sets,
+                                                                 double times) override;
   [[nodiscard]] std::string obstacle(const std::vector<double>& values) const override;
   [[nodiscard]] bool takes_simulations(int parameter) const override;
   [[nodiscard]] int most_iterations() const override;
@@ -48,7 +52,8 @@ class JointExperiment final : public Experiment {
   [[nodiscard]] std::vector<Eigen::MatrixXd> learned_numbers() const override;
   void learn_again(const std::vector<double>& values, const std::vector<Eigen::MatrixXd>& numbers) override;
   [[nodiscard]] Eigen::MatrixXd noise(const std::vector<double>& values, int draws) override;
-  [[nodiscard]] Eigen::MatrixXd noise_of_squares(const std::vector<double>& values, const Eigen::MatrixXd& noise) override;
+  [[nodiscard]] Eigen::MatrixXd noise_of_squares(const std::vector<double>& values,
+                                                 const Eigen::MatrixXd& noise) override;
 
   /// Frames of all tests that are never fitted.
   [[nodiscard]] std::vector<int> held_out() const;
@@ -56,15 +61,18 @@ class JointExperiment final : public Experiment {
   [[nodiscard]] std::vector<int> first_frames() const { return {first_frame_.begin(), first_frame_.end() - 1}; }
   /// The values of a test's own parameters.
   [[nodiscard]] std::vector<double> values_of(std::size_t test, const std::vector<double>& values) const;
-  /// What the report says of a test, in the test's own candidates, parameters and frames; verdict, sentence and the misfits of all frames
-  /// are those of all tests. The remainder is the test's own.
+  /// What the report says of a test, in the test's own candidates, parameters and frames; verdict, sentence and the
+  /// misfits of all frames are those of all tests. The remainder is the test's own.
   [[nodiscard]] Report report_of(std::size_t test, const Report& all);
   [[nodiscard]] const std::vector<Test>& tests() const { return tests_; }
 
  private:
   /// What every test answers, put together: its own sets, each once, the first those of `values`.
-  using Question = std::function<std::vector<Eigen::VectorXd>(Experiment& test, const std::vector<std::vector<double>>& own)>;
-  [[nodiscard]] std::vector<Eigen::VectorXd> asked(const std::vector<double>& values, const std::vector<std::vector<double>>& sets, const Question& question);
+  using Question =
+      std::function<std::vector<Eigen::VectorXd>(Experiment& test, const std::vector<std::vector<double>>& own)>;
+  [[nodiscard]] std::vector<Eigen::VectorXd> asked(const std::vector<double>& values,
+                                                   const std::vector<std::vector<double>>& sets,
+                                                   const Question& question);
   [[nodiscard]] Model model_of(std::size_t test, const Model& all) const;
   [[nodiscard]] std::vector<int> candidates_of(std::size_t test, const std::vector<int>& all) const;
   void take_parameters(std::size_t test);

@@ -10,7 +10,8 @@ namespace imic3d::loop {
 [[nodiscard]] double chi_squared_tail(double value, int degrees);
 /// Its logarithm, where the tail itself underflows too.
 [[nodiscard]] double log_chi_squared_tail(double value, int degrees);
-/// Whether estimates [n] of this covariance [n x n] are told from zero: x^T C^-1 x beyond the 95 % of chi^2 with n degrees.
+/// Whether estimates [n] of this covariance [n x n] are told from zero: x^T C^-1 x beyond the 95 % of chi^2 with n
+/// degrees.
 [[nodiscard]] bool told_from_zero(const Eigen::VectorXd& estimates, const Eigen::MatrixXd& covariance);
 /// z with P(|N(0,1)| > z) = p: a p-value as a number of standard deviations, from log p.
 [[nodiscard]] double deviations(double log_p);
@@ -18,11 +19,14 @@ namespace imic3d::loop {
 [[nodiscard]] double student_as_normal(double t, double freedom);
 /// Its inverse.
 [[nodiscard]] double normal_as_student(double z, double freedom);
-/// Length of a mean (in standard deviations) with which chi^2 of `degrees` exceeds in Phi(`beyond`) of all cases what N(0,1)^2 at `limit` is as improbable as: limit + beyond for one degree.
+/// Length of a mean (in standard deviations) with which chi^2 of `degrees` exceeds in Phi(`beyond`) of all cases what
+/// N(0,1)^2 at `limit` is as improbable as: limit + beyond for one degree.
 [[nodiscard]] double detectable(double limit, double beyond, int degrees);
-/// W [n square] with W `covariance` W^T = 1, whose rows hold nothing of the numbers in `last` [places, ascending] but for those of these themselves.
+/// W [n square] with W `covariance` W^T = 1, whose rows hold nothing of the numbers in `last` [places, ascending] but
+/// for those of these themselves.
 [[nodiscard]] Eigen::MatrixXd whitening(const Eigen::MatrixXd& covariance, const std::vector<int>& last);
-/// What one more draw of the same distribution as `values` exceeds with probability `level` or less: a value of them, the largest where they are few.
+/// What one more draw of the same distribution as `values` exceeds with probability `level` or less: a value of them,
+/// the largest where they are few.
 [[nodiscard]] double upper_quantile(Eigen::VectorXd values, double level);
 /// The value that the fraction `level` of the values does not exceed.
 [[nodiscard]] double quantile(Eigen::VectorXd values, double level);

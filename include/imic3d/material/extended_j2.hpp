@@ -57,8 +57,9 @@ struct ExtendedJ2 {
 
   void initialise(std::span<double> state) const { std::fill(state.begin(), state.end(), 0.0); }
 
-  /// Back-stresses that fade, pressure and damage are not derivatives of one potential. Nor is a yield stress in Cauchy stress, but what that adds is of the size of sigma_y/K:
-  /// the tangent is made symmetric (LogStrainLaw), and Newton's method needs an iteration or two more.
+  /// Back-stresses that fade, pressure and damage are not derivatives of one potential. Nor is a yield stress in Cauchy
+  /// stress, but what that adds is of the size of sigma_y/K: the tangent is made symmetric (LogStrainLaw), and Newton's
+  /// method needs an iteration or two more.
   [[nodiscard]] bool symmetric_tangent() const {
     using enum effects::Effect;
     for (const Effect effect : {kinematic, kinematic_2, kinematic_3, pressure, damage})
@@ -100,19 +101,24 @@ struct ExtendedJ2 {
     }
     if (const auto there = plain.flow(Dual<1>(*root)); !there || !(value(there->q) > 0.0))
       return false;  // no strength left
-    // A rate that takes the whole yield stress away: what would remain is the viscous stress of a fluid, and several rates for one stress.
-    if (const auto rate = plain.of(Effect::rate); !rate.empty() && step.time_increment > 0.0 && !(value(effects::JohnsonCookRate::factor(rate, Dual<1>(*root / step.time_increment))) > 0.0))
+    // A rate that takes the whole yield stress away: what would remain is the viscous stress of a fluid, and several
+    // rates for one stress.
+    if (const auto rate = plain.of(Effect::rate);
+        !rate.empty() && step.time_increment > 0.0 &&
+        !(value(effects::JohnsonCookRate::factor(rate, Dual<1>(*root / step.time_increment))) > 0.0))
       return false;
     const T dp = implicit_root(*root, at.residual(T(*root)), residual(Dual<1>::variable(*root, 0)).derivative[0]);
     at.finish(dp, result);
     return true;
   }
 
-  /// eps_33 that makes the stress through the thickness vanish. In the plane, back-stresses being counted from their normal component, eta = stress - back-stress returns by
+  /// eps_33 that makes the stress through the thickness vanish. In the plane, back-stresses being counted from their
+  /// normal component, eta = stress - back-stress returns by
   ///
   ///   (1 + dp/q (C + 2/3 sum C_i/(1 + gamma_i dp) P) M) eta = C E_trial - sum alpha_i,old/(1 + gamma_i dp)
   ///
-  /// with C of plane stress, P = [2 1; 1 2] and M of the criterion; on the yield surface q is the strength, so that all follows from dp (de Souza Neto et al. 2008, ch. 9; Hill's axes). None where volume or heat take part.
+  /// with C of plane stress, P = [2 1; 1 2] and M of the criterion; on the yield surface q is the strength, so that all
+  /// follows from dp (de Souza Neto et al. 2008, ch. 9; Hill's axes). None where volume or heat take part.
   [[nodiscard]] std::optional<double> thickness_strain(const StrainStep<double>& step) const noexcept {
     using D = Dual<1>;
     if (cauchy_yield || selection.has(Effect::pressure) || selection.has(Effect::heating)) return std::nullopt;
@@ -142,12 +148,18 @@ struct ExtendedJ2 {
       });
       const D b_first = along * (e[0] + nu * e[1]) - back_first, b_second = along * (e[1] + nu * e[0]) - back_second;
       const D a = f * (along + 2.0 * follows), b = f * (nu * along + follows);
-      const D k11 = 1.0 + a * (G + H) - b * H, k12 = b * (F + H) - a * H, k21 = b * (G + H) - a * H, k22 = 1.0 + a * (F + H) - b * H;
+      const D k11 = 1.0 + a * (G + H) - b * H, k12 = b * (F + H) - a * H, k21 = b * (G + H) - a * H,
+              k22 = 1.0 + a * (F + H) - b * H;
       const D scale = 1.0 / (k11 * k22 - k12 * k21);
       const D first = scale * (k22 * b_first - k12 * b_second), second = scale * (k11 * b_second - k21 * b_first);
       const D across = (shear * e[3] - back_shear) / (1.0 + (shear + follows) * N * f);
-      const D n_first = G * first + H * (first - second), n_second = F * second + H * (second - first);  // times q
-      return Returned{f, strength, first, second, sqrt(first * n_first + second * n_second + 2.0 * N * across * across),
+      // times q
+      const D n_first = G * first + H * (first - second), n_second = F * second + H * (second - first);
+      return Returned{f,
+                      strength,
+                      first,
+                      second,
+                      sqrt(first * n_first + second * n_second + 2.0 * N * across * across),
                       first + second + back_first + back_second + 3.0 * follows * f * (n_first + n_second)};
     };
     const auto residual = [&](const D& dp) {
@@ -161,12 +173,14 @@ struct ExtendedJ2 {
       double upper = excess / (1.5 * shear);
       for (int doubling = 0; !(value(residual(D(upper))) < 0.0); ++doubling, upper *= 2.0)
         if (doubling == 60) return std::nullopt;
-      const auto root = bracketed_newton(residual, 0.0, upper, excess + value(at.strength(D(0.0), SymmetricTensor<D>::zero())));
+      const auto root =
+          bracketed_newton(residual, 0.0, upper, excess + value(at.strength(D(0.0), SymmetricTensor<D>::zero())));
       if (!root) return std::nullopt;
       dp = *root;
     }
     const Returned there = returned(D(dp));
-    return -value(there.mean) * nu / E - value(there.f) * (G * value(there.first) + F * value(there.second)) - step.trial_strain[2];
+    return -value(there.mean) * nu / E - value(there.f) * (G * value(there.first) + F * value(there.second)) -
+           step.trial_strain[2];
   }
 
  private:
@@ -181,7 +195,9 @@ struct ExtendedJ2 {
       T q;
       SymmetricTensor<T> n;
     };
-    std::optional<Flow> radial;  // at dp = 0, where the flow's direction is that of the trial stress whatever dp is: neither back-stresses nor Hill's criterion
+    // at dp = 0, where the flow's direction is that of the trial stress whatever dp is: neither back-stresses nor
+    // Hill's criterion
+    std::optional<Flow> radial;
 
     At(const ExtendedJ2& law_, const StrainStep<T>& step_) : law(law_), step(step_), volume(trace(step.trial_strain)) {
       const IsotropicElasticity<T> elasticity(step.parameters[0], step.parameters[1]);
@@ -209,7 +225,8 @@ struct ExtendedJ2 {
       const T norm = sqrt(1.5 * norm_squared);
       return {norm, T(1.5 / norm) * eta};
     }
-    /// eta and beta of xi = eta - 2/3 beta dp n: s_trial - sum alpha_i,old / (1 + gamma_i dp), 3 G + sum C_i / (1 + gamma_i dp).
+    /// eta and beta of xi = eta - 2/3 beta dp n: s_trial - sum alpha_i,old / (1 + gamma_i dp), 3 G + sum C_i / (1 +
+    /// gamma_i dp).
     [[nodiscard]] std::pair<SymmetricTensor<T>, T> relative(const T& dp) const {
       std::pair<SymmetricTensor<T>, T> both(s_trial, 3.0 * G);
       each_back_stress([&](std::size_t i, auto kinematic, std::span<const T> p) {
@@ -251,13 +268,16 @@ struct ExtendedJ2 {
     /// What q is compared with.
     [[nodiscard]] T strength(const T& dp, const SymmetricTensor<T>& n) const {
       const T strain = old_strain() + dp;
-      const auto plateau = of(Effect::plateau), voce = of(Effect::voce_term), voce_2 = of(Effect::voce_term_2), power = of(Effect::power_term), rate = of(Effect::rate),
-                 viscosity = of(Effect::viscosity), heating = of(Effect::heating);
+      const auto plateau = of(Effect::plateau), voce = of(Effect::voce_term), voce_2 = of(Effect::voce_term_2),
+                 power = of(Effect::power_term), rate = of(Effect::rate), viscosity = of(Effect::viscosity),
+                 heating = of(Effect::heating);
       const T hardening_strain = plateau.empty() ? strain : effects::Plateau::hardening_strain(plateau, strain);
       T stress = law.yield_stress(hardening_strain, step.parameters.subspan(2), step.parameters[0]);
       if (!voce.empty()) stress += effects::VoceTerm<1>::stress(voce, strain);
       if (!voce_2.empty()) stress += effects::VoceTerm<2>::stress(voce_2, strain);
-      if (!power.empty()) stress += law.yield_stress(T(0.0), step.parameters.subspan(2), step.parameters[0]) * effects::PowerTerm::factor(power, hardening_strain);
+      if (!power.empty())
+        stress += law.yield_stress(T(0.0), step.parameters.subspan(2), step.parameters[0]) *
+                  effects::PowerTerm::factor(power, hardening_strain);
       const T speed = step.time_increment > 0.0 ? dp / step.time_increment : T(0.0);
       if (!rate.empty()) stress *= effects::JohnsonCookRate::factor(rate, speed);
       if (!heating.empty()) stress *= effects::Heating::factor(heating, heat(dp, n));
@@ -277,7 +297,8 @@ struct ExtendedJ2 {
 
     /// Of the yield condition [stress]: positive where the elastic predictor is beyond it, falling with dp.
     [[nodiscard]] T residual(const T& dp) const {
-      if (radial) return radial->q - 3.0 * G * dp - strength(dp, radial->n);  // as below, without a copy of n: all that is gained
+      if (radial)
+        return radial->q - 3.0 * G * dp - strength(dp, radial->n);  // as below, without a copy of n: all that is gained
       if (const auto p = of(Effect::hill); !p.empty() && of(Effect::heating).empty()) {
         // Where the condition is met q is the strength, and the stress follows from it without a search.
         using std::sqrt;
@@ -285,7 +306,8 @@ struct ExtendedJ2 {
         if (!(value(q) > 0.0)) return T(std::nan(""));
         const auto [eta, beta] = relative(dp);
         const effects::Hill48::Coefficients<T> M(p);
-        const SymmetricTensor<T> xi = q * effects::Hill48::scaled(M, pull_back(effects::Hill48::axes(p), eta), T((2.0 / 3.0) * beta * dp), q);
+        const SymmetricTensor<T> xi =
+            q * effects::Hill48::scaled(M, pull_back(effects::Hill48::axes(p), eta), T((2.0 / 3.0) * beta * dp), q);
         return sqrt(double_dot(xi, M * xi)) - q;
       }
       const auto flowing = flow(dp);

@@ -37,8 +37,9 @@ class FiniteStrainLaw {
   virtual void initialise(std::span<double> history) const = 0;
   /// Where the accumulated plastic strain stands in the history, or -1.
   [[nodiscard]] virtual int plastic_strain_index() const = 0;
-  /// A law of plane stress: where ln(lambda_3), the logarithmic strain through the thickness, stands in the history. Such a
-  /// law is given F with F_33 = 1 and no shear out of the plane, and of its tangent the plane's components count. Else -1.
+  /// A law of plane stress: where ln(lambda_3), the logarithmic strain through the thickness, stands in the history.
+  /// Such a law is given F with F_33 = 1 and no shear out of the plane, and of its tangent the plane's components
+  /// count. Else -1.
   [[nodiscard]] virtual int thickness_strain_index() const = 0;
   /// False where flow is not associated: the tangent is then unsymmetric, and so must be the solver.
   [[nodiscard]] virtual bool symmetric_tangent() const { return true; }
@@ -52,18 +53,15 @@ class FiniteStrainLaw {
   [[nodiscard]] virtual bool parameter_derivatives(
       const Matrix3& F, double time_increment, std::span<const double> parameters, std::span<const double> history_old,
       Eigen::Ref<Eigen::Matrix<double, 6, Eigen::Dynamic>> derivatives) const noexcept = 0;
-  /// Stress and its derivatives, and those of the new history, along n directions in which the deformation gradient, the
-  /// parameters and the old history all move, as direct differentiation of a path needs them: after a step,
+  /// Stress and its derivatives, and those of the new history, along n directions in which the deformation gradient,
+  /// the parameters and the old history all move, as direct differentiation of a path needs them: after a step,
   /// d_history_new is the d_history_old of the next one. Direction after direction: dF [n]; d_parameters
   /// [n x number of parameters]; d_history_old, d_history_new [n x history_size()], not overlapping; d_kirchhoff [n].
   /// Returns false where `update` would.
-  [[nodiscard]] virtual bool directional_derivatives(const Matrix3& F, std::span<const Matrix3> dF, double time_increment,
-                                                     std::span<const double> parameters,
-                                                     std::span<const double> d_parameters,
-                                                     std::span<const double> history_old,
-                                                     std::span<const double> d_history_old, Vector6& kirchhoff,
-                                                     std::span<Vector6> d_kirchhoff,
-                                                     std::span<double> d_history_new) const noexcept = 0;
+  [[nodiscard]] virtual bool directional_derivatives(
+      const Matrix3& F, std::span<const Matrix3> dF, double time_increment, std::span<const double> parameters,
+      std::span<const double> d_parameters, std::span<const double> history_old, std::span<const double> d_history_old,
+      Vector6& kirchhoff, std::span<Vector6> d_kirchhoff, std::span<double> d_history_new) const noexcept = 0;
   /// The same along one direction.
   [[nodiscard]] bool directional_derivative(const Matrix3& F, const Matrix3& dF, double time_increment,
                                             std::span<const double> parameters, std::span<const double> d_parameters,
@@ -81,9 +79,11 @@ struct LawChoice {
   std::string hardening = "power_linear";  ///< `power_linear` (Eq. 18), `linear`, `voce`, `swift`, `table`
   bool tie_initial_modulus = false;        ///< Eq. 19: eps_0 = delta S_y / (E - H) is not a parameter then
   bool plane_stress = false;               ///< no stress along axis 3
-  bool cauchy_yield = false;               ///< the hardening curve is that of the Cauchy stress, not of the Kirchhoff stress
-  std::vector<std::string> effects{};      ///< what `j2` is extended by, see known_effects(); each brings its parameters
-  std::vector<double> table_strain{};      ///< for `table`: accumulated plastic strain [-], from 0, ascending
+  /// the hardening curve is that of the Cauchy stress, not of the Kirchhoff stress
+  bool cauchy_yield = false;
+  /// what `j2` is extended by, see known_effects(); each brings its parameters
+  std::vector<std::string> effects{};
+  std::vector<double> table_strain{};  ///< for `table`: accumulated plastic strain [-], from 0, ascending
 };
 
 /// Makes a law, or throws InputError naming the known laws and hardenings.

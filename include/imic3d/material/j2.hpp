@@ -15,9 +15,9 @@ namespace imic3d::material {
 /// (2008), boxes 7.3-7.5 and 14.3. Parameters: E, nu, then those of the hardening. State: accumulated plastic strain.
 ///
 /// The hardening curve is compared with the Kirchhoff stress tau or, with `cauchy_yield`, with the true stress
-/// sigma = tau/J (the curve of a tensile test as it is usually drawn). J = exp(tr E) does not change in plastic flow, so
-/// the return is radial as before, to J sigma_y. The consistent tangent leaves out the change of J, which would make it
-/// unsymmetric and is of the size of sigma_y/K: Newton's method needs an iteration or two more.
+/// sigma = tau/J (the curve of a tensile test as it is usually drawn). J = exp(tr E) does not change in plastic flow,
+/// so the return is radial as before, to J sigma_y. The consistent tangent leaves out the change of J, which would make
+/// it unsymmetric and is of the size of sigma_y/K: Newton's method needs an iteration or two more.
 template <class Hardening>
 struct J2 {
   static constexpr int state_size = 1;
@@ -65,7 +65,8 @@ struct J2 {
                               const auto& hardening_, const auto& E_) {
       return q_ - 3.0 * G_ * dep - J_ * yield_stress(ep_ + dep, hardening_, E_);
     };
-    const double q_value = value(q), J_value = value(J), G_value = value(G), ep_value = value(ep_old), E_value = value(E);
+    const double q_value = value(q), J_value = value(J), G_value = value(G), ep_value = value(ep_old),
+                 E_value = value(E);
     const ParameterValues hardening_values(hardening);
     const auto residual_value = [&](const Dual<1>& dep) {
       return residual(dep, q_value, J_value, G_value, ep_value, std::span<const double>(hardening_values), E_value);
@@ -84,9 +85,10 @@ struct J2 {
     return true;
   }
 
-  /// eps_33 that makes the stress through the thickness vanish, added to the trial strain: one equation in the plane, in which the stress returns by
-  /// s = s_trial/(1 + E f/(3 - 3 nu)), sigma_22 - sigma_11 and sigma_12 by 1/(1 + 2 G f), dep = 2/3 f q (Simo and Taylor 1986; de Souza Neto et al. 2008, box 9.5).
-  /// None where the yield stress goes with the volume, or falls.
+  /// eps_33 that makes the stress through the thickness vanish, added to the trial strain: one equation in the plane,
+  /// in which the stress returns by s = s_trial/(1 + E f/(3 - 3 nu)), sigma_22 - sigma_11 and sigma_12 by 1/(1 + 2 G
+  /// f), dep = 2/3 f q (Simo and Taylor 1986; de Souza Neto et al. 2008, box 9.5). None where the yield stress goes
+  /// with the volume, or falls.
   [[nodiscard]] std::optional<double> thickness_strain(const StrainStep<double>& step) const noexcept {
     if (cauchy_yield) return std::nullopt;
     const std::span<const double> p = step.parameters, hardening = p.subspan(2);
@@ -123,7 +125,8 @@ struct J2 {
     if (dep == 0.0) return isotropic_tangent(K, G);
     const SymmetricTensor<double> e = deviator(step.trial_strain);
     const double norm_squared = double_dot(e, e), q = 2.0 * G * std::sqrt(1.5 * norm_squared);
-    const double slope = volume_ratio(step.trial_strain) * yield_stress(Dual<1>::variable(result.state[0], 0), p.subspan(2), E).derivative[0];
+    const double slope = volume_ratio(step.trial_strain) *
+                         yield_stress(Dual<1>::variable(result.state[0], 0), p.subspan(2), E).derivative[0];
     Matrix6 A = isotropic_tangent(K, G * (1.0 - 3.0 * G * dep / q));
     const double factor = 6.0 * G * G * (dep / q - 1.0 / (3.0 * G + slope)) / norm_squared;
     const Vector6 n = Eigen::Map<const Vector6>(e.components.data());

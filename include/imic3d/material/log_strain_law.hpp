@@ -14,10 +14,10 @@ namespace imic3d::material {
 /// F = Fe Fp; trial elastic strain E = 1/2 ln(Ce), Ce = Fe^T Fe, Fe = F Fp_old^-1; second Piola-Kirchhoff stress of the
 /// intermediate configuration S = T : 2 dE/dCe; Kirchhoff stress tau = Fe S Fe^T; Fp_new = exp(Delta Ep) Fp_old.
 /// Simo (1992); Miehe, Apel, Lambrecht (2002); de Souza Neto, Peric, Owen (2008), ch. 14. T need not be coaxial with E
-/// (kinematic hardening, Hill 48); the axes of anisotropy and the back-stresses are those of the intermediate configuration,
-/// which starts as the reference axes and has no plastic spin: they turn with the elastic rotation. With a law whose T derives from an incremental energy the tangent is symmetric.
-/// History: Fp^-1 by rows (9 numbers), then the law's own state.
-/// hand_tangent: use the law's `consistent_tangent` rather than dual numbers.
+/// (kinematic hardening, Hill 48); the axes of anisotropy and the back-stresses are those of the intermediate
+/// configuration, which starts as the reference axes and has no plastic spin: they turn with the elastic rotation. With
+/// a law whose T derives from an incremental energy the tangent is symmetric. History: Fp^-1 by rows (9 numbers), then
+/// the law's own state. hand_tangent: use the law's `consistent_tangent` rather than dual numbers.
 template <SmallStrainLaw Law, bool hand_tangent = HasConsistentTangent<Law>>
 class LogStrainLaw final : public FiniteStrainLaw {
  public:
@@ -113,7 +113,8 @@ class LogStrainLaw final : public FiniteStrainLaw {
       return directions<N>(F, dF.subspan(first, count), time_increment, parameters,
                            d_parameters.subspan(first * of_parameters, count * of_parameters), history_old,
                            d_history_old.subspan(first * of_history, count * of_history), kirchhoff,
-                           d_kirchhoff.subspan(first, count), d_history_new.subspan(first * of_history, count * of_history));
+                           d_kirchhoff.subspan(first, count),
+                           d_history_new.subspan(first * of_history, count * of_history));
     };
     if (n == 1) return along.template operator()<1>(0, 1);
     for (std::size_t first = 0; first < n; first += chunk)
@@ -219,13 +220,15 @@ class LogStrainLaw final : public FiniteStrainLaw {
     for (int i = 0; i < 6; ++i) kirchhoff[i] = tau[i].value;
     for (std::size_t k = 0; k < n; ++k) {
       for (int i = 0; i < 6; ++i) d_kirchhoff[k][i] = tau[i].derivative[k];
-      for (std::size_t i = 0; i < history_length; ++i) d_history_new[k * history_length + i] = new_along[i].derivative[k];
+      for (std::size_t i = 0; i < history_length; ++i)
+        d_history_new[k * history_length + i] = new_along[i].derivative[k];
       finite = finite && d_kirchhoff[k].allFinite();
     }
     return finite;
   }
 
-  /// Values of the law's update and its tangent dT/dE (engineering shears) from dual numbers; its symmetric part where the law says that it has no other to speak of.
+  /// Values of the law's update and its tangent dT/dE (engineering shears) from dual numbers; its symmetric part where
+  /// the law says that it has no other to speak of.
   bool differentiate(const StrainStep<double>& step, StressUpdate<double, Law::state_size>& result,
                      Matrix6& tangent) const noexcept {
     using T = Dual<6>;

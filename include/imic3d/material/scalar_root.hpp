@@ -31,7 +31,8 @@ class ParameterValues {
 /// A root between null and this is found no closer.
 inline constexpr double negligible = 1e-100;
 
-/// A value within ]lower, upper[ for a search of a root whose size is not known either: the geometric mean where the ends are of one sign and apart, a thousandth of the upper one where the lower one is null, else the mean.
+/// A value within ]lower, upper[ for a search of a root whose size is not known either: the geometric mean where the
+/// ends are of one sign and apart, a thousandth of the upper one where the lower one is null, else the mean.
 inline double between(double lower, double upper) noexcept {
   if (lower == 0.0 && upper > 0.0) return 1e-3 * upper;
   return lower > 0.0 && upper > 4.0 * lower ? std::sqrt(lower) * std::sqrt(upper) : 0.5 * (lower + upper);
@@ -39,7 +40,8 @@ inline double between(double lower, double upper) noexcept {
 
 /// Root of `residual`, a function of a Dual<1> that is positive at `lower` and negative at `upper`, to a few units in
 /// the last place or to the noise of the residual, `scale` times a few epsilon. Newton from `lower`; a step that leaves
-/// the bracket or does not shorten it enough is replaced by a bisection (`between`: a root may be 1e-40 of the bracket). No value where there is no root in between.
+/// the bracket or does not shorten it enough is replaced by a bisection (`between`: a root may be 1e-40 of the
+/// bracket). No value where there is no root in between.
 template <class Residual>
 std::optional<double> bracketed_newton(const Residual& residual, double lower, double upper, double scale) noexcept {
   constexpr double epsilon = std::numeric_limits<double>::epsilon();
@@ -70,9 +72,9 @@ std::optional<double> bracketed_newton(const Residual& residual, double lower, d
 }
 
 /// Root of an increasing function of a Dual<1> by Newton's method from `start`, to the noise of the function, `scale()`
-/// times a few epsilon (asked after each evaluation), or to a few units in the last place. The sign of each value narrows
-/// the interval of the root; a step that leaves it, or does not halve the value, is replaced by a bisection where both
-/// ends are known. No value where the function is not finite or does not increase.
+/// times a few epsilon (asked after each evaluation), or to a few units in the last place. The sign of each value
+/// narrows the interval of the root; a step that leaves it, or does not halve the value, is replaced by a bisection
+/// where both ends are known. No value where the function is not finite or does not increase.
 template <class Function, class Scale>
 std::optional<double> increasing_newton(const Function& function, double start, const Scale& scale) noexcept {
   constexpr double epsilon = std::numeric_limits<double>::epsilon();

@@ -30,17 +30,19 @@ namespace imic3d::material {
 /// What a law is given at the end of a step.
 template <Scalar T>
 struct StrainStep {
-  SymmetricTensor<T> trial_strain;  ///< elastic logarithmic strain if no more plastic flow occurred, intermediate axes
-  double time_increment;            ///< length of the step [time]
-  std::span<const T> parameters;    ///< values in the order of `parameters()`
-  std::span<const T> state;         ///< the law's own state at the start of the step
+  /// elastic logarithmic strain if no more plastic flow occurred, intermediate axes
+  SymmetricTensor<T> trial_strain;
+  double time_increment;          ///< length of the step [time]
+  std::span<const T> parameters;  ///< values in the order of `parameters()`
+  std::span<const T> state;       ///< the law's own state at the start of the step
 };
 
 /// A step in plain numbers as one in numbers of type T that do not vary.
 template <Scalar T, int state_size>
 class ConstantStep {
  public:
-  explicit ConstantStep(const StrainStep<double>& step) : time_increment_(step.time_increment), count_(step.parameters.size()) {
+  explicit ConstantStep(const StrainStep<double>& step)
+      : time_increment_(step.time_increment), count_(step.parameters.size()) {
     for (int i = 0; i < 6; ++i) strain_[i] = T(step.trial_strain[i]);
     for (std::size_t i = 0; i < count_; ++i) parameters_[i] = T(step.parameters[i]);
     for (std::size_t i = 0; i < state_.size(); ++i) state_[i] = T(step.state[i]);
@@ -58,8 +60,10 @@ class ConstantStep {
 /// What a law gives back.
 template <Scalar T, int state_size>
 struct StressUpdate {
-  SymmetricTensor<T> stress;             ///< conjugate to the trial strain: d(incremental energy)/d(trial strain)
-  SymmetricTensor<T> plastic_increment;  ///< Delta Ep, by which the elastic strain falls short of the trial strain
+  /// conjugate to the trial strain: d(incremental energy)/d(trial strain)
+  SymmetricTensor<T> stress;
+  /// Delta Ep, by which the elastic strain falls short of the trial strain
+  SymmetricTensor<T> plastic_increment;
   std::array<T, static_cast<std::size_t>(state_size)> state;  ///< the law's own state at the end of the step
 };
 

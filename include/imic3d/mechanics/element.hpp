@@ -18,20 +18,24 @@ using ElementVector = Eigen::Matrix<double, axes * nodes, 1>;
 /// Internal force, consistent tangent and cell averages of one element.
 template <int nodes, int axes = 3>
 struct ElementResult {
-  ElementVector<nodes, axes> force;                            ///< internal forces [force]
-  Eigen::Matrix<double, axes * nodes, axes * nodes> tangent;   ///< d(force)/d(displacement) [force/length]
-  material::Vector6 cauchy_stress;                             ///< volume average of the Cauchy stress [stress]
-  double plastic_strain = 0.0;                                 ///< volume average of the accumulated plastic strain [-]
+  ElementVector<nodes, axes> force;                           ///< internal forces [force]
+  Eigen::Matrix<double, axes * nodes, axes * nodes> tangent;  ///< d(force)/d(displacement) [force/length]
+  material::Vector6 cauchy_stress;                            ///< volume average of the Cauchy stress [stress]
+  /// volume average of the accumulated plastic strain [-]
+  double plastic_strain = 0.0;
 };
 
-/// Directions in which displacement, parameters and old history of a step all move; elements take up to this many at once.
+/// Directions in which displacement, parameters and old history of a step all move; elements take up to this many at
+/// once.
 inline constexpr int most_directions = 4;
 
 /// Values of an element's degrees of freedom in each direction [dofs x n].
 template <int nodes, int axes = 3>
-using ElementColumns = Eigen::Matrix<double, axes * nodes, Eigen::Dynamic, Eigen::ColMajor, axes * nodes, most_directions>;
+using ElementColumns =
+    Eigen::Matrix<double, axes * nodes, Eigen::Dynamic, Eigen::ColMajor, axes * nodes, most_directions>;
 
-/// The parameters and the history of an element in each of n directions, as FiniteStrainLaw::directional_derivatives takes them.
+/// The parameters and the history of an element in each of n directions, as FiniteStrainLaw::directional_derivatives
+/// takes them.
 struct ElementDirections {
   std::span<const double> parameters;   ///< [n x number of parameters]
   std::span<const double> history_old;  ///< [points x n x history_size]
@@ -48,9 +52,10 @@ struct PointDirections {
                             std::span<const double> parameters, std::span<const double> history_old, std::size_t point,
                             std::size_t n, const ElementDirections& along) noexcept {
     const auto size = static_cast<std::size_t>(law.history_size());
-    return law.directional_derivatives(F, std::span(dF).first(n), time_increment, parameters, along.parameters,
-                                       history_old.subspan(point * size, size), along.history_old.subspan(point * n * size, n * size),
-                                       kirchhoff, std::span(d_kirchhoff).first(n), along.history_new.subspan(point * n * size, n * size));
+    return law.directional_derivatives(
+        F, std::span(dF).first(n), time_increment, parameters, along.parameters,
+        history_old.subspan(point * size, size), along.history_old.subspan(point * n * size, n * size), kirchhoff,
+        std::span(d_kirchhoff).first(n), along.history_new.subspan(point * n * size, n * size));
   }
 };
 

@@ -28,15 +28,17 @@ inline constexpr int hexahedron_points = 8;
                             std::span<const double> history_old, std::span<double> history_new,
                             ElementResult<20>& result, bool with_tangent) noexcept;
 
-/// Derivatives of the internal forces of either element in the directions `d_displacement` [dofs x n] and `along`, the latter's
-/// history_new included. With the arguments of `evaluate` that it succeeded with.
-[[nodiscard]] bool differentiate(const material::FiniteStrainLaw& law, std::span<const double> parameters, double time_increment,
-                                 const ElementNodes<8>& nodes, const ElementVector<8>& displacement,
-                                 std::span<const double> history_old, const ElementColumns<8>& d_displacement,
-                                 const ElementDirections& along, ElementColumns<8>& d_force) noexcept;
-[[nodiscard]] bool differentiate(const material::FiniteStrainLaw& law, std::span<const double> parameters, double time_increment,
-                                 const ElementNodes<20>& nodes, const ElementVector<20>& displacement,
-                                 std::span<const double> history_old, const ElementColumns<20>& d_displacement,
-                                 const ElementDirections& along, ElementColumns<20>& d_force) noexcept;
+/// Derivatives of the internal forces of either element in the directions `d_displacement` [dofs x n] and `along`, the
+/// latter's history_new included. With the arguments of `evaluate` that it succeeded with.
+[[nodiscard]] bool differentiate(const material::FiniteStrainLaw& law, std::span<const double> parameters,
+                                 double time_increment, const ElementNodes<8>& nodes,
+                                 const ElementVector<8>& displacement, std::span<const double> history_old,
+                                 const ElementColumns<8>& d_displacement, const ElementDirections& along,
+                                 ElementColumns<8>& d_force) noexcept;
+[[nodiscard]] bool differentiate(const material::FiniteStrainLaw& law, std::span<const double> parameters,
+                                 double time_increment, const ElementNodes<20>& nodes,
+                                 const ElementVector<20>& displacement, std::span<const double> history_old,
+                                 const ElementColumns<20>& d_displacement, const ElementDirections& along,
+                                 ElementColumns<20>& d_force) noexcept;
 
 }  // namespace imic3d::mechanics

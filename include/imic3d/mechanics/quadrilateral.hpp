@@ -20,7 +20,8 @@ inline constexpr int quadrilateral_points = 4;
 /// mode cannot spread from element to element.
 ///
 /// law: one of plane stress (thickness_strain_index() >= 0). nodes: reference positions; history_old, history_new:
-/// [4 * history_size]. Returns false where the element is inverted or the law cannot follow; `result` is then not valid.
+/// [4 * history_size]. Returns false where the element is inverted or the law cannot follow; `result` is then not
+/// valid.
 template <int nodes_count>
 [[nodiscard]] bool evaluate(const material::FiniteStrainLaw& law, double thickness, std::span<const double> parameters,
                             double time_increment, const ElementNodes<nodes_count, 2>& nodes,
@@ -28,11 +29,12 @@ template <int nodes_count>
                             std::span<double> history_new, ElementResult<nodes_count, 2>& result,
                             bool with_tangent) noexcept;
 
-/// Derivatives of the internal forces in the directions `d_displacement` [dofs x n] and `along`, the latter's history_new
-/// included. With the arguments of `evaluate` that it succeeded with.
+/// Derivatives of the internal forces in the directions `d_displacement` [dofs x n] and `along`, the latter's
+/// history_new included. With the arguments of `evaluate` that it succeeded with.
 template <int nodes_count>
-[[nodiscard]] bool differentiate(const material::FiniteStrainLaw& law, double thickness, std::span<const double> parameters,
-                                 double time_increment, const ElementNodes<nodes_count, 2>& nodes,
+[[nodiscard]] bool differentiate(const material::FiniteStrainLaw& law, double thickness,
+                                 std::span<const double> parameters, double time_increment,
+                                 const ElementNodes<nodes_count, 2>& nodes,
                                  const ElementVector<nodes_count, 2>& displacement, std::span<const double> history_old,
                                  const ElementColumns<nodes_count, 2>& d_displacement, const ElementDirections& along,
                                  ElementColumns<nodes_count, 2>& d_force) noexcept;

@@ -8,7 +8,8 @@
 
 namespace imic3d::mesh {
 
-/// Pairs of nodes (the lower number first, ascending) that lie at one place, nearer than a millionth of the mesh's extent: it is open there, like a crack.
+/// Pairs of nodes (the lower number first, ascending) that lie at one place, nearer than a millionth of the mesh's
+/// extent: it is open there, like a crack.
 [[nodiscard]] std::vector<std::pair<int, int>> nodes_at_one_place(const Mesh& mesh);
 
 /// For each cell the number of its part, from 0 in the order of the cells; cells that share a node are of one part.

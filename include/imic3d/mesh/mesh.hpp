@@ -34,7 +34,8 @@ struct Mesh {
   Integration integration = Integration::full;  ///< hex meshes of 8 nodes
   Nodes nodes;
   Cells cells;
-  std::map<std::string, std::vector<int>> node_groups;  ///< sorted node numbers (of the group's nodes, edges or faces)
+  /// sorted node numbers (of the group's nodes, edges or faces)
+  std::map<std::string, std::vector<int>> node_groups;
   std::map<std::string, std::vector<int>> cell_groups;  ///< sorted cell numbers
   /// Boundary edges [k x 2] of a quad mesh or boundary quads [k x 4] of a hex mesh, as corner nodes with the outward
   /// orientation of `boundary_facets`. Every name here is a node group too.
@@ -44,7 +45,8 @@ struct Mesh {
   /// Number of 2D nodes per layer if the mesh was extruded (layer 0 is the front face, node = layer * this + i); else
   /// 0.
   int nodes_per_layer = 0;
-  /// Of each cell's section force and stiffness what counts [cells]; all of them if empty: a sheet whose thickness changes.
+  /// Of each cell's section force and stiffness what counts [cells]; all of them if empty: a sheet whose thickness
+  /// changes.
   Eigen::VectorXd section;
   /// Elastic logarithmic strain that each cell has before the test along `initial_axis` [cells]; none if empty.
   Eigen::VectorXd initial_strain;
@@ -75,9 +77,9 @@ void choose_front(Mesh& mesh, const std::string& group);
 /// Throws InputError (thickness or layers not positive, not a quad mesh).
 [[nodiscard]] Mesh extrude(const Mesh& quads, double thickness, int layers);
 
-/// Moves the layers of an extruded mesh so that they grow away from the free faces: each is `ratio` times as thick as its
-/// neighbour nearer to the face. With `one_face` they grow from the front to the back (mid-plane), else from both faces
-/// to the middle. Throws InputError (not an extruded mesh, ratio not positive).
+/// Moves the layers of an extruded mesh so that they grow away from the free faces: each is `ratio` times as thick as
+/// its neighbour nearer to the face. With `one_face` they grow from the front to the back (mid-plane), else from both
+/// faces to the middle. Throws InputError (not an extruded mesh, ratio not positive).
 void grade_layers(Mesh& mesh, double ratio, bool one_face);
 
 /// Uniform refinement: each quad into 4, each hex8 into 8. In a quad mesh the middles of edges on a curved contour are
@@ -88,11 +90,12 @@ void grade_layers(Mesh& mesh, double ratio, bool one_face);
 [[nodiscard]] Mesh refine(const Mesh& mesh);
 
 /// The hex20 mesh of a hex8 mesh, the quad8 mesh of a quad4 mesh: its nodes first, then the middles of the edges, which
-/// belong to groups as those of `refine` do. In a quad mesh, and where a hex mesh was extruded, edges on a curved contour get
-/// their middle on a smooth curve through its nodes.
+/// belong to groups as those of `refine` do. In a quad mesh, and where a hex mesh was extruded, edges on a curved
+/// contour get their middle on a smooth curve through its nodes.
 [[nodiscard]] Mesh quadratic(const Mesh& linear);
 
-/// The middles of a quadratic mesh's edges [k x 3]: node, and the corners at the ends of its edge; each once, by the cells. None in a linear mesh.
+/// The middles of a quadratic mesh's edges [k x 3]: node, and the corners at the ends of its edge; each once, by the
+/// cells. None in a linear mesh.
 [[nodiscard]] Cells edge_middles(const Mesh& mesh);
 
 /// How far the middles of the boundary edges of a quad mesh lie off the straight edge if the contour is smooth.
@@ -100,8 +103,11 @@ struct Bulge {
   int from, to;           ///< the edge, in the direction of the contour
   Eigen::Vector2d shift;  ///< of its middle [length]
 };
-/// The curvature of a node is that of the circle through it and its neighbours, the curvature k of an edge the mean of its ends' less 3/32 (k_before + k_after - k_from - k_to) by the nodes beside them (six points of a smooth contour: sixth order); the mean alone near corners and straight parts. An edge with an end where the contour is straight is straight; one next to
-/// such an edge begins an arc and has the curvature of its other end. A node where the contour turns by more than 40 degrees is a corner and has no say. Straight edges are not listed.
+/// The curvature of a node is that of the circle through it and its neighbours, the curvature k of an edge the mean of
+/// its ends' less 3/32 (k_before + k_after - k_from - k_to) by the nodes beside them (six points of a smooth contour:
+/// sixth order); the mean alone near corners and straight parts. An edge with an end where the contour is straight is
+/// straight; one next to such an edge begins an arc and has the curvature of its other end. A node where the contour
+/// turns by more than 40 degrees is a corner and has no say. Straight edges are not listed.
 [[nodiscard]] std::vector<Bulge> bulges(const Mesh& quads);
 
 /// The facets that belong to one cell only, in the order of the cells, with the cell of each.
@@ -112,21 +118,22 @@ struct Facets {
 };
 [[nodiscard]] Facets boundary_facets(const Mesh& mesh);
 
-/// Facets of a hex20 mesh with the middles of their edges: [k x 4] corners -> [k x 8]; of a quad8 mesh: [k x 2] -> [k x 3];
-/// for a linear mesh as they are.
+/// Facets of a hex20 mesh with the middles of their edges: [k x 4] corners -> [k x 8]; of a quad8 mesh: [k x 2] -> [k x
+/// 3]; for a linear mesh as they are.
 [[nodiscard]] Cells with_middles(const Mesh& volume, const Cells& facets);
 
-/// The quads seen by a camera as a mesh of their own: the front of a hex mesh, all of a quad mesh. A face of a hex20 and a
-/// quad8 are seen as four quads, whose common node is the centre.
+/// The quads seen by a camera as a mesh of their own: the front of a hex mesh, all of a quad mesh. A face of a hex20
+/// and a quad8 are seen as four quads, whose common node is the centre.
 struct Surface {
   Mesh mesh;
-  Eigen::SparseMatrix<double, Eigen::RowMajor> weights;  ///< a surface node's value from the volume's nodes' [surface x volume]
+  /// a surface node's value from the volume's nodes' [surface x volume]
+  Eigen::SparseMatrix<double, Eigen::RowMajor> weights;
 };
 [[nodiscard]] Surface front_surface(const Mesh& volume);
 
-/// The other side of a hex mesh: its surface group `back` if there is one, else the boundary quads whose outward normal is
-/// within 30 degrees of -z. Like the front it is counter-clockwise in x and y, i.e. seen through the specimen. Throws
-/// InputError (no such face).
+/// The other side of a hex mesh: its surface group `back` if there is one, else the boundary quads whose outward normal
+/// is within 30 degrees of -z. Like the front it is counter-clockwise in x and y, i.e. seen through the specimen.
+/// Throws InputError (no such face).
 [[nodiscard]] Surface back_surface(const Mesh& volume);
 
 /// Of a mesh of quadrilaterals, projected on the plane of x and y [length^2].

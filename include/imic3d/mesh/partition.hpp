@@ -11,13 +11,14 @@ namespace imic3d::mesh {
 
 /// A mesh shared out over the ranks of a communicator. Every cell is on one rank (overlap 0). Every node is owned by
 /// one of the ranks that have a cell at it; global node numbers run through the ranks in contiguous ranges, so that
-/// degree of freedom d of a node is row n * global + d of a PETSc matrix or vector with n * owned_nodes() local rows, n the
-/// number of degrees of freedom of a node.
+/// degree of freedom d of a node is row n * global + d of a PETSc matrix or vector with n * owned_nodes() local rows, n
+/// the number of degrees of freedom of a node.
 struct Partition {
   Communicator communicator;
-  std::vector<int> cells;       ///< this rank's cells, natural numbers in ascending order
-  Cells connectivity;           ///< [cells x nodes per cell] global node numbers, in the mesh's corner order
-  std::vector<int> first_node;  ///< [ranks + 1] rank r owns the global nodes first_node[r] … first_node[r + 1] - 1
+  std::vector<int> cells;  ///< this rank's cells, natural numbers in ascending order
+  Cells connectivity;      ///< [cells x nodes per cell] global node numbers, in the mesh's corner order
+  /// [ranks + 1] rank r owns the global nodes first_node[r] … first_node[r + 1] - 1
+  std::vector<int> first_node;
   std::vector<int> global_of_natural;  ///< [nodes] the same on every rank
   std::vector<int> natural_of_global;  ///< [nodes] the same on every rank
 

@@ -55,14 +55,17 @@ class PetscOwner {
 /// A piece of work whose time is in PETSc's log (-log_view) under a name, while an object of this lives.
 class LoggedEvent {
  public:
-  explicit LoggedEvent(PetscLogEvent event) : event_(event) { (void)PetscLogEventBegin(event_, nullptr, nullptr, nullptr, nullptr); }
+  explicit LoggedEvent(PetscLogEvent event) : event_(event) {
+    (void)PetscLogEventBegin(event_, nullptr, nullptr, nullptr, nullptr);
+  }
   ~LoggedEvent() { (void)PetscLogEventEnd(event_, nullptr, nullptr, nullptr, nullptr); }
   LoggedEvent(const LoggedEvent&) = delete;
   LoggedEvent& operator=(const LoggedEvent&) = delete;
   /// The event of a name, the same one for the same name.
   [[nodiscard]] static PetscLogEvent named(const char* name) {
     PetscLogEvent event = -1;
-    if (PetscLogEventGetId(name, &event) != 0 || event < 0) (void)PetscLogEventRegister(name, PETSC_OBJECT_CLASSID, &event);
+    if (PetscLogEventGetId(name, &event) != 0 || event < 0)
+      (void)PetscLogEventRegister(name, PETSC_OBJECT_CLASSID, &event);
     return event;
   }
 

@@ -12,7 +12,13 @@ class CoarseMesh final : public Effect {
   [[nodiscard]] Description describe(const Scene&) const override {
     return {.name = "coarse mesh",
             .link = Link::numerics,
-            .quantities = {{.name = "mesh_error", .unit = "-", .description = "part of the way to a mesh of half the element size", .step = 1.0, .size = 1.0, .lower = 0.0, .upper = 3.0}},
+            .quantities = {{.name = "mesh_error",
+                            .unit = "-",
+                            .description = "part of the way to a mesh of half the element size",
+                            .step = 1.0,
+                            .size = 1.0,
+                            .lower = 0.0,
+                            .upper = 3.0}},
             .sentence = "the simulation's mesh is too coarse",
             .confused_with = "hole radius, soft or stiff region",
             .separated_by = "one run with specimen.refine one higher"};

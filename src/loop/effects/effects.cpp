@@ -1,9 +1,8 @@
 #include "effects.hpp"
 
-#include <cmath>
-
 #include <algorithm>
 #include <array>
+#include <cmath>
 
 namespace imic3d::loop {
 
@@ -21,12 +20,16 @@ std::vector<std::vector<double>> moments(const Scene& scene, double last, Eigen:
 }
 
 std::vector<std::shared_ptr<const Effect>> effects() {
-  return {coarse_mesh(),  large_increments(), interpolation_bias(), force_gain(), force_offset(),    force_delay(), magnification_drift(), parallax(), lens_distortion(), placement(),
-          camera_bump(),  hole_radius(),      hole_offset(),        thickness(),  taper(),           preload(),     residual_stress(),     misalignment(),
-          grip_slip(),    friction(),         stiff_region(),       strain_gain(), compliance()};
+  return {coarse_mesh(),  large_increments(),    interpolation_bias(), force_gain(),      force_offset(),
+          force_delay(),  magnification_drift(), parallax(),           lens_distortion(), placement(),
+          camera_bump(),  hole_radius(),         hole_offset(),        thickness(),       taper(),
+          preload(),      residual_stress(),     misalignment(),       grip_slip(),       friction(),
+          stiff_region(), strain_gain(),         compliance()};
 }
 
-std::vector<std::shared_ptr<const Effect>> light_effects() { return {light_gain(), light_offset(), light_gradient(), saturation(), noise_level(), aliasing(), speckle_debonding()}; }
+std::vector<std::shared_ptr<const Effect>> light_effects() {
+  return {light_gain(), light_offset(), light_gradient(), saturation(), noise_level(), aliasing(), speckle_debonding()};
+}
 
 std::vector<std::shared_ptr<const Effect>> all_effects() {
   auto all = effects();
@@ -35,13 +38,15 @@ std::vector<std::shared_ptr<const Effect>> all_effects() {
 }
 
 double near_hole(const Scene& scene, double distance) {
-  const double edge = std::min({scene.hole[0] - scene.low[0], scene.high[0] - scene.hole[0], scene.hole[1] - scene.low[1], scene.high[1] - scene.hole[1]});
+  const double edge = std::min({scene.hole[0] - scene.low[0], scene.high[0] - scene.hole[0],
+                                scene.hole[1] - scene.low[1], scene.high[1] - scene.hole[1]});
   const double s = std::clamp((edge - distance) / (edge - scene.radius), 0.0, 1.0);
   return s * s * (3.0 - 2.0 * s);
 }
 
 std::string_view name(Link link) {
-  constexpr std::array<std::string_view, 8> names = {"numerics", "record", "camera", "light", "geometry", "initial state", "loading", "material"};
+  constexpr std::array<std::string_view, 8> names = {"numerics", "record",        "camera",  "light",
+                                                     "geometry", "initial state", "loading", "material"};
   return names[static_cast<std::size_t>(link)];
 }
 

@@ -11,9 +11,11 @@ namespace imic3d::loop {
 /// 1 at the hole's edge, 0 from the nearest edge of the surface on, smooth between.
 [[nodiscard]] double near_hole(const Scene& scene, double distance);
 
-/// What begins at `onset` (0 at the reference, 1 at the last frame) and stays: from 0 to 1 within a good half of a frame.
+/// What begins at `onset` (0 at the reference, 1 at the last frame) and stays: from 0 to 1 within a good half of a
+/// frame.
 [[nodiscard]] double begun(const Scene& scene, int t, double onset);
-/// Onsets between the frames, up to `last` (clock time), `most` at most: Description::elsewhere of what begins at an unknown moment.
+/// Onsets between the frames, up to `last` (clock time), `most` at most: Description::elsewhere of what begins at an
+/// unknown moment.
 [[nodiscard]] std::vector<std::vector<double>> moments(const Scene& scene, double last, Eigen::Index most);
 
 std::shared_ptr<const Effect> coarse_mesh();

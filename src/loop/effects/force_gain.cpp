@@ -12,7 +12,14 @@ class ForceGain final : public Effect {
   [[nodiscard]] Description describe(const Scene&) const override {
     return {.name = "force gain",
             .link = Link::record,
-            .quantities = {{.name = "force_gain", .unit = "-", .description = "recorded over true force", .null = 1.0, .step = 1e-3, .size = 1.02, .lower = 0.5, .upper = 2.0}},
+            .quantities = {{.name = "force_gain",
+                            .unit = "-",
+                            .description = "recorded over true force",
+                            .null = 1.0,
+                            .step = 1e-3,
+                            .size = 1.02,
+                            .lower = 0.5,
+                            .upper = 2.0}},
             .sentence = "the load cell's gain is off",
             .confused_with = "thickness; E, S_y and H together, exactly",
             .separated_by = "a second load cell; a prior on E"};

@@ -13,7 +13,14 @@ class ForceOffset final : public Effect {
     const double largest = scene.force.cwiseAbs().maxCoeff();
     return {.name = "force zero",
             .link = Link::record,
-            .quantities = {{.name = "force_offset", .unit = "force", .description = "reading without load", .step = 1e-3 * largest, .size = 0.01 * largest, .lower = -0.3 * largest, .upper = 0.3 * largest, .read_at_rest = true}},
+            .quantities = {{.name = "force_offset",
+                            .unit = "force",
+                            .description = "reading without load",
+                            .step = 1e-3 * largest,
+                            .size = 0.01 * largest,
+                            .lower = -0.3 * largest,
+                            .upper = 0.3 * largest,
+                            .read_at_rest = true}},
             .sentence = "the load cell reads a force without load",
             .confused_with = "hole radius",
             .separated_by = "frames without load, unloading to zero"};

@@ -11,7 +11,13 @@ class HoleOffset final : public Effect {
  public:
   [[nodiscard]] Description describe(const Scene& scene) const override {
     const auto along = [&](const char* name, const char* axis) {
-      return Quantity{.name = name, .unit = "length", .description = std::string("of the hole's centre along ") + axis, .step = 2e-3 * scene.radius, .size = 0.02 * scene.radius, .lower = -0.3 * scene.radius, .upper = 0.3 * scene.radius};
+      return Quantity{.name = name,
+                      .unit = "length",
+                      .description = std::string("of the hole's centre along ") + axis,
+                      .step = 2e-3 * scene.radius,
+                      .size = 0.02 * scene.radius,
+                      .lower = -0.3 * scene.radius,
+                      .upper = 0.3 * scene.radius};
     };
     return {.name = "hole offset",
             .link = Link::geometry,

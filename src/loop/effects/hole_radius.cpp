@@ -12,7 +12,13 @@ class HoleRadius final : public Effect {
   [[nodiscard]] Description describe(const Scene& scene) const override {
     return {.name = "hole radius",
             .link = Link::geometry,
-            .quantities = {{.name = "hole_radius_error", .unit = "length", .description = "of the specimen beyond that of the mesh", .step = 2e-3 * scene.radius, .size = 0.02 * scene.radius, .lower = -0.2 * scene.radius, .upper = 0.2 * scene.radius}},
+            .quantities = {{.name = "hole_radius_error",
+                            .unit = "length",
+                            .description = "of the specimen beyond that of the mesh",
+                            .step = 2e-3 * scene.radius,
+                            .size = 0.02 * scene.radius,
+                            .lower = -0.2 * scene.radius,
+                            .upper = 0.2 * scene.radius}},
             .sentence = "the hole is larger than in the mesh",
             .confused_with = "force zero, coarse mesh, soft region",
             .separated_by = "the hole's edge in the image, a gauge"};

@@ -12,7 +12,13 @@ class LargeIncrements final : public Effect {
   [[nodiscard]] Description describe(const Scene&) const override {
     return {.name = "large increments",
             .link = Link::numerics,
-            .quantities = {{.name = "increment_error", .unit = "-", .description = "part of the way to three times as many load increments", .step = 1.0, .size = 1.0, .lower = 0.0, .upper = 3.0}},
+            .quantities = {{.name = "increment_error",
+                            .unit = "-",
+                            .description = "part of the way to three times as many load increments",
+                            .step = 1.0,
+                            .size = 1.0,
+                            .lower = 0.0,
+                            .upper = 3.0}},
             .sentence = "the load increments between two frames are too large",
             .confused_with = "first yield",
             .separated_by = "one run with identify.steps_per_frame three times as many"};

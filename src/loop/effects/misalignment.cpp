@@ -11,12 +11,20 @@ class Misalignment final : public Effect {
  public:
   [[nodiscard]] Description describe(const Scene& scene) const override {
     const double size = 0.02;
-    return {.name = "misalignment",
-            .link = Link::loading,
-            .quantities = {{.name = "bending_share", .unit = "-", .description = "relative difference of the elongation between the front and the middle of the thickness", .step = 0.02 * size, .size = size, .lower = -0.5, .upper = 0.5}},
-            .sentence = "the load is eccentric through the thickness and bends the specimen",
-            .confused_with = scene.plane ? "" : "E, force gain",
-            .separated_by = "a camera on the other face"};
+    return {
+        .name = "misalignment",
+        .link = Link::loading,
+        .quantities = {{.name = "bending_share",
+                        .unit = "-",
+                        .description =
+                            "relative difference of the elongation between the front and the middle of the thickness",
+                        .step = 0.02 * size,
+                        .size = size,
+                        .lower = -0.5,
+                        .upper = 0.5}},
+        .sentence = "the load is eccentric through the thickness and bends the specimen",
+        .confused_with = scene.plane ? "" : "E, force gain",
+        .separated_by = "a camera on the other face"};
   }
   [[nodiscard]] bool applies(const Scene& scene) const override { return !scene.plane && !scene.half; }
   /// Grows linearly from zero where the cameras look, in proportion to the elongation.

@@ -12,13 +12,20 @@ class NoiseLevel final : public Effect {
   [[nodiscard]] Description describe(const Scene&) const override {
     return {.name = "noise level",
             .link = Link::light,
-            .quantities = {{.name = "noise_drift", .unit = "-", .description = "relative change of the noise's standard deviation over the test", .step = 1e-3, .size = 0.2, .lower = -0.9, .upper = 10.0}},
+            .quantities = {{.name = "noise_drift",
+                            .unit = "-",
+                            .description = "relative change of the noise's standard deviation over the test",
+                            .step = 1e-3,
+                            .size = 0.2,
+                            .lower = -0.9,
+                            .upper = 10.0}},
             .sentence = "the image noise changes with the clock",
             .confused_with = "motion that the mesh cannot follow, speckle debonding",
             .separated_by = "frames at rest at the end"};
   }
   [[nodiscard]] bool of_one_of_several() const override { return true; }
-  void light(Values values, const Scene& scene, int t, const Eigen::Vector2d&, const Eigen::Vector2d&, Light& light) const override {
+  void light(Values values, const Scene& scene, int t, const Eigen::Vector2d&, const Eigen::Vector2d&,
+             Light& light) const override {
     light.noise *= 1.0 + values[0] * scene.drifted(t);
   }
 };

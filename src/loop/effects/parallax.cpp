@@ -13,7 +13,13 @@ class Parallax final : public Effect {
     const double size = 1.0 / (20.0 * (scene.high - scene.low).norm());
     return {.name = "parallax",
             .link = Link::camera,
-            .quantities = {{.name = "inverse_distance", .unit = "1/length", .description = "of the lens from the surface, which moves away as the specimen thins", .step = 1e-2 * size, .size = size, .lower = -10.0 * size, .upper = 10.0 * size}},
+            .quantities = {{.name = "inverse_distance",
+                            .unit = "1/length",
+                            .description = "of the lens from the surface, which moves away as the specimen thins",
+                            .step = 1e-2 * size,
+                            .size = size,
+                            .lower = -10.0 * size,
+                            .upper = 10.0 * size}},
             .sentence = "the surface moves away from the lens as the specimen thins, and is seen smaller",
             .confused_with = "Hill's ratios, magnification drift, Poisson's ratio",
             .separated_by = "a telecentric lens or a second camera"};
@@ -21,7 +27,8 @@ class Parallax final : public Effect {
   /// Of one camera: several, whose directions differ, see it as a motion in space.
   [[nodiscard]] bool applies(const Scene& scene) const override { return scene.components == 2; }
   [[nodiscard]] bool of_each_camera() const override { return true; }
-  /// The surface sinks by half the change of thickness, lambda_3 = 1/det F of plastic flow (the elastic part of it is small).
+  /// The surface sinks by half the change of thickness, lambda_3 = 1/det F of plastic flow (the elastic part of it is
+  /// small).
   void see(Values values, const Scene& scene, int, const Eigen::VectorXd& U, Eigen::VectorXd& error) const override {
     const auto& mesh = *scene.surface;
     Eigen::VectorXd sum = Eigen::VectorXd::Zero(mesh.nodes.rows()), count = sum;

@@ -10,12 +10,19 @@ namespace {
 class ResidualStress final : public Effect {
  public:
   [[nodiscard]] Description describe(const Scene&) const override {
-    return {.name = "residual stress",
-            .link = Link::initial,
-            .quantities = {{.name = "residual_strain", .unit = "-", .description = "elastic strain in the middle of the width before the test, parabolic across it", .step = 1e-5, .size = 2e-4, .lower = -5e-3, .upper = 5e-3}},
-            .sentence = "the specimen holds residual stress, parabolic across its width",
-            .confused_with = "Voce term, first yield",
-            .separated_by = "slitting or hole drilling"};
+    return {
+        .name = "residual stress",
+        .link = Link::initial,
+        .quantities = {{.name = "residual_strain",
+                        .unit = "-",
+                        .description = "elastic strain in the middle of the width before the test, parabolic across it",
+                        .step = 1e-5,
+                        .size = 2e-4,
+                        .lower = -5e-3,
+                        .upper = 5e-3}},
+        .sentence = "the specimen holds residual stress, parabolic across its width",
+        .confused_with = "Voce term, first yield",
+        .separated_by = "slitting or hole drilling"};
   }
   /// In equilibrium over the width: 1 - 3 s^2 with s from -1 to 1.
   [[nodiscard]] double initial_strain(Values values, const Scene& scene, const Eigen::Vector3d& point) const override {

@@ -11,7 +11,13 @@ class Taper final : public Effect {
  public:
   [[nodiscard]] Description describe(const Scene& scene) const override {
     const auto along = [&](const char* name, const char* axis, int direction) {
-      return Quantity{.name = name, .unit = "1/length", .description = std::string("relative growth of the thickness along ") + axis, .step = 1e-3 / scene.span(direction), .size = 0.01 / scene.span(direction), .lower = -0.5 / scene.span(direction), .upper = 0.5 / scene.span(direction)};
+      return Quantity{.name = name,
+                      .unit = "1/length",
+                      .description = std::string("relative growth of the thickness along ") + axis,
+                      .step = 1e-3 / scene.span(direction),
+                      .size = 0.01 / scene.span(direction),
+                      .lower = -0.5 / scene.span(direction),
+                      .upper = 0.5 / scene.span(direction)};
     };
     return {.name = "taper",
             .link = Link::geometry,

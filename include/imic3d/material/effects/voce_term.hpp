@@ -7,8 +7,8 @@
 
 namespace imic3d::material::effects {
 
-/// Added to the yield stress: Q_v (1 - exp(-b_v p)). Q_v = 0: nothing; negative: cyclic softening. The second one of them is
-/// Q_v2, b_v2.
+/// Added to the yield stress: Q_v (1 - exp(-b_v p)). Q_v = 0: nothing; negative: cyclic softening. The second one of
+/// them is Q_v2, b_v2.
 template <int number>
 struct VoceTerm {
   static_assert(number == 1 || number == 2);
