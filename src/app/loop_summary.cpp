@@ -33,6 +33,10 @@ class Summary {
     if (report_.set.size() > 1 && report_.verdict == loop::Verdict::ambiguous)
       for (int k : report_.set) summary["ambiguity"].push_back(words_of(k));
     if (report_.part) summary["part_of_several_tests"] = true;
+    if (report_.beyond_bounds)
+      for (int j : report_.beyond_bounds->released)
+        summary["beyond_bounds"][parameter(j).info.name] =
+            report_.beyond_bounds->fit.values[static_cast<std::size_t>(j)];
     summary["frames"] = experiment_.frame_numbers();
     summary["held_out"] = json::array();
     for (std::size_t t = 0; t < report_.held_out.size(); ++t)

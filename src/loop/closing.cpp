@@ -63,6 +63,7 @@ class Loop {
     search(at);
     if (report_.verdict == Verdict::unexplained && !report_.rounds.empty()) look_ahead(at);
     if (report_.set.empty() && report_.verdict == Verdict::attributed) report_.set = report_.named;
+    if (!report_.rounds.empty()) look_beyond_bounds(at);
     report_.held_out = held_out_;
     report_.final = std::move(at);
     find_invisible();
@@ -213,7 +214,7 @@ class Loop {
           return experiment_.parameters()[static_cast<std::size_t>(j)].info.shape &&
                  std::count(candidate(k).parameters.begin(), candidate(k).parameters.end(), j) > 0;
         });
-    if (held.size() == free.size()) return fit(experiment_, weight, rows_, free, start);
+    if (held.size() == free.size()) return fit(experiment_, weight, rows_, free, start, {.released = model.released});
     const Fit there = fit(experiment_, weight, rows_, held, start);
     Fit all = fit(experiment_, weight, rows_, free, there.values);
     if (there.cost - all.cost > 10.0 * static_cast<double>(free.size() - held.size())) return all;
@@ -351,6 +352,28 @@ class Loop {
       return;
     }
     experiment_.put_back(at.ground->learned);
+  }
+
+  /// A bound that was declared may be what is wrong: whether nothing is left where the parameters that their bounds
+  /// hold may go farther.
+  void look_beyond_bounds(const Model& at) {
+    const Model& declared = report_.declared;
+    if (declared.fit.held.empty()) return;
+    Model beyond;
+    beyond.released = declared.fit.held;
+    beyond.ground = declared.ground;
+    experiment_.put_back(declared.ground->learned);
+    try {
+      beyond.fit = identified(beyond.ground->weight, beyond, declared.fit.values);
+      settle(beyond);
+      appraisal_.judge(beyond);
+      announce(beyond, "declared model, beyond its bounds");
+      if (!significant(beyond)) report_.beyond_bounds = std::move(beyond);
+    } catch (const ConvergenceError& error) {  // the verdict stays as it is
+      say(fmt::format("    beyond its bounds: {}", error.what()));
+    }
+    experiment_.put_back(at.ground->learned);
+    if (report_.beyond_bounds && report_.verdict == Verdict::attributed) report_.verdict = Verdict::ambiguous;
   }
 
   /// `all`: those that do not belong to the best ones have their turn, too, where none of these suffices.

@@ -119,19 +119,20 @@ Linear secant(const Linear& from, const Eigen::VectorXd& step, Eigen::VectorXd r
   return to;
 }
 
-/// A declared parameter whose bound keeps it from taking more off chi^2 than chance would (10) does not give way to
-/// what is missing, and its column is zero: free to go beyond, as E to half of it, it would hide a compliance.
+/// Finds Fit::held.
 void hold_at_bounds(Fit& fit, const std::vector<Eigen::Index>& rows, const std::vector<Parameter>& parameters) {
   const Eigen::MatrixXd J = fit.sensitivity(rows, Eigen::all);
   const Eigen::VectorXd r = fit.residual(rows);
   for (Eigen::Index j = 0; j < J.cols(); ++j) {
-    const auto k = static_cast<std::size_t>(fit.free[static_cast<std::size_t>(j)]);
-    const auto& info = parameters[k].info;
-    const double pull = J.col(j).dot(r), edge = 1e-6 * (info.upper - info.lower);
+    const int k = fit.free[static_cast<std::size_t>(j)];
+    const auto& info = parameters[static_cast<std::size_t>(k)].info;
+    const double value = fit.values[static_cast<std::size_t>(k)], edge = 1e-6 * (info.upper - info.lower);
     if (info.null_value || !std::isfinite(edge)) continue;
-    if (!(fit.values[k] <= info.lower + edge && pull < 0.0) && !(fit.values[k] >= info.upper - edge && pull > 0.0))
-      continue;
-    if (pull * pull > 10.0 * J.col(j).squaredNorm()) fit.sensitivity.col(j).setZero();
+    const double pull = J.col(j).dot(r);
+    if (!(value <= info.lower + edge && pull < 0.0) && !(value >= info.upper - edge && pull > 0.0)) continue;
+    if (pull * pull <= 10.0 * J.col(j).squaredNorm()) continue;
+    fit.held.push_back(k);
+    fit.sensitivity.col(j).setZero();
   }
 }
 
@@ -267,7 +268,11 @@ std::optional<DisturbedMarks> disturbed_marks(Experiment& experiment, const Weig
 
 Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::Index>& rows,
         const std::vector<int>& free, std::vector<double> start, const FitOptions& options) {
-  const auto& parameters = experiment.parameters();
+  std::vector<Parameter> parameters = experiment.parameters();
+  for (int j : options.released) {
+    auto& info = parameters[static_cast<std::size_t>(j)].info;
+    info.lower -= 0.5 * std::abs(info.lower), info.upper += std::abs(info.upper);
+  }
   const auto unknowns = static_cast<Eigen::Index>(free.size());
   const auto prior_cost = [&](const std::vector<double>& values) {
     double sum = 0.0;

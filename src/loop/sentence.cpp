@@ -71,6 +71,21 @@ std::string bounds(const Experiment& experiment, const Model& declared, const Mo
   return text;
 }
 
+/// The declared parameters that leave nothing beyond the bounds that hold them.
+std::string beyond_bounds(const Experiment& experiment, const Report& report) {
+  std::vector<std::string> values;
+  if (report.beyond_bounds)
+    for (const int j : report.beyond_bounds->released) {
+      const auto& info = experiment.parameters()[static_cast<std::size_t>(j)].info;
+      values.push_back(fmt::format("{} = {:.4g}{}", info.name,
+                                   report.beyond_bounds->fit.values[static_cast<std::size_t>(j)],
+                                   info.unit == "-" ? "" : " " + info.unit));
+    }
+  return values.empty()
+             ? ""
+             : fmt::format("{} beyond {}", fmt::join(values, ", "), values.size() == 1 ? "its bound" : "their bounds");
+}
+
 /// Where the frames that were held out have far more left than noise explains: something happens there alone, in a
 /// picture out of focus for instance, of which the verdict on the fitted ones knows nothing.
 std::string left_in_held_out(const Experiment& experiment, const Report& report) {
@@ -184,6 +199,7 @@ std::string verdict_in_words(const Experiment& experiment, const Report& report)
       for (std::string one; std::getline(all >> std::ws, one, ';');)
         if (std::find(separators.begin(), separators.end(), one) == separators.end()) separators.push_back(one);
     }
+    if (report.beyond_bounds) names.push_back(beyond_bounds(experiment, report));
     const std::vector<int> sure(report.named.begin(), report.named.end() - 1);
     text += sure.empty() ? "It is one of: " : "It takes " + list(sure) + ", and one of: ";
     text += fmt::format("{}; these data cannot tell. What would: {}. ", fmt::join(names, ", "),
@@ -193,6 +209,7 @@ std::string verdict_in_words(const Experiment& experiment, const Report& report)
     text += courses(all);
   } else {
     text += "No known effect explains it";
+    if (report.beyond_bounds) text += " (nothing is left with " + beyond_bounds(experiment, report) + ")";
     if (!report.named.empty()) text += ", though it helps to add: " + list(report.named);
     if (const auto k = without_size(experiment, after); k && !significant(after)) {
       text += fmt::format(

@@ -593,6 +593,20 @@ TEST(Closing, BeforeOneIsAddedThatOnlyHelpsOthersNearlyAsLargeAreTried) {
   EXPECT_EQ(report.named, std::vector<int>{Curves::curved}) << report.sentence;
 }
 
+/// A bound that shuts the truth out: no effect is named for it, and what lies beyond the bound is said.
+TEST(Closing, ABoundMayBeWhatIsWrong) {
+  const Report report = loop_on(Curves(1).limit(0, 5.0, 10.0));
+  EXPECT_EQ(report.declared.fit.held, std::vector<int>{0});
+  EXPECT_TRUE(report.declared.fit.sensitivity.col(0).isZero(0.0));
+  ASSERT_TRUE(report.beyond_bounds) << report.sentence;
+  EXPECT_NEAR(report.beyond_bounds->fit.values[0], 10.6, 0.1);
+  EXPECT_NE(report.verdict, Verdict::attributed) << report.sentence;
+  EXPECT_NE(report.sentence.find("beyond its bound"), std::string::npos) << report.sentence;
+  // Where something is missing, too, that is not enough.
+  const Report with_drift = loop_on(Curves(1, {{Curves::drift, 5.0}}).limit(0, 5.0, 10.0));
+  EXPECT_FALSE(with_drift.beyond_bounds) << with_drift.sentence;
+}
+
 /// Of drift and gain the blocks disagree about the first while the other is missing, and a kink, which helps, leads
 /// nowhere.
 TEST(Closing, TwoOfWhichEachTearsTheOthersSizeApartAreFound) {

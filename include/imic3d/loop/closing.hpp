@@ -69,6 +69,7 @@ struct Model {
   std::vector<int> added;  ///< candidates, in the order of their addition
   /// parameters of these that the data do not tell, at their null or usual values
   std::vector<int> idle;
+  std::vector<int> released{};  ///< declared parameters that may go beyond their bounds
   Fit fit;
   Eigen::MatrixXd covariance;  ///< of the free parameters, from the null draws [free x free]
   Misfit misfit;
@@ -128,6 +129,8 @@ struct Report {
   std::vector<int> named;      ///< all that were added on the way
   std::string sentence;        ///< for a test engineer
   std::vector<int> invisible;  ///< candidates that this test cannot see
+  /// the declared model, where it leaves nothing significant with parameters beyond the bounds that hold them
+  std::optional<Model> beyond_bounds{};
   Remainder remainder;
   /// of a report on several tests: verdict, sentence and the misfits of all frames are those of all tests
   bool part = false;

@@ -36,6 +36,7 @@ struct FitOptions {
   std::optional<int> max_iterations{};  ///< not given: as the experiment lets be
   /// expected decrease of the residual's square (chi^2) that ends the iterations, per parameter
   double tolerance = 1e-3;
+  std::vector<int> released{};  ///< parameters that may go beyond their bounds, to half or twice of these
 };
 
 struct Fit {
@@ -46,6 +47,10 @@ struct Fit {
   double cost = 0.0;            ///< square of the residual on the fitted rows, priors included
   int iterations = 0;
   bool converged = false;
+  /// Declared parameters whose bounds keep them from taking more off chi^2 than chance would (10): they do not give way
+  /// to what is missing, and their sensitivities are zero. E, free to go to half of its value in the scores alone,
+  /// would hide a compliance.
+  std::vector<int> held{};
 };
 
 /// Minimises |W (measured - predicted)|^2 on `rows` over the `free` parameters from `start`. Collective. Throws
