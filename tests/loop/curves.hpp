@@ -57,6 +57,7 @@ class Curves final : public Experiment {
     for (const auto& p : parameters_) values.push_back(p.value);
     values[0] = 10.6, values[1] = 2.9;
     for (const auto& [k, size] : truth) values[static_cast<std::size_t>(2 + k)] = size;
+    size_of_drift_ = values[2 + drift];
     measured_ = predict(values) + draw(seed);
     for (int t = 0; t < frames; ++t) measured_[t * (numbers + 1) + t % numbers] += unknown * std::sin(0.7 * t);
   }
@@ -168,6 +169,22 @@ class Curves final : public Experiment {
     candidates_.pop_back();
     candidates_[static_cast<std::size_t>(effect)].parameters.push_back(static_cast<int>(answer_));
     return limit(answer_, -largest, largest);
+  }
+
+  /// The last two numbers of a frame are those of another rig, which measures no drift.
+  Curves& with_rig_without_drift() {
+    std::vector<double> none;
+    for (const auto& p : parameters_) none.push_back(p.value);
+    std::vector<double> one = none;
+    one[2 + drift] = 1.0;
+    const Eigen::VectorXd mark = predict(one) - predict(none);
+    for (int t = 0; t < frames; ++t)
+      for (int k = numbers - 2; k < numbers; ++k) {
+        const int row = t * (numbers + 1) + k;
+        data_[static_cast<std::size_t>(row)].channel = 1;
+        measured_[row] -= size_of_drift_ * mark[row];
+      }
+    return *this;
   }
 
   /// The drift that is measured in the held-out frames, too, is none of the model's there.
@@ -301,6 +318,7 @@ class Curves final : public Experiment {
   Eigen::VectorXd mark_of_noise_, disturbance_;
   int untold_ = -1;  // a parameter that shows in held-out frames
   bool drift_when_held_out_ = true;
+  double size_of_drift_ = 0.0;
   Eigen::VectorXd measured_;
   unsigned of_null_;
   double rest_of_gain_;

@@ -644,6 +644,17 @@ TEST(Closing, WhatHeldOutFramesDoNotShowIsNotNamed) {
   EXPECT_TRUE(trial->objection.starts_with("the held-out frames are explained worse")) << trial->objection;
 }
 
+/// An effect of all rigs that is there in the images of one of them alone: the other speaks against it.
+TEST(Closing, WhatOneRigDoesNotShowIsNotNamed) {
+  const Report report = loop_on(Curves(4, {{Curves::drift, 3.0}}).with_rig_without_drift());
+  EXPECT_EQ(std::count(report.named.begin(), report.named.end(), Curves::drift), 0) << report.sentence;
+  const auto& trials = report.rounds.front().trials;
+  const auto trial =
+      std::find_if(trials.begin(), trials.end(), [](const Trial& one) { return one.candidate == Curves::drift; });
+  ASSERT_NE(trial, trials.end());
+  EXPECT_TRUE(trial->objection.starts_with("the others explain the")) << trial->objection;
+}
+
 /// After an addition the limit is a little higher: an effect that takes nothing away would suffice where another one is
 /// between the two.
 TEST(Closing, WhatExplainsNothingIsNotNamed) {
