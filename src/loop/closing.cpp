@@ -63,7 +63,7 @@ class Loop {
     search(at);
     if (report_.verdict == Verdict::unexplained && !report_.rounds.empty()) look_ahead(at);
     if (report_.set.empty() && report_.verdict == Verdict::attributed) report_.set = report_.named;
-    if (!report_.rounds.empty()) look_beyond_bounds(at);
+    if (report_.verdict != Verdict::nothing_found) look_beyond_bounds(at);
     report_.held_out = held_out_;
     report_.final = std::move(at);
     find_invisible();

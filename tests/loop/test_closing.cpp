@@ -602,6 +602,11 @@ TEST(Closing, ABoundMayBeWhatIsWrong) {
   EXPECT_NEAR(report.beyond_bounds->fit.values[0], 10.6, 0.1);
   EXPECT_NE(report.verdict, Verdict::attributed) << report.sentence;
   EXPECT_NE(report.sentence.find("beyond its bound"), std::string::npos) << report.sentence;
+  // However few effects may be added.
+  LoopOptions none = usual;
+  none.additions = 0;
+  Curves experiment = Curves(1).limit(0, 5.0, 10.0);
+  EXPECT_TRUE(close_loop(experiment, none).beyond_bounds);
   // Where something is missing, too, that is not enough.
   const Report with_drift = loop_on(Curves(1, {{Curves::drift, 5.0}}).limit(0, 5.0, 10.0));
   EXPECT_FALSE(with_drift.beyond_bounds) << with_drift.sentence;
