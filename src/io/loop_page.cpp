@@ -191,8 +191,9 @@ std::string parameters(const json& summary) {
       "<h2>Parameters</h2>\n<table>\n<tr><th>parameter</th><th>before</th><th></th><th></th><th>after</th><th></"
       "th><th>unit</th></tr>\n";
   const auto with = [](const json& one) {
-    return fmt::format("<td>{}</td><td>± {}</td>", shown_with(one["value"], one["standard_deviation"]),
-                       shown(one["standard_deviation"], 2));
+    const double deviation = one["standard_deviation"];
+    return fmt::format("<td>{}</td><td>{}</td>", shown_with(one["value"], deviation),
+                       deviation > 0.0 ? "± " + shown(deviation, 2) : "its bound");
   };
   for (const auto& [name, now] : after.items())
     out += fmt::format("<tr><td>{}</td>{}<td>{}</td>{}<td class=\"left\">{}</td></tr>\n", escaped(name),

@@ -121,6 +121,13 @@ TEST(LoopPage, AnswersFirstThenShowsThenSaysWhatItCannotSee) {
   EXPECT_THAT(page, Not(HasSubstr("nan")));
 }
 
+TEST(LoopPage, AParameterThatItsBoundHoldsHasNoStandardDeviation) {
+  json all = summary();
+  all["before"]["parameters"]["E"]["standard_deviation"] = 0.0;
+  EXPECT_THAT(page_of(all),
+              HasSubstr("<td>E</td><td>200000</td><td>its bound</td><td>→</td><td>200000</td><td>± 1000"));
+}
+
 TEST(LoopPage, ScoresAndEnergyStandBesideTheirOwnLimits) {
   const std::string page = page_of(summary());
   EXPECT_THAT(page, HasSubstr("<td>+15.1 (limit 2.3)</td><td>1.2 (limit 3.9)<br><span "
