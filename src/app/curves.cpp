@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <optional>
 #include <set>
 #include <span>
 
@@ -197,6 +198,21 @@ double first_slope(const id::Curve& curve) {
   const double variance = xx - x * x / n;
   return n >= 2.0 && variance > 0.0 ? (xy - x * y / n) / variance : std::nan("");
 }
+
+/// The row from which the bar carries nothing any more though its strain did not go back as it does when it is
+/// unloaded; none: it did, or carries something at the end.
+std::optional<Eigen::Index> broken_from(const id::Curve& curve, double E) {
+  const double largest = curve.stress.cwiseAbs().maxCoeff();
+  Eigen::Index end = curve.stress.size();
+  while (end > 0 && curve.use[static_cast<std::size_t>(end - 1)] == id::Curve::not_judged) --end;
+  Eigen::Index first = end, carried = end - 1;
+  while (first > 0 && std::abs(curve.stress[first - 1]) < 0.1 * largest) --first;
+  while (carried >= 0 && std::abs(curve.stress[carried]) < 0.5 * largest) --carried;
+  if (first >= end || carried < 0 || carried >= first) return std::nullopt;
+  const double fallen = curve.stress[carried] - curve.stress[first],
+               back = curve.history.strain[carried] - curve.history.strain[first];
+  return back / (fallen / E) < 1.0 / 3.0 ? std::optional(first) : std::nullopt;
+}
 }  // namespace
 
 std::vector<std::string> doubts_of_curves(const io::Case& test, const std::vector<id::Curve>& curves) {
@@ -214,6 +230,15 @@ std::vector<std::string> doubts_of_curves(const io::Case& test, const std::vecto
       }
   const auto declared = test.material.parameters.find("E");
   if (declared == test.material.parameters.end()) return doubts;
+  for (const auto& curve : curves)
+    if (const auto row = broken_from(curve, declared->second.value)) {
+      doubts.push_back(
+          fmt::format("experiments.{} {}: the stress falls to nothing at row {} and the strain does not go back with "
+                      "it, as of a bar "
+                      "that has broken; what it does then is no law's (until: maximum_force)",
+                      curve.group, curve.name, *row));
+      spdlog::warn("{}", doubts.back());
+    }
   constexpr double far = 20.0;
   for (const auto& experiment : test.experiments) {
     std::vector<double> slopes;

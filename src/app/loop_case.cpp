@@ -108,6 +108,12 @@ std::vector<io::Case> cases_of_tests(const io::Case& all, const CommandOptions& 
     collect(mistakes, test.file, [&] { check_law_and_cameras(cases.back()); });
     if (also) collect(mistakes, test.file, [&] { also(cases.back()); });
   }
+  for (std::size_t k = 0; k < all.tests.size(); ++k)
+    for (std::size_t other = 0; other < k; ++other)
+      if (std::error_code error; std::filesystem::equivalent(all.tests[k].file, all.tests[other].file, error))
+        mistakes.push_back({fmt::format("{}: tests[{}].case", all.file.string(), k),
+                            fmt::format("the case of {} once more", all.tests[other].name),
+                            "tests that were made, each once"});
   if (cases.size() == all.tests.size())  // else names of bars are not known
     for (auto& mistake : unknown_candidates(all.loop.leave_out, cases, all.tests))
       mistakes.push_back({all.file.string() + ": " + mistake.place, mistake.found, mistake.allowed});

@@ -77,11 +77,14 @@ void CaseReader::read_tests() {
   for (const auto& [section, value] : root_.json().items())
     if (section != "title" && section != "loop" && section != "output" && section != "tests")
       mistake(section, "given beside tests", "title, loop and output; all else in the cases of the tests");
-  if (!checks_.several) mistake("tests", "several tests", "one test; imic3d loop takes several");
+  if (!checks_.several)
+    mistake("tests", "several tests", "one test; imic3d loop takes several, in a file that none of them lists");
   for (const auto& section : root_.list("tests")) {
     auto& test = case_.tests.emplace_back();
     section.get("name", test.name);
     section.get("case", test.file);
+    if (test.name.empty() || test.name == "." || test.name == ".." || test.name.find('/') != std::string::npos)
+      mistake(section.path("name"), fmt::format("\"{}\"", test.name), "a name that a folder can have, without /");
     if (section.has("case") && !exists(test.file))
       mistake(section.path("case"), fmt::format("no such file: {}", test.file.string()), "a case file");
     if (std::any_of(case_.tests.begin(), case_.tests.end() - 1,

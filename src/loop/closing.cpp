@@ -62,6 +62,8 @@ class Loop {
     Model at = report_.declared;
     search(at);
     if (report_.verdict == Verdict::unexplained && !report_.rounds.empty()) look_ahead(at);
+    if (report_.verdict == Verdict::attributed && report_.rounds.size() > 1 && report_.named.size() == 1)
+      compare_with_alike(at);
     if (report_.set.empty() && report_.verdict == Verdict::attributed) report_.set = report_.named;
     if (report_.verdict != Verdict::nothing_found) look_beyond_bounds(at);
     report_.held_out = held_out_;
@@ -391,13 +393,10 @@ class Loop {
         doubtful.push_back(i);
     for (auto* list : {&waiting, &doubtful})
       std::sort(list->begin(), list->end(), [&](std::size_t a, std::size_t b) { return scores[a].z > scores[b].z; });
-    // As many as are asked for, and all that are as good as the best within their noise, and within a twentieth: marks
-    // are tangents, which err by some percent.
+    // As many as are asked for, and all that are as good as the best.
     const auto taken_from = [&](std::vector<std::size_t>& list) {
       std::size_t count = std::min(list.size(), static_cast<std::size_t>(options_.rivals));
-      while (count < list.size() &&
-             scores[list[count]].z >= scores[list.front()].z - std::max(1.0, scores[list.front()].z / 20.0))
-        ++count;
+      while (count < list.size() && as_good(scores[list[count]].z, scores[list.front()].z)) ++count;
       const auto end = list.begin() + static_cast<std::ptrdiff_t>(count);
       const std::vector<std::size_t> taken(list.begin(), end);
       list.erase(list.begin(), end);
@@ -433,6 +432,20 @@ class Loop {
     while (all && !waiting.empty() &&
            (choose(round, at) == nullptr || (round.set.empty() && near_the_largest(waiting.front()))))
       for (std::size_t i : taken_from(waiting)) try_out(round, at, i, true);
+    // "Alone" is said of what was told from all that are as good as it.
+    const auto as_good_as_one_that_suffices = [&](std::size_t i) {
+      return std::any_of(round.set.begin(), round.set.end(), [&](int k) {
+        const auto& other =
+            scores[static_cast<std::size_t>(std::find(at.others.begin(), at.others.end(), k) - at.others.begin())];
+        return stands_out(at, other) && as_good(scores[i].z, other.z);
+      });
+    };
+    for (auto next = waiting.begin(); next != waiting.end();) {
+      if (!as_good_as_one_that_suffices(*next)) break;
+      const std::size_t i = *next;
+      next = waiting.erase(next);
+      try_out(round, at, i, true);
+    }
     // The earlier link first where the data do not tell, invisible effects behind.
     const auto place = [&](int k) {
       const auto trial =
@@ -624,6 +637,41 @@ class Loop {
       at = std::move(without);
     }
   }
+
+  /// One that is left alone where those before it were taken out again: those that were as good as it under the
+  /// declared model, and have not been tried there, may be what is missing as well.
+  void compare_with_alike(const Model& at) {
+    const Model& declared = report_.declared;
+    const auto& tried = report_.rounds.front().trials;
+    const int alone = report_.named.front();
+    const auto score_of = [&](int k) {
+      const auto place = std::find(declared.others.begin(), declared.others.end(), k) - declared.others.begin();
+      return place < std::ssize(declared.others) ? declared.scores.candidates[static_cast<std::size_t>(place)].z
+                                                 : INFINITY;
+    };
+    Round round;
+    for (std::size_t i = 0; i < declared.others.size(); ++i) {
+      const int k = declared.others[i];
+      const bool was_tried =
+          std::any_of(tried.begin(), tried.end(), [k](const Trial& trial) { return trial.candidate == k; });
+      if (k != alone && !was_tried && stands_out(declared, declared.scores.candidates[i]) &&
+          as_good(score_of(k), score_of(alone)))
+        try_out(round, declared, i, true);
+    }
+    experiment_.put_back(at.ground->learned);
+    if (round.set.empty()) return;
+    report_.set = round.set;
+    report_.set.push_back(alone);
+    std::stable_sort(report_.set.begin(), report_.set.end(),
+                     [&](int a, int b) { return candidate(a).link < candidate(b).link; });
+    report_.verdict = Verdict::ambiguous;
+    round.kept = true;
+    report_.rounds.push_back(std::move(round));
+  }
+
+  /// Whether a score is as large as another one, within noise and a twentieth: marks are tangents, which err by some
+  /// percent.
+  static bool as_good(double z, double other) { return z >= other - std::max(1.0, other / 20.0); }
 
   /// Whether it takes a fifth of what noise does not explain, on fitted and on held-out frames.
   bool helps(const Trial& trial, const Model& at) const {

@@ -208,7 +208,7 @@ std::string verdict_in_words(const Experiment& experiment, const Report& report)
     all.insert(all.end(), report.set.begin(), report.set.end());
     text += courses(all);
   } else {
-    text += "No known effect explains it";
+    text += report.rounds.empty() ? "No effect was tried" : "No known effect explains it";
     if (report.beyond_bounds) text += " (nothing is left with " + beyond_bounds(experiment, report) + ")";
     if (!report.named.empty()) text += ", though it helps to add: " + list(report.named);
     if (const auto k = without_size(experiment, after); k && !significant(after)) {

@@ -171,6 +171,21 @@ class Curves final : public Experiment {
     return limit(answer_, -largest, largest);
   }
 
+  /// One more candidate, which is what is curved by another name.
+  Curves& with_curved_again() {
+    candidates_.push_back({.name = "curved again",
+                           .link = Link::record,
+                           .parameters = {static_cast<int>(parameters_.size())},
+                           .sentence = "curved again",
+                           .confused_with = "",
+                           .separated_by = "another test",
+                           .after = {}});
+    curved_again_ = parameters_.size();
+    parameters_.push_back(parameters_[2 + curved]);
+    parameters_.back().info.name = "curved again";
+    return *this;
+  }
+
   /// The last two numbers of a frame are those of another rig, which measures no drift.
   Curves& with_rig_without_drift() {
     std::vector<double> none;
@@ -274,6 +289,7 @@ class Curves final : public Experiment {
   Eigen::VectorXd predict(const std::vector<double>& v) const {
     Eigen::VectorXd y(frames * (numbers + 1));
     const std::vector<int> held = held_out_blocks(frames);
+    const double bend = v[7] + (curved_again_ > 0 ? v[curved_again_] : 0.0);
     for (int t = 0; t < frames; ++t) {
       const double s = (t + 1.0) / frames;
       const bool held_out = std::count(held.begin(), held.end(), t) > 0;
@@ -287,8 +303,8 @@ class Curves final : public Experiment {
         u += v[6] * phi;                          // gain: like p0, but for
         // a rest that is nearly that of the twins
         u += rest_of_gain_ * v[6] * (mark + unlike_twins * s * std::sin(5.0 * k));
-        u += (1.0 - std::exp(-0.5 * v[7] * s)) * (k % 2 == 0 ? 2.0 : -2.0) * s;  // not linear in its size
-        u += like_drift_ * v[7] * v[7] * s * (k - 2.0);                          // where it is large
+        u += (1.0 - std::exp(-0.5 * bend * s)) * (k % 2 == 0 ? 2.0 : -2.0) * s;  // not linear in its size
+        u += like_drift_ * bend * bend * s * (k - 2.0);                          // where it is large
         if (untold_ >= 0) u += v[static_cast<std::size_t>(untold_)] * (held_out ? 1.0 : 1e-3) * std::cos(3.0 * k);
         if (v.size() > 10) u += v[9] * std::exp(-std::pow((s - v[10]) / 0.06, 2)) * (k == 2 ? 1.0 : -0.5);
         y[t * (numbers + 1) + k] = u;
@@ -314,7 +330,7 @@ class Curves final : public Experiment {
   std::vector<Parameter> parameters_;
   std::vector<Candidate> candidates_;
   std::vector<Datum> data_;
-  std::size_t answer_ = 0;
+  std::size_t answer_ = 0, curved_again_ = 0;
   Eigen::VectorXd mark_of_noise_, disturbance_;
   int untold_ = -1;  // a parameter that shows in held-out frames
   bool drift_when_held_out_ = true;

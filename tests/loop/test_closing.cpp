@@ -537,6 +537,24 @@ TEST(Closing, RivalsAsGoodAsTheBestAreTried) {
   EXPECT_EQ(report.set.size(), 2U);
 }
 
+/// The one with the largest score helps nothing, and of two that are alike one more than `rivals` lets be tried
+/// suffices.
+TEST(Closing, ThoseAsGoodAsOneThatSufficesAreTried) {
+  LoopOptions four_rivals = usual;
+  four_rivals.rivals = 4;
+  Curves experiment = Curves(5, {{Curves::curved, 1.2}}, 0.0, 5000U, 0.0, 1.5).with_curved_again();
+  const Report report = close_loop(experiment, four_rivals);
+  EXPECT_EQ(report.verdict, Verdict::ambiguous) << report.sentence;
+  EXPECT_EQ(report.set, (std::vector<int>{7, Curves::curved})) << report.sentence;
+  // Nor is it the only one where what had been added before it was taken out again.
+  LoopOptions two_rivals = usual;
+  two_rivals.rivals = 2;
+  const Report found_later = close_loop(experiment, two_rivals);
+  EXPECT_EQ(found_later.named.size(), 1U) << found_later.sentence;
+  EXPECT_EQ(found_later.verdict, Verdict::ambiguous) << found_later.sentence;
+  EXPECT_EQ(found_later.set, (std::vector<int>{7, Curves::curved})) << found_later.sentence;
+}
+
 /// Where the misfit is large scores that differ by far more than noise are alike still: their marks are tangents.
 TEST(Closing, RivalsWithinATwentiethOfALargeScoreAreTried) {
   LoopOptions one_rival = usual;
