@@ -129,6 +129,16 @@ def main():
         found, rows_left = json.loads((folder / "compressed/result.json").read_text()), len((folder / "compressed/curves.csv").read_text().splitlines()) - 1
         require(rows_left == len(strains) and abs(found["parameters"]["S_y"]["value"] / 250 - 1) < 0.03 and found["experiments"]["bar"]["standard_deviation_of_strain"]["value"] == 0,
                 f"a bar in compression up to its largest force: {rows_left} of {len(strains) + 2} rows, S_y {found['parameters']['S_y']['value']:.1f} MPa")
+        # A bar that breaks is doubted, unless it is told up to its largest force, and not one that is unloaded.
+        farthest, flow, broken = strains[-1], min(E * strains[-1], 250 + 2000 * strains[-1]), "as of a bar that has broken"
+        pulled = [f"{i}; {strain}; {min(E * strain, 250 + 2000 * strain) + draw.gauss(0, 1)}" for i, strain in enumerate(strains)]
+        breaks = [f"{len(strains) + k}; {farthest + 1e-5 + 1e-3 * k}; {draw.gauss(0, 1)}" for k in range(8)]
+        unloads = [f"{len(strains) + k}; {farthest - flow / E * k / 8}; {flow * (1 - k / 8) + draw.gauss(0, 1)}" for k in range(1, 9)]
+        told = compressed.read_text()
+        for rows_then, case_then, doubted in ((breaks, told, False), (breaks, told.replace(", until: maximum_force", ""), True), (unloads, told.replace(", until: maximum_force", ""), False)):
+            (folder / "compressed.csv").write_text("clock; strain; stress\n" + "\n".join(pulled + rows_then) + "\n")
+            compressed.write_text(case_then)
+            require((broken in run(program, "check", compressed, errors=True)) == doubted, f"a bar that {'breaks' if rows_then is breaks else 'is unloaded'}: {'doubted' if doubted else 'not doubted'}")
         (folder / "percent.csv").write_text("clock; strain; stress\n" + "\n".join(rows) + "\n")
         case.write_text(case.read_text().replace("strain_scale: 1", "strain_scale: 0.01").replace("identify: {", "identify: {max_iterations: 1, "))
         said = run(program, "identify", case, status=3, errors=True)

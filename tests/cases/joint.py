@@ -113,6 +113,13 @@ def main():
     case.write_text(ALL.replace("second strip", "first strip").replace("second.yaml", "none.yaml") + "material: {law: elastic}\n")
     said = run(program, "loop", case, 1, status=2, errors=True)
     require(all(word in said for word in ("once more", "no such file", "given beside tests")), "mistakes of the list of tests")
+    for name in ("../elsewhere", "..", '""'):
+        case.write_text(ALL.replace("name: second strip", f"name: {name}"))
+        said = run(program, "loop", case, 1, status=2, errors=True)
+        require("a name that a folder can have" in said, f"a test is not called {name}: {said.strip()}")
+    case.write_text(ALL.replace("second.yaml", "first.yaml"))
+    said = run(program, "loop", case, 1, status=2, errors=True)
+    require("the case of first strip once more" in said, f"the same case twice: {said.strip()}")
     said = run(program, "identify", folder / "all.yaml", 1, status=2, errors=True)
     require("imic3d loop takes several" in said, "identify takes one test")
     end()
