@@ -234,8 +234,7 @@ std::vector<std::string> doubts_of_curves(const io::Case& test, const std::vecto
     if (const auto row = broken_from(curve, declared->second.value)) {
       doubts.push_back(
           fmt::format("experiments.{} {}: the stress falls to nothing at row {} and the strain does not go back with "
-                      "it, as of a bar "
-                      "that has broken; what it does then is no law's (until: maximum_force)",
+                      "it, as of a bar that has broken; what it does then is no law's (until: maximum_force)",
                       curve.group, curve.name, *row));
       spdlog::warn("{}", doubts.back());
     }
