@@ -98,18 +98,7 @@ CurveExperiment::CurveExperiment(Communicator world, std::vector<id::Curve> curv
     first_.push_back(parameters_.size());
     for (const auto& q : description.quantities) {
       const int place = static_cast<int>(parameters_.size());
-      parameters_.push_back({.info = {.name = q.name,
-                                      .unit = model_.unit(q.unit == "force" ? "stress" : q.unit),
-                                      .description = q.description,
-                                      .lower = q.lower,
-                                      .upper = q.upper,
-                                      .null_value = q.null,
-                                      .shape = q.shape,
-                                      .scale = q.shape ? q.scale : std::abs(q.size - q.null)},
-                             .value = q.null,
-                             .step = q.step,
-                             .prior = 0.0,
-                             .free = false});
+      parameters_.push_back(absent(q, model_.unit(q.unit == "force" ? "stress" : q.unit)));
       if (!declare(parameters_.back(), keys.back(), model_.effects)) candidate.parameters.push_back(place);
     }
     if (!candidate.parameters.empty()) candidates_.push_back(std::move(candidate));

@@ -1,15 +1,34 @@
 #pragma once
-// What the declared model says of an effect's parameter.
+// An effect's parameter, and what the declared model says of it.
 
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <cmath>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "imic3d/core/error.hpp"
 #include "imic3d/loop/effect.hpp"
 
 namespace imic3d::loop {
+
+/// The parameter of an effect that is not there; `unit`: in the case's units.
+inline Parameter absent(const Effect::Quantity& q, std::string unit) {
+  return {.info = {.name = q.name,
+                   .unit = std::move(unit),
+                   .description = q.description,
+                   .lower = q.lower,
+                   .upper = q.upper,
+                   .null_value = q.null,
+                   .shape = q.shape,
+                   .scale = q.shape ? q.scale : std::abs(q.size - q.null)},
+          .value = q.null,
+          .step = q.step,
+          .prior = 0.0,
+          .free = false};
+}
 
 /// Gives an effect's parameter what the model declares of it; null if it declares nothing. Throws InputError: a value
 /// beyond the bounds.

@@ -125,18 +125,7 @@ void FieldExperiment::make_candidates() {
     first_.push_back(parameters_.size());
     for (const auto& q : description.quantities) {
       const int place = static_cast<int>(parameters_.size());
-      parameters_.push_back({.info = {.name = q.name,
-                                      .unit = model_.unit ? model_.unit(q.unit) : q.unit,
-                                      .description = q.description,
-                                      .lower = q.lower,
-                                      .upper = q.upper,
-                                      .null_value = q.null,
-                                      .shape = q.shape,
-                                      .scale = q.shape ? q.scale : std::abs(q.size - q.null)},
-                             .value = q.null,
-                             .step = q.step,
-                             .prior = 0.0,
-                             .free = false});
+      parameters_.push_back(absent(q, model_.unit ? model_.unit(q.unit) : q.unit));
       const auto* declared = declare(parameters_.back(), keys.back(), model_.effects);
       if (declared != nullptr) {
         Parameter& known = parameters_.back();

@@ -93,18 +93,7 @@ LightExperiment::LightExperiment(std::vector<LightCamera> cameras, std::vector<i
     for (const auto& q : description.quantities) {
       ++place;
       const int j = static_cast<int>(parameters_.size());
-      parameters_.push_back({.info = {.name = q.name,
-                                      .unit = unit ? unit(q.unit) : q.unit,
-                                      .description = q.description,
-                                      .lower = q.lower,
-                                      .upper = q.upper,
-                                      .null_value = q.null,
-                                      .shape = q.shape,
-                                      .scale = q.shape ? q.scale : std::abs(q.size - q.null)},
-                             .value = q.null,
-                             .step = q.step,
-                             .prior = 0.0,
-                             .free = false});
+      parameters_.push_back(absent(q, unit ? unit(q.unit) : q.unit));
       // What no camera sees has no mark.
       const bool seen =
           !q.name.starts_with("loose_") || std::any_of(cameras_.begin(), cameras_.end(), [&](const auto& its) {

@@ -624,7 +624,14 @@ TEST(Closing, ABoundMayBeWhatIsWrong) {
   LoopOptions none = usual;
   none.additions = 0;
   Curves experiment = Curves(1).limit(0, 5.0, 10.0);
-  EXPECT_TRUE(close_loop(experiment, none).beyond_bounds);
+  const Report untried = close_loop(experiment, none);
+  EXPECT_TRUE(untried.beyond_bounds);
+  EXPECT_NE(untried.sentence.find("No effect was tried"), std::string::npos) << untried.sentence;
+  EXPECT_EQ(untried.sentence.find("No known effect"), std::string::npos) << untried.sentence;
+  // A bound beyond which noise alone leads holds nothing.
+  const Model free = loop_on(Curves(1)).declared;
+  const double near_by = free.fit.values[0] - std::sqrt(free.covariance(0, 0));
+  EXPECT_TRUE(loop_on(Curves(1).limit(0, 5.0, near_by)).declared.fit.held.empty());
   // Where something is missing, too, that is not enough.
   const Report with_drift = loop_on(Curves(1, {{Curves::drift, 5.0}}).limit(0, 5.0, 10.0));
   EXPECT_FALSE(with_drift.beyond_bounds) << with_drift.sentence;
