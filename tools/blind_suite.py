@@ -18,8 +18,8 @@ import blind
 
 TRUTH = dict(E=200e3, S_y=250.0, S_inf=420.0, b=18.0, H=700.0)
 DEFAULT = dict(C_1=0.0, gamma_1=50.0, C_rate=0.0, rate_0=1e-3, eta=0.0, m=0.3, heating=0.0, cooling=0.0, Q_v=0.0, b_v=150.0, eps_L=0.0,
-               damage=0.0, eps_D=0.0, force_offset=0.0, force_delay=0.0, force_gain=1.0, friction=0.0, strain_gain=1.0, compliance=0.0,
-               fast_gain=1.0, ageing=0.0, slip=0.0, twinning=0.0)
+               damage=0.0, eps_D=0.0, force_offset=0.0, force_delay=0.0, gain=1.0, friction=0.0, strain_gain=1.0, compliance=0.0,
+               ageing=0.0, slip=0.0, twinning=0.0)
 
 
 def integrate(time, strain, p):
@@ -94,8 +94,10 @@ def make(folder, effect, seed):
              f"material: {{law: j2, hardening: voce, effects: [{', '.join(declare)}], parameters: {{{', '.join(f'{name}: {value}' for name, value in shapes.items())}{',' if shapes else ''} "
              "E: {value: 200e3, lower: 150e3, upper: 250e3}, nu: 0.3, S_y: {value: 230, lower: 50, upper: 900},"
              " S_inf: {value: 450, lower: 50, upper: 1500}, b: {value: 14, lower: 0.5, upper: 300}, H: {value: 600, lower: 0, upper: 5000}}}", "experiments:"]
+    everywhere = p
     for name, bars, rate, turns in groups():
         files = []
+        p = everywhere | {key.removesuffix(f" of {name}"): value for key, value in everywhere.items() if key.endswith(f" of {name}")}
         for bar in range(bars):
             time, strain, recorded = history(rate, turns, 120 if len(turns) == 1 else 200)
             true = strain / p["strain_gain"]
@@ -106,12 +108,10 @@ def make(folder, effect, seed):
             c = random.normal(size=3) * [5.0, 3.0, 2.0]  # bars differ [MPa]
             engineering = engineering + (c[0] + c[1] * x + c[2] * 0.5 * (3 * x * x - 1)) * np.minimum(1.0, np.abs(engineering) / 200.0)
             strain = np.log(np.exp(strain) + p["compliance"] * engineering)  # the bar goes through its history, the load train's share is recorded, too
-            if name == "fast":
-                engineering = engineering * p["fast_gain"]
             engineering = engineering + p["ageing"] * np.sin(2 * np.pi * time / time[-1] * 7)  # out of the library: a hum
             engineering = engineering + p["slip"] * (strain > 0.06) * (1 if bar % 2 else -1)    # out of the library: jumps of either sign
             engineering = engineering + p["friction"] * np.sign(np.diff(strain, prepend=-1e-9))
-            engineering = np.interp(time - p["force_delay"], time, engineering) * p["force_gain"] + p["force_offset"]
+            engineering = np.interp(time - p["force_delay"], time, engineering) * p["gain"] + p["force_offset"]
             time, strain, engineering = time[recorded], strain[recorded], engineering[recorded]
             engineering = np.round(engineering + random.normal(size=len(time)) * 2.0, 1)
             file = folder / f"{name}_{bar}.csv"
@@ -136,12 +136,15 @@ EFFECTS = {
     "delay of the force": ("force_delay", {}, 1e-4, 2e-3),
     "strain gain": ("strain_gain", {}, 1.03, 1.3),
     "compliance": ("compliance", {}, 1e-6, 1e-5),
-    "gain of fast": ("fast_gain", {}, 1.05, 1.5),
+    "gain of fast": ("gain of fast", {}, 1.05, 1.5),
+    "force zero of fast": ("force_offset of fast", {}, 8.0, 100.0),
+    "strain gain of fast": ("strain_gain of fast", {}, 1.03, 1.3),
+    "compliance of fast": ("compliance of fast", {}, 1e-6, 1e-5),
 }
 OUTSIDE = {"hum": dict(ageing=12.0), "waves of hardening": dict(twinning=12.0), "jumps": dict(slip=15.0)}
 PAIRS = [("rate", "force zero"), ("kinematic", "damage"), ("gain of fast", "kinematic"), ("delay of the force", "rate")]
 REDUCED = ["rate", "kinematic", "force zero"]
-NULLS = {"strain_gain": 1.0, "fast_gain": 1.0, "force_gain": 1.0}
+NULLS = {"strain_gain": 1.0, "gain": 1.0}
 
 
 def main():
@@ -170,7 +173,7 @@ def main():
 
     def planted(effect, multiple):
         parameter, shapes, usual, _ = EFFECTS[effect]
-        return {parameter: usual if multiple == "usual" else NULLS.get(parameter, 0.0) + multiple * detectable[effect]} | shapes
+        return {parameter: usual if multiple == "usual" else NULLS.get(parameter.removesuffix(" of fast"), 0.0) + multiple * detectable[effect]} | shapes
 
     wanted = lambda what: not options.only or what in options.only
     effects = [effect for effect in (REDUCED if options.reduced else EFFECTS) if wanted(effect)]
@@ -180,7 +183,7 @@ def main():
         for multiple in [k for k in ((10,) if options.reduced else (1, 3, 10, 50)) if effect in detectable] + ([] if options.reduced else ["usual"]):
             its = planted(effect, multiple)
             for seed in range(0 if its[parameter] > largest else 1 if options.reduced else options.seeds):
-                suite.trial("effect", effect, str(multiple), its, 1 + seed, "gain of fast" if effect == "gain of fast" else parameter)
+                suite.trial("effect", effect, str(multiple), its, 1 + seed, parameter.replace(" ", "_"))
     if not options.reduced:
         at_ten = {effect: planted(effect, 10) for effect in EFFECTS if effect in detectable}
         at_ten = {effect: its for effect, its in at_ten.items() if its[EFFECTS[effect][0]] <= EFFECTS[effect][3]}

@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <optional>
 #include <set>
 #include <span>
 
@@ -63,10 +62,11 @@ id::Curve make_curve(const io::ExperimentCase& experiment, std::size_t file) {
   if (!experiment.monotonic) id::read_gauge(curve, table.time.size() > 0);
 
   bool reached = false;
-  double largest_strain = 0.0;
+  double largest_strain = 0.0, back = 0.0;
   for (Eigen::Index row = 0; row < rows; ++row) {
     double& strain = curve.history.strain[row];
     const bool turned_back = experiment.monotonic && strain < largest_strain;
+    if (turned_back) back = std::max(back, largest_strain - strain);
     if (turned_back) strain = largest_strain;
     largest_strain = std::max(largest_strain, strain);
     reached = reached || std::abs(strain) >= experiment.from;
@@ -76,7 +76,32 @@ id::Curve make_curve(const io::ExperimentCase& experiment, std::size_t file) {
                         : held                  ? id::Curve::held_out
                                                 : id::Curve::fitted);
   }
+  const auto own = fmt::format("experiments.{} {}", curve.group, curve.name);
+  if (!reached)
+    throw InputError(
+        own, fmt::format("from: {}, which no row reaches", experiment.from),
+        fmt::format("a strain below the bar's largest, {:.4g}", curve.history.strain.cwiseAbs().maxCoeff()));
+  if (back > 0.5 * largest_strain)
+    throw InputError(own,
+                     fmt::format("monotonic, and a strain that goes back by {:.4g} from {:.4g}", back, largest_strain),
+                     "a bar that is pulled only: what turns back is taken for noise");
   return curve;
+}
+
+/// Marks the rows of a bar that broke as not judged: those in which it carries less than half of what it did, where its
+/// strain did not go back as it does when it is unloaded.
+void leave_out_what_broke(id::Curve& curve, double E) {
+  const double largest = curve.stress.cwiseAbs().maxCoeff();
+  const Eigen::Index end = curve.stress.size();
+  Eigen::Index first = end, carried = end - 1;
+  while (first > 0 && std::abs(curve.stress[first - 1]) < 0.1 * largest) --first;
+  while (carried >= 0 && std::abs(curve.stress[carried]) < 0.5 * largest) --carried;
+  if (first >= end || carried < 0 || carried >= first) return;
+  const double fallen = curve.stress[carried] - curve.stress[first],
+               back = curve.history.strain[carried] - curve.history.strain[first];
+  if (back / (fallen / E) >= 1.0 / 3.0) return;
+  curve.broken_from = carried + 1;
+  std::fill(curve.use.begin() + carried + 1, curve.use.end(), id::Curve::not_judged);
 }
 
 std::vector<const id::Curve*> of_group(const std::vector<id::Curve>& curves, const std::string& group) {
@@ -145,9 +170,17 @@ bool falls_with_strain(const id::Curve& curve) {
 
 std::vector<id::Curve> make_curves(const io::Case& test) {
   std::vector<id::Curve> curves;
+  std::vector<Mistake> mistakes;
+  const auto E = test.material.parameters.find("E");
   for (const auto& experiment : test.experiments) {
     const std::size_t first = curves.size();
-    for (std::size_t file = 0; file < experiment.files.size(); ++file) curves.push_back(make_curve(experiment, file));
+    for (std::size_t file = 0; file < experiment.files.size(); ++file) try {
+        curves.push_back(make_curve(experiment, file));
+        if (E != test.material.parameters.end()) leave_out_what_broke(curves.back(), E->second.value);
+      } catch (const InputError& error) {
+        mistakes.insert(mistakes.end(), error.mistakes().begin(), error.mistakes().end());
+      }
+    if (!mistakes.empty()) continue;
     const double between = id::scatter(of_group(curves, experiment.name));
     for (std::size_t k = first; k < curves.size(); ++k) {
       curves[k].deviation = experiment.noise ? *experiment.noise : between > 0.0 ? between : id::point_noise(curves[k]);
@@ -157,7 +190,7 @@ std::vector<id::Curve> make_curves(const io::Case& test) {
                          "experiments.noise: a standard deviation, or repetitions");
     }
   }
-  std::vector<Mistake> mistakes;
+  if (!mistakes.empty()) throw InputError(std::move(mistakes));
   for (std::size_t k = 0, file = 0; k < curves.size(); ++k, ++file) {
     if (k > 0 && curves[k].group != curves[k - 1].group) file = 0;
     const auto& own = curves[k];
@@ -198,21 +231,6 @@ double first_slope(const id::Curve& curve) {
   const double variance = xx - x * x / n;
   return n >= 2.0 && variance > 0.0 ? (xy - x * y / n) / variance : std::nan("");
 }
-
-/// The row from which the bar carries nothing any more though its strain did not go back as it does when it is
-/// unloaded; none: it did, or carries something at the end.
-std::optional<Eigen::Index> broken_from(const id::Curve& curve, double E) {
-  const double largest = curve.stress.cwiseAbs().maxCoeff();
-  Eigen::Index end = curve.stress.size();
-  while (end > 0 && curve.use[static_cast<std::size_t>(end - 1)] == id::Curve::not_judged) --end;
-  Eigen::Index first = end, carried = end - 1;
-  while (first > 0 && std::abs(curve.stress[first - 1]) < 0.1 * largest) --first;
-  while (carried >= 0 && std::abs(curve.stress[carried]) < 0.5 * largest) --carried;
-  if (first >= end || carried < 0 || carried >= first) return std::nullopt;
-  const double fallen = curve.stress[carried] - curve.stress[first],
-               back = curve.history.strain[carried] - curve.history.strain[first];
-  return back / (fallen / E) < 1.0 / 3.0 ? std::optional(first) : std::nullopt;
-}
 }  // namespace
 
 std::vector<std::string> doubts_of_curves(const io::Case& test, const std::vector<id::Curve>& curves) {
@@ -231,11 +249,11 @@ std::vector<std::string> doubts_of_curves(const io::Case& test, const std::vecto
   const auto declared = test.material.parameters.find("E");
   if (declared == test.material.parameters.end()) return doubts;
   for (const auto& curve : curves)
-    if (const auto row = broken_from(curve, declared->second.value)) {
+    if (curve.broken_from) {
       doubts.push_back(
-          fmt::format("experiments.{} {}: the stress falls to nothing at row {} and the strain does not go back with "
-                      "it, as of a bar that has broken; what it does then is no law's (until: maximum_force)",
-                      curve.group, curve.name, *row));
+          fmt::format("experiments.{} {}: the stress falls to nothing and the strain does not go back with it, as of a "
+                      "bar that has broken: from row {} on it is not judged (until: maximum_force says where it ends)",
+                      curve.group, curve.name, *curve.broken_from));
       spdlog::warn("{}", doubts.back());
     }
   constexpr double far = 20.0;

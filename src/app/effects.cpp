@@ -3,7 +3,6 @@
 #include <fmt/format.h>
 
 #include "imic3d/app/program.hpp"
-#include "imic3d/loop/curve_experiment.hpp"
 #include "imic3d/loop/law_effects.hpp"
 #include "imic3d/material/finite_strain_law.hpp"
 #include "test_effects.hpp"
@@ -31,6 +30,9 @@ void print_effect(const loop::Effect& effect, const io::Units& units) {
   print_confusion(description.confused_with, description.separated_by);
   if (effect.of_each_camera())
     fmt::print("    with cameras on both faces: front_{0}, back_{0}\n", loop::key_of(description.name));
+  if (effect.of_each_group())
+    fmt::print("    of one of several groups of stress-strain curves: {}\n",
+               loop::key_of(loop::in_group(description.name, "GROUP")));
   if (effect.of_one_of_several() && description.link == loop::Link::light)
     fmt::print("    with several cameras: NAME_{0} for each by its name\n", loop::key_of(description.name));
   else if (effect.of_one_of_several())
@@ -69,10 +71,6 @@ void effects(const Communicator& world, const CommandOptions& options) {
   if (!world.is_root()) return;
   for (const auto& effect : loop::all_effects()) print_effect(*effect, units);
   print_effects_of_law(units);
-  const auto [candidate, gain] = loop::gain_of("GROUP", 0);
-  fmt::print("{} (record, stress-strain curves of several groups): {}\n", candidate.name, candidate.sentence);
-  print_quantity(gain.info.name, null_of(*gain.info.null_value, false), gain.info.unit, gain.info.description);
-  print_confusion(candidate.confused_with, candidate.separated_by);
 }
 
 }  // namespace imic3d::app

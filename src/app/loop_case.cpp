@@ -24,10 +24,8 @@ std::vector<Mistake> unknown_candidates(const std::vector<std::string>& leave_ou
   };
   add("Poisson's_ratio");
   std::map<std::string, std::vector<std::string>> effects;
-  for (const auto& one : cases) effects.merge(effect_quantities(one.cameras));
+  for (const auto& one : cases) effects.merge(effect_quantities(one));
   for (const auto& [effect, quantities] : effects) add(effect);
-  for (const auto& one : cases)
-    for (const auto& group : one.experiments) add(loop::key_of("gain of " + group.name));
   std::vector<Mistake> mistakes;
   for (const auto& name : leave_out)
     if (std::find(known.begin(), known.end(), loop::key_of(name)) == known.end())
@@ -54,14 +52,17 @@ void check_units(const io::Units& units, const io::Case& first) {
     throw InputError("units", text(units), text(first.units) + " as in " + first.file.string());
 }
 
-/// The numbers of the law are one in all tests: value, prior, and whether they are free.
+/// The numbers of the law are one in all tests: value, bounds, prior, and whether they are free.
 void check_law(const io::Case& test, const io::Case& other) {
   const auto declared = [](const io::Case& of, const std::string& name) {
     const bool free = std::any_of(of.identify.stages.begin(), of.identify.stages.end(), [&](const auto& stage) {
       return std::count(stage.free.begin(), stage.free.end(), name) > 0;
     });
     const auto prior = of.loop.prior.find(name);
-    return fmt::format("{}{}{}", of.material.parameters.at(name).value, free ? " free" : " not free",
+    const auto& its = of.material.parameters.at(name);
+    return fmt::format("{}{}{}{}{}", its.value, free ? " free" : " not free",
+                       its.lower && free ? fmt::format(", from {}", *its.lower) : "",
+                       its.upper && free ? fmt::format(", up to {}", *its.upper) : "",
                        prior == of.loop.prior.end() ? "" : fmt::format(" with the prior {}", prior->second));
   };
   std::vector<Mistake> mistakes;
@@ -140,8 +141,10 @@ std::vector<std::string> possible_candidates(const io::Case& test) {
   known.elongation = Eigen::VectorXd::Unit(3, 1);  // it may be unloaded
   if (!test.experiments.empty()) {
     add_effects(known, "");
-    for (const auto& group : test.experiments)
-      if (test.experiments.size() > 1) names.push_back("gain of " + group.name);
+    if (test.experiments.size() > 1)
+      for (const auto& group : test.experiments)
+        for (const auto& effect : loop::effects())
+          if (effect->of_each_group()) names.push_back(loop::in_group(effect->describe(known).name, group.name));
   } else {
     const auto specimen = make_specimen(test);
     for (const auto& face : specimen.faces) {

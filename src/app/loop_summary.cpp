@@ -200,10 +200,12 @@ class Summary {
       const auto& info = parameter(model.fit.free[j]).info;
       const auto place = static_cast<Eigen::Index>(j);
       const double value = model.fit.values[static_cast<std::size_t>(model.fit.free[j])];
-      one["parameters"][info.name] = {{"value", value},
-                                      {"standard_deviation", std::sqrt(model.covariance(place, place))},
-                                      {"unit", info.unit},
-                                      {"on_bound", loop::on_bound(parameter(model.fit.free[j]), value)}};
+      const bool unseen = std::count(model.fit.unseen.begin(), model.fit.unseen.end(), model.fit.free[j]) > 0;
+      one["parameters"][info.name] = {
+          {"value", value},
+          {"standard_deviation", unseen ? std::nan("") : std::sqrt(model.covariance(place, place))},
+          {"unit", info.unit},
+          {"on_bound", loop::on_bound(parameter(model.fit.free[j]), value)}};
     }
     one["omnibus"] = {{"deviations", model.scores.omnibus},
                       {"threshold", model.scores.omnibus_threshold},

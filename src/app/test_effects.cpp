@@ -34,7 +34,7 @@ bool has_for_itself(const loop::Effect& effect, const io::CameraCase& camera,
 }
 }  // namespace
 
-std::map<std::string, std::vector<std::string>> effect_quantities(const std::vector<io::CameraCase>& cameras) {
+std::map<std::string, std::vector<std::string>> effect_quantities(const io::Case& test) {
   std::map<std::string, std::vector<std::string>> quantities;
   for (const auto& effect : loop::all_effects()) {
     const auto description = effect->describe(unit_scene());
@@ -42,9 +42,12 @@ std::map<std::string, std::vector<std::string>> effect_quantities(const std::vec
       quantities[loop::key_of(description.name)].push_back(q.name);
       std::set<std::string> whose;
       if (effect->of_each_camera()) whose = {"front ", "back "};  // where cameras look at both faces
-      for (const auto& camera : cameras)
-        if (has_for_itself(*effect, camera, cameras)) whose.insert(camera.name + " ");
+      for (const auto& camera : test.cameras)
+        if (has_for_itself(*effect, camera, test.cameras)) whose.insert(camera.name + " ");
       for (const auto& which : whose) quantities[loop::key_of(which + description.name)].push_back(q.name);
+      if (effect->of_each_group() && test.experiments.size() > 1)
+        for (const auto& group : test.experiments)
+          quantities[loop::key_of(loop::in_group(description.name, group.name))].push_back(q.name);
     }
   }
   return quantities;

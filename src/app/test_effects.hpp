@@ -9,9 +9,8 @@
 
 namespace imic3d::app {
 
-/// Quantities of each effect that a test with these cameras may have, by its key, for io::CaseChecks.
-[[nodiscard]] std::map<std::string, std::vector<std::string>> effect_quantities(
-    const std::vector<io::CameraCase>& cameras);
+/// Quantities of each effect that a test with these cameras and experiments may have, by its key, for io::CaseChecks.
+[[nodiscard]] std::map<std::string, std::vector<std::string>> effect_quantities(const io::Case& test);
 
 /// Whether a camera has errors of its own that its rig takes for a motion in space: it is one of several on its face,
 /// one of them a perspective one.

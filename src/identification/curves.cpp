@@ -370,7 +370,18 @@ CurveFit fit(const CurveSet& set, const std::vector<ParameterInfo>& information,
                   .iterates = {},
                   .at_bounds = {},
                   .converged = false};
-  Weighted now = weighted(set, start, free, true);
+  // A parameter that the rows do not show, all of whose value moves them by less than a thousandth of a standard
+  // deviation, stays where it is.
+  const auto derived = [&](const std::vector<double>& parameters) {
+    constexpr double nothing = 1e-3;
+    Weighted at = weighted(set, parameters, free, true);
+    for (Eigen::Index j = 0; j < unknowns; ++j)
+      if (const double all = std::max(std::abs(parameters[of(j)]), information[of(j)].scale);
+          all > 0.0 && all * at.derivatives.col(j).norm() < nothing)
+        at.derivatives.col(j).setZero();
+    return at;
+  };
+  Weighted now = derived(start);
   const auto rows = static_cast<double>(now.residual.size());
   const auto note = [&](double eta) {
     result.iterates.push_back({result.parameters, eta, std::sqrt(now.squares / std::max(1.0, rows))});
@@ -413,7 +424,7 @@ CurveFit fit(const CurveSet& set, const std::vector<ParameterInfo>& information,
         better = true;
         const bool at_rest = now.squares - squares < 1e-9 * now.squares && damping < 1.0;
         result.parameters = trial;
-        now = weighted(set, trial, free, true);
+        now = derived(trial);
         result.converged = eta < options.eta || at_rest;
         damping = std::max(1e-10, damping * 0.2);
         note(eta);

@@ -101,7 +101,7 @@ std::string shifts(const json& by, const json& parameters) {
   for (const auto& [name, shift] : by.items()) {
     if (!parameters.contains(name) || !shift.is_number() || !std::isfinite(shift.get<double>())) continue;
     const json& parameter = parameters[name];
-    const double value = shift, deviations = value / std::max(1e-300, parameter["standard_deviation"].get<double>());
+    const double value = shift, deviations = value / std::max(parameter["standard_deviation"].get<double>(), 1e-300);
     if (std::abs(deviations) >= 0.1)
       all.push_back({std::abs(deviations), fmt::format("{} {}{}{} ({} sd)", escaped(name), value > 0.0 ? "+" : "",
                                                        shown(value, 2), unit_of(parameter), shown(deviations, 2))});

@@ -193,7 +193,9 @@ std::string parameters(const json& summary) {
   const auto with = [](const json& one) {
     const double deviation = one["standard_deviation"];
     return fmt::format("<td>{}</td><td>{}</td>", shown_with(one["value"], deviation),
-                       deviation > 0.0 ? "± " + shown(deviation, 2) : "its bound");
+                       std::isnan(deviation) ? "not seen"
+                       : deviation > 0.0     ? "± " + shown(deviation, 2)
+                                             : "its bound");
   };
   for (const auto& [name, now] : after.items())
     out += fmt::format("<tr><td>{}</td>{}<td>{}</td>{}<td class=\"left\">{}</td></tr>\n", escaped(name),

@@ -73,7 +73,10 @@ Case CaseReader::finished() {
 }
 
 void CaseReader::read_tests() {
-  read_loop();
+  if (root_.group("loop").has("prior"))
+    mistake("loop.prior", "given beside tests", "priors in the cases of the tests, alike in each");
+  else
+    read_loop();
   for (const auto& [section, value] : root_.json().items())
     if (section != "title" && section != "loop" && section != "output" && section != "tests")
       mistake(section, "given beside tests", "title, loop and output; all else in the cases of the tests");

@@ -141,14 +141,17 @@ void CaseReader::read_loop() {
   for (const auto& [name, deviation] : prior.json().items()) {
     if (!case_.material.parameters.contains(name))
       mistake(prior.path(name), "no parameter of this name", "a parameter of the material");
+    else if (std::none_of(case_.identify.stages.begin(), case_.identify.stages.end(), [&](const auto& stage) {
+               return std::count(stage.free.begin(), stage.free.end(), name) > 0;
+             }))
+      mistake(prior.path(name), "of a parameter that is not free", "a parameter that a stage of identify frees");
     if (deviation.is_number()) loop.prior[name] = deviation;
   }
 }
 
 void CaseReader::read_effects() {
   const auto section = root_.group("effects");
-  const auto possible =
-      checks_.effects ? checks_.effects(case_.cameras) : std::map<std::string, std::vector<std::string>>();
+  const auto possible = checks_.effects ? checks_.effects(case_) : std::map<std::string, std::vector<std::string>>();
   std::vector<std::string> known;
   for (const auto& [effect, quantities] : possible) known.push_back(effect);
   const auto is_known = [&](const std::string& path, const char* what, const std::string& name,

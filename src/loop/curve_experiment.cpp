@@ -18,29 +18,6 @@ namespace imic3d::loop {
 
 namespace id = identification;
 
-std::pair<Candidate, Parameter> gain_of(const std::string& group, int parameter) {
-  const std::string name = "gain of " + group;
-  return {{.name = name,
-           .link = Link::record,
-           .parameters = {parameter},
-           .sentence = "the bars of " + group +
-                       " carry more or less than the others, by a factor: another batch, section or load cell",
-           .confused_with = "whatever sets these tests apart, such as their rate",
-           .separated_by = "bars of one batch on one machine under both conditions",
-           .after = {}},
-          {.info = {.name = name,
-                    .unit = "-",
-                    .description = "stress of these bars over that of the others",
-                    .lower = 0.5,
-                    .upper = 2.0,
-                    .null_value = 1.0,
-                    .scale = 0.02},
-           .value = 1.0,
-           .step = 1e-3,
-           .prior = 0.0,
-           .free = false}};
-}
-
 namespace {
 /// That of the slowest curve, on the whole; 0 where no strain goes on in time.
 double lowest_rate(const std::vector<id::Curve>& curves) {
@@ -76,50 +53,12 @@ CurveExperiment::CurveExperiment(Communicator world, std::vector<id::Curve> curv
                            .prior = model_.priors[j],
                            .free = model_.free[j] != 0});
   }
-  std::size_t shortest = 0;
-  for (std::size_t k = 0; k < curves_.size(); ++k) {
-    const id::Curve& curve = curves_[k];
+  for (const id::Curve& curve : curves_) {
     Scene& scene = scenes_.emplace_back();
     scene.time = curve.history.time, scene.force = curve.stress, scene.start_time = curve.history.time[0];
     scene.elongation = curve.history.strain;
-    const auto duration = [](const Scene& s) { return s.time[s.time.size() - 1] - s.start_time; };
-    if (duration(scene) < duration(scenes_[shortest])) shortest = k;
   }
-  std::vector<std::string> keys;
-  for (auto& effect : effects()) {
-    if (!effect->acts_on_curves() ||
-        std::none_of(scenes_.begin(), scenes_.end(), [&](const Scene& scene) { return effect->applies(scene); }))
-      continue;
-    const auto description = effect->describe(scenes_[shortest]);
-    Candidate candidate{description.name,          description.link,         {}, description.sentence,
-                        description.confused_with, description.separated_by, {}};
-    candidate.changes_path = description.changes_path;
-    keys.push_back(key_of(description.name));
-    first_.push_back(parameters_.size());
-    for (const auto& q : description.quantities) {
-      const int place = static_cast<int>(parameters_.size());
-      parameters_.push_back(absent(q, model_.unit(q.unit == "force" ? "stress" : q.unit)));
-      if (!declare(parameters_.back(), keys.back(), model_.effects)) candidate.parameters.push_back(place);
-    }
-    if (!candidate.parameters.empty()) candidates_.push_back(std::move(candidate));
-    effects_.push_back(std::move(effect));
-  }
-  for (const auto& one : model_.effects)
-    if (std::find(keys.begin(), keys.end(), one.effect) == keys.end())
-      throw InputError("effects." + one.effect,
-                       "declared for stress-strain curves, on which it does not act or of which too little is known",
-                       fmt::format("one of {}", fmt::join(keys, ", ")));
-  first_.push_back(parameters_.size());
-  std::vector<std::string> groups;
-  for (const auto& curve : curves_)
-    if (std::find(groups.begin(), groups.end(), curve.group) == groups.end()) groups.push_back(curve.group);
-  if (groups.size() > 1)
-    for (const auto& group : groups) {
-      group_gains_.emplace_back(group, parameters_.size());
-      auto [candidate, gain] = gain_of(group, static_cast<int>(parameters_.size()));
-      candidates_.push_back(std::move(candidate));
-      parameters_.push_back(std::move(gain));
-    }
+  make_candidates();
   const auto law = law_candidates(model_.information, model_.declared);
   candidates_.insert(candidates_.end(), law.begin(), law.end());
   pass_turns();
@@ -127,6 +66,54 @@ CurveExperiment::CurveExperiment(Communicator world, std::vector<id::Curve> curv
   find_repetitions();
   scatter_.turns.resize(bars_.size());
   whitening_ = whitening_of(scatter_);
+}
+
+/// Effects as candidates, but for what the model declares of them; those of a machine of each of several groups, too.
+void CurveExperiment::make_candidates() {
+  std::vector<std::string> keys;
+  const auto add = [&](const std::shared_ptr<const Effect>& effect, const std::string& group) {
+    std::vector<const Scene*> scenes;
+    for (std::size_t k = 0; k < curves_.size(); ++k)
+      if (group.empty() || curves_[k].group == group) scenes.push_back(&scenes_[k]);
+    if (std::none_of(scenes.begin(), scenes.end(), [&](const Scene* scene) { return effect->applies(*scene); })) return;
+    const auto duration = [](const Scene* s) { return s->time[s->time.size() - 1] - s->start_time; };
+    const Scene& shortest = **std::min_element(
+        scenes.begin(), scenes.end(), [&](const Scene* a, const Scene* b) { return duration(a) < duration(b); });
+    const auto description = effect->describe(shortest);
+    const auto own = [&](const std::string& name) { return group.empty() ? name : in_group(name, group); };
+    Candidate candidate{own(description.name),
+                        description.link,
+                        {},
+                        group.empty() ? description.sentence : description.sentence + ": " + group + " alone",
+                        description.confused_with,
+                        description.separated_by,
+                        {}};
+    candidate.changes_path = description.changes_path;
+    keys.push_back(key_of(candidate.name));
+    effects_.push_back({effect, group, parameters_.size(), description.quantities.size(),
+                        description.quantities.front().read_at_rest});
+    for (const auto& q : description.quantities) {
+      const int place = static_cast<int>(parameters_.size());
+      parameters_.push_back(absent(q, model_.unit(q.unit == "force" ? "stress" : q.unit)));
+      if (!declare(parameters_.back(), keys.back(), model_.effects)) candidate.parameters.push_back(place);
+      parameters_.back().info.name = key_of(own(q.name));
+    }
+    if (!candidate.parameters.empty()) candidates_.push_back(std::move(candidate));
+  };
+  for (const auto& effect : effects())
+    if (effect->acts_on_curves()) add(effect, "");
+  std::vector<std::string> groups;
+  for (const auto& curve : curves_)
+    if (std::find(groups.begin(), groups.end(), curve.group) == groups.end()) groups.push_back(curve.group);
+  if (groups.size() > 1)
+    for (const auto& group : groups)
+      for (const auto& effect : effects())
+        if (effect->of_each_group()) add(effect, group);
+  for (const auto& one : model_.effects)
+    if (std::find(keys.begin(), keys.end(), one.effect) == keys.end())
+      throw InputError("effects." + one.effect,
+                       "declared for stress-strain curves, on which it does not act or of which too little is known",
+                       fmt::format("one of {}", fmt::join(keys, ", ")));
 }
 
 namespace {
@@ -292,8 +279,11 @@ std::vector<int> CurveExperiment::held_out() const {
   return held;
 }
 
-std::span<const double> CurveExperiment::values_of(std::size_t effect, const std::vector<double>& values) const {
-  return std::span(values).subspan(first_[effect], first_[effect + 1] - first_[effect]);
+template <typename Act>
+void CurveExperiment::for_effects(std::size_t curve, const std::vector<double>& values, const Act& act) const {
+  for (const Acting& one : effects_)
+    if (one.group.empty() || one.group == curves_[curve].group)
+      act(*one.effect, std::span(values).subspan(one.first, one.count));
 }
 
 CurveExperiment::Law CurveExperiment::law_of(const std::vector<double>& values) const {
@@ -318,14 +308,14 @@ CurveExperiment::Law CurveExperiment::law_of(const std::vector<double>& values) 
 
 Eigen::VectorXd CurveExperiment::true_strain(std::size_t curve, const std::vector<double>& values) const {
   Eigen::VectorXd strain = curves_[curve].history.strain;
-  for (std::size_t e = 0; e < effects_.size(); ++e) effects_[e]->gauge(values_of(e, values), strain);
+  for_effects(curve, values, [&](const Effect& effect, Effect::Values its) { effect.gauge(its, strain); });
   strain[0] = curves_[curve].history.strain[0];  // the virgin state
   return strain;
 }
 
-double CurveExperiment::compliance(const std::vector<double>& values) const {
+double CurveExperiment::compliance(std::size_t curve, const std::vector<double>& values) const {
   double sum = 0.0;
-  for (std::size_t e = 0; e < effects_.size(); ++e) sum += effects_[e]->gives_way(values_of(e, values));
+  for_effects(curve, values, [&](const Effect& effect, Effect::Values its) { sum += effect.gives_way(its); });
   return sum;
 }
 
@@ -333,7 +323,7 @@ material::BarHistory CurveExperiment::true_history(std::size_t curve, const std:
   material::BarHistory history = curves_[curve].history;
   const Eigen::VectorXd& recorded = curves_[curve].history.strain;
   history.strain = true_strain(curve, values);
-  history.compliance = compliance(values);
+  history.compliance = compliance(curve, values);
   // What a gauge errs by at a turn goes on from the row before it and one that is as far from that as the turn: in a
   // hold the strain stands still from row to row.
   const Eigen::VectorXd shift = history.strain - recorded;
@@ -364,11 +354,9 @@ Eigen::MatrixXd CurveExperiment::follow(std::size_t curve, const Law& law, const
 
 Eigen::VectorXd CurveExperiment::recorded(std::size_t curve, const std::vector<double>& values,
                                           Eigen::VectorXd stress) const {
-  for (std::size_t e = 0; e < effects_.size(); ++e) stress *= effects_[e]->thickness(values_of(e, values));
-  for (std::size_t e = 0; e < effects_.size(); ++e)
-    effects_[e]->record(values_of(e, values), passed_[curve].scene, stress);
-  for (const auto& [group, j] : group_gains_)
-    if (curves_[curve].group == group) stress *= values[j];
+  for_effects(curve, values, [&](const Effect& effect, Effect::Values its) { stress *= effect.thickness(its); });
+  for_effects(curve, values,
+              [&](const Effect& effect, Effect::Values its) { effect.record(its, passed_[curve].scene, stress); });
   return stress(passed_[curve].rows);
 }
 
@@ -434,8 +422,9 @@ std::vector<Eigen::VectorXd> CurveExperiment::residuals_near(const std::vector<d
   std::vector<std::vector<std::pair<Eigen::Index, double>>> moves(sets.size());
   std::vector<std::size_t> far;
   for (std::size_t s = 0; s < sets.size(); ++s) {
-    bool near = law_of(sets[s]).effects == law.effects && compliance(sets[s]) == compliance(values);
-    for (std::size_t k = 0; near && k < curves_.size(); ++k) near = true_strain(k, sets[s]) == true_strain(k, values);
+    bool near = law_of(sets[s]).effects == law.effects;
+    for (std::size_t k = 0; near && k < curves_.size(); ++k)
+      near = compliance(k, sets[s]) == compliance(k, values) && true_strain(k, sets[s]) == true_strain(k, values);
     if (!near) {
       far.push_back(s);
       continue;
@@ -492,6 +481,27 @@ std::string CurveExperiment::obstacle(const std::vector<double>& values) const {
       return fmt::format("{} ({}): the law cannot follow beyond row {}", curve.name, curve.group, reached);
   }
   return {};
+}
+
+std::string CurveExperiment::contradiction(int candidate, const std::vector<double>& values) const {
+  const auto& its = candidates_[static_cast<std::size_t>(candidate)].parameters;
+  const auto acting = std::find_if(effects_.begin(), effects_.end(), [&](const Acting& one) {
+    return one.read_at_rest && std::find(its.begin(), its.end(), static_cast<int>(one.first)) != its.end();
+  });
+  if (acting == effects_.end()) return {};
+  const double size = values[acting->first], E = values.front();
+  std::vector<double> readings;  // 0 is what a record begins with that was set so, or a row that was added
+  double square = 0.0;
+  for (const auto& curve : curves_)
+    if ((acting->group.empty() || acting->group == curve.group) && curve.stress[0] != 0.0 &&
+        std::abs(E * curve.history.strain[0]) < 0.2 * std::abs(size))
+      readings.push_back(curve.stress[0]), square += std::pow(id::point_noise(curve), 2);
+  if (readings.empty()) return {};
+  const auto n = static_cast<double>(readings.size());
+  const Eigen::Map<const Eigen::ArrayXd> all(readings.data(), static_cast<Eigen::Index>(readings.size()));
+  const double mean = all.mean(), deviation = std::sqrt((square / n + (all - mean).square().mean()) / n);
+  if (std::abs(mean - size) < std::max(0.5 * std::abs(size), 3.5 * deviation)) return {};
+  return fmt::format("the record begins with {:.3g} where nothing is strained, and not with {:.3g}", mean, size);
 }
 
 double CurveExperiment::round_off() const {

@@ -103,9 +103,15 @@ Linear linearise(Experiment& experiment, const Weight& weight, const std::vector
   if (residuals.front().size() == 0) return result;
   result.residual = weight(residuals.front());
   result.sensitivity.setZero(result.residual.size(), static_cast<Eigen::Index>(parameters.size()));
-  for (std::size_t j = 0; j < parameters.size(); ++j)
-    if (residuals[1 + j].size() > 0)
-      result.sensitivity.col(static_cast<Eigen::Index>(j)) = weight((residuals.front() - residuals[1 + j]) / moves[j]);
+  constexpr double nothing = 1e-3;
+  for (std::size_t j = 0; j < parameters.size(); ++j) {
+    if (residuals[1 + j].size() == 0) continue;
+    const auto k = static_cast<std::size_t>(parameters[j]);
+    auto column = result.sensitivity.col(static_cast<Eigen::Index>(j));
+    column = weight((residuals.front() - residuals[1 + j]) / moves[j]);
+    const double all = std::max(std::abs(at[k]), experiment.parameters()[k].info.scale);
+    if (all > 0.0 && all * column.norm() < nothing) column.setZero();
+  }
   return result;
 }
 
@@ -364,6 +370,11 @@ Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::I
     }
     // As along a wall beyond which the model cannot follow.
     if (small == 4) last = std::min(last, result.iterations + 1);
+  }
+  for (Eigen::Index j = 0; j < unknowns; ++j) {
+    const int k = free[static_cast<std::size_t>(j)];
+    if (result.sensitivity.col(j).isZero(0.0) && !(parameters[static_cast<std::size_t>(k)].prior > 0.0))
+      result.unseen.push_back(k);
   }
   hold_at_bounds(result, rows, parameters);
   return result;

@@ -172,6 +172,13 @@ std::string JointExperiment::obstacle(const std::vector<double>& values) const {
   return {};
 }
 
+std::string JointExperiment::contradiction(int candidate, const std::vector<double>& values) const {
+  for (std::size_t k = 0; k < tests_.size(); ++k)
+    for (int own : candidates_of(k, {candidate}))
+      if (const auto its = tests_[k].experiment->contradiction(own, values_of(k, values)); !its.empty()) return its;
+  return {};
+}
+
 bool JointExperiment::takes_simulations(int parameter) const {
   for (std::size_t k = 0; k < tests_.size(); ++k)
     if (const auto own = std::find(place_[k].begin(), place_[k].end(), parameter);
@@ -298,10 +305,13 @@ Model JointExperiment::model_of(std::size_t test, const Model& all) const {
     return static_cast<int>(std::find(place_[test].begin(), place_[test].end(), parameter) - place_[test].begin());
   };
   std::vector<Eigen::Index> kept;  // free parameters that the test has
-  model.fit.free.clear();
+  model.fit.free.clear(), model.fit.held.clear(), model.fit.unseen.clear();
   for (std::size_t i = 0; i < all.fit.free.size(); ++i)
     if (const int own = own_place(all.fit.free[i]); own < static_cast<int>(place_[test].size()))
       kept.push_back(static_cast<Eigen::Index>(i)), model.fit.free.push_back(own);
+  for (auto [from, to] : {std::pair(&all.fit.held, &model.fit.held), std::pair(&all.fit.unseen, &model.fit.unseen)})
+    for (int parameter : *from)
+      if (const int own = own_place(parameter); own < static_cast<int>(place_[test].size())) to->push_back(own);
   if (!all.fit.values.empty()) model.fit.values = values_of(test, all.fit.values);
   if (all.covariance.size() > 0) model.covariance = all.covariance(kept, kept).eval();
   model.added = candidates_of(test, all.added);

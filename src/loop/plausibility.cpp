@@ -51,6 +51,11 @@ Objection at_a_bound(const Comparison& c) {
   return {};
 }
 
+Objection contradicted_by_the_record(const Comparison& c, int candidate) {
+  const std::string reason = c.experiment.contradiction(candidate, c.model.fit.values);
+  return reason.empty() ? Objection() : reason;
+}
+
 Objection explains_half_of_the_surface_worse(const Comparison& c) {
   const Misfit &now = c.model.misfit, &was = c.before.misfit;
   if (now.checkerboard <= was.checkerboard * 1.02 || was.checkerboard <= was.null_checkerboard) return {};
@@ -230,6 +235,7 @@ void weigh(Trial& trial, const Model& at, const Experiment& experiment, const Ap
   };
   object(explains_no_more_than_chance(c));
   object(at_a_bound(c));
+  object(contradicted_by_the_record(c, trial.candidate));
   object(explains_half_of_the_surface_worse(c));
   object(doubts_more_than_it_explains(c));
   object(explains_a_rig_worse(c));

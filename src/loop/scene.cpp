@@ -60,6 +60,8 @@ Eigen::Vector2d Places::middle(int place) const {
   return low + size.cwiseProduct(Eigen::Vector2d(place % columns + 0.5, place / columns + 0.5));
 }
 
+std::string in_group(const std::string& effect, const std::string& group) { return effect + " of " + group; }
+
 std::string key_of(std::string name) {
   std::replace_if(
       name.begin(), name.end(), [](char c) { return c == ' ' || c == '-'; }, '_');

@@ -58,13 +58,15 @@ std::string changes(const Experiment& experiment, const Model& before, const Mod
   return text.empty() ? "" : text + ".";
 }
 
-/// The declared model's parameters that stand on a bound.
+/// The declared model's parameters that are not seen, or stand on a bound.
 std::string bounds(const Experiment& experiment, const Model& declared, const Model& after) {
   std::string text;
   for (const int j : declared.fit.free) {
     const auto& parameter = experiment.parameters()[static_cast<std::size_t>(j)];
     const double value = after.fit.values[static_cast<std::size_t>(j)];
-    if (on_bound(parameter, value))
+    if (std::count(after.fit.unseen.begin(), after.fit.unseen.end(), j) > 0)
+      text += fmt::format(" These data do not show {}.", parameter.info.name);
+    else if (on_bound(parameter, value))
       text += fmt::format(" {} = {:.4g}{} is on its bound: these data ask for more, or do not show it.",
                           parameter.info.name, value, parameter.info.unit == "-" ? "" : " " + parameter.info.unit);
   }

@@ -67,7 +67,9 @@ def main():
             run(program, "identify", case, ranks)
             return json.loads((folder / name / "result.json").read_text())
 
-        declared = identify("declared", "", "", "")
+        declared = identify("declared", "", "", ", nu")
+        nu = declared["parameters"]["nu"]
+        require(nu["value"] == 0.3 and nu["standard_deviation"] is None and any("nu is not determined" in doubt for doubt in declared["doubts"]), "what bars do not show stays as it is declared, and is doubted")
         rate = identify("rate", "rate", ", C_rate: {value: 0, lower: 0, upper: 0.1}, rate_0: 1e-3", ", C_rate", 2)
         null = identify("unused", "kinematic, hill, heating", "", "")
         worst = max(abs(null["parameters"][name]["value"] / declared["parameters"][name]["value"] - 1) for name in ("S_y", "S_inf", "b"))
@@ -97,11 +99,14 @@ def main():
         require("nothing that a page is made of" in said, f"an identification on curves has its page once: {said.splitlines()[0]}")
 
         case = folder / "loop.yaml"
-        case.write_text(CASE.format(effects="", more="", free="", columns=COLUMNS, output="loop") + "loop: {draws: 20, additions: 1, rivals: 1, starts: [1.0]}\n")
+        case.write_text(CASE.format(effects="", more="", free=", nu", columns=COLUMNS, output="loop") + "loop: {draws: 20, additions: 1, rivals: 1, starts: [1.0]}\n")
         print(run(program, "check", case))
         run(program, "loop", case, 2)
         left_behind(folder / "loop", case, "loop", ("curves/0005/after", "loop/frame_names"), xdmf=False)
         same_page(program, folder / "loop")
+        found = json.loads((folder / "loop/result.json").read_text())
+        require(found["after"]["parameters"]["nu"]["standard_deviation"] is None and "These data do not show nu." in found["sentence"] and "not seen" in (folder / "loop/report.html").read_text(),
+                "the loop says that bars do not show Poisson's ratio")
         figures(folder / "loop", ["chi.png", "curves.png"])
 
         # A unit that was forgotten: the stress rises by 1/100 of E. The identification that starts there stops on bounds or does not end, and says so.
@@ -139,6 +144,11 @@ def main():
             (folder / "compressed.csv").write_text("clock; strain; stress\n" + "\n".join(pulled + rows_then) + "\n")
             compressed.write_text(case_then)
             require((broken in run(program, "check", compressed, errors=True)) == doubted, f"a bar that {'breaks' if rows_then is breaks else 'is unloaded'}: {'doubted' if doubted else 'not doubted'}")
+            if doubted:
+                run(program, "identify", compressed)
+                with open(folder / "compressed/curves.csv", newline="") as file:
+                    uses = [row["use"] for row in csv.DictReader(file)]
+                require(uses[-9:] == ["fitted"] + 8 * ["not judged"], f"what it does then is not judged ({uses[-9:]})")
         (folder / "percent.csv").write_text("clock; strain; stress\n" + "\n".join(rows) + "\n")
         case.write_text(case.read_text().replace("strain_scale: 1", "strain_scale: 0.01").replace("identify: {", "identify: {max_iterations: 1, "))
         said = run(program, "identify", case, status=3, errors=True)
@@ -160,10 +170,14 @@ def main():
         mistake(lambda s: s.replace("name: fast", "name: slow"), "a name that no other experiment has")
         mistake(lambda s: s.replace("free: [S_y", 'frames: "1-5", free: [S_y'), "identify.stages[0].frames: given for experiments; allowed: from, until and held_out")
         mistake(lambda s: s.replace("identify:\n", "identify:\n  functional: combined\n"), "identify.functional: given for experiments")
-        mistake(lambda s: s.replace("from: 0.003", "from: 5"), "experiments: no row to fit: all are held out, or come before `from`")
+        mistake(lambda s: s.replace("from: 0.003", "from: 5"), "experiments.slow slow_0: from: 5, which no row reaches; allowed: a strain below the bar's largest, 0.")
+        mistake(lambda s: s.replace('file: "slow_*.csv"', 'file: "slow_*.csv", held_out: true').replace('held_out: "70-152"', "held_out: true"), "experiments: no row to fit: all are held out, or come before `from`")
+        mistake(lambda s: s + "loop: {prior: {nu: 0.01}}\n", "loop.prior.nu: of a parameter that is not free", "loop")
         mistake(lambda s: s.replace("stress_unit: ksi", "stress_unit: ksi, noise: -1"), "noise: -1; allowed: a positive number")
         (folder / "few.csv").write_text("strain,stress\n0,0\n0.001,200\n0.002,250\n")
         few = lambda s: s[:s.index("experiments:")] + "experiments: [{name: few, file: few.csv, strain: strain, stress: stress, noise: 1}]\n" + s[s.index("identify:"):]
+        (folder / "cycle.csv").write_text("strain,stress\n" + "".join(f"{0.01 * math.sin(k / 10)},{200 * math.sin(k / 10)}\n" for k in range(62)))
+        mistake(lambda s: few(s).replace("few.csv,", "cycle.csv, monotonic: true,"), "experiments.few cycle: monotonic, and a strain that goes back by 0.02")
         mistake(few, "experiments: 3 rows to fit, 3 free parameters; allowed: more rows than free parameters", "loop")
         (folder / "signs.csv").write_text("strain,stress\n" + "".join(f"{k / 10000},{-20 * k}\n" for k in range(12)))
         mistake(lambda s: few(s).replace("few.csv", "signs.csv"), "experiments.few signs: a stress that falls where the strain grows; allowed: stress and strain of one sign", "loop")
@@ -178,7 +192,9 @@ def main():
         done = subprocess.run([program, "check", str(folder / "good.yaml")], capture_output=True, text=True)
         require(done.returncode == 2 and "file.txt is no folder" in done.stderr, f"an output that cannot be made is said by check ({done.stderr.strip()[:200]})")
         mistake(lambda s: s + "effects: {light_gain: {gain_drift: 0.05}}\n", "effects.light_gain", "loop")
-        mistake(lambda s: s + "loop: {leave_out: [gain of fast, nonsense, sence]}\n", 'loop.leave_out: nonsense; allowed: any of ', "loop")
+        mistake(lambda s: s + "effects: {gain_of_slow: {gain: 3}}\n", "effects.gain_of_slow.gain: 3; allowed: a number from 0.5 to 2 [-]", "loop")
+        mistake(lambda s: s + "effects: {gain_of_slaw: {gain: 1.1}}\n", 'effects.gain_of_slaw: no effect "gain_of_slaw", near to gain_of_slow')
+        mistake(lambda s: s + "loop: {leave_out: [gain of fast, force zero of slow, nonsense, sence]}\n", 'loop.leave_out: nonsense; allowed: any of ', "loop")
         mistake(lambda s: s + "loop: {leave_out: [gain of fast, nonsense, sence]}\n", 'loop.leave_out: sence; allowed', "loop")
 
     if data() is None:

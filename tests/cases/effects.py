@@ -44,9 +44,10 @@ def main():
         require(len(at) == 1 and " null " in listed[at[0] + 1] and "confused with" in "".join(listed[at[0]:at[0] + 9]), f"imic3d effects lists {name} with its null values")
     for quantity, unit in (("compliance", "length^2/force"), ("heating", "length^2/force"), ("C_1", "force/length^2"), ("eta", "force/length^2 time^m"), ("taper_x", "1/length")):
         require(any(line.split()[:1] == [quantity] and f"[{unit}]" in line for line in listed), f"{quantity} has the unit {unit}")
-    for name, null in (("thickness (geometry", "null 0 "), ("Poisson's ratio (material", "null as declared"), ("gain of GROUP (record", "null 1 ")):
+    for name, null in (("thickness (geometry", "null 0 "), ("Poisson's ratio (material", "null as declared"), ("gain (record", "null 1 ")):
         at = [i for i, line in enumerate(listed) if line.startswith(name)]
         require(len(at) == 1 and null in listed[at[0] + 1] and "confused with" in listed[at[0] + 2], f"imic3d effects lists {name}, …): {null}")
+    require(sum("groups of stress-strain curves: " in line for line in listed) == 5 and any("strain_gain_of_GROUP" in line for line in listed), "and what a group of curves can have for itself")
     functions = sum("one formula for the hardening curve" in line for line in listed), sum("one formula for the dependence on the rate" in line for line in listed)
     require(functions == (4, 2), f"four formulas for the hardening curve, two for the dependence on the rate {functions}")
     with tempfile.TemporaryDirectory() as temporary:

@@ -97,6 +97,11 @@ def main():
     require("specimen.thickness: -1" in said and 'no file "none/*.csv"' in said, f"mistakes of two tests at once: {said.strip()}")
     case.write_text(ALL.replace("second.yaml", "wrong_second.yaml"))
     require("material.parameters.E: 191000 free; allowed: 190000 free as in" in run(program, "check", case, 1, status=2, errors=True), "a law is declared alike in all tests")
+    (folder / "wrong_second.yaml").write_text((folder / "second.yaml").read_text().replace("E: 190e3", "E: {value: 190e3, lower: 150e3}"))
+    said = run(program, "check", case, 1, status=2, errors=True)
+    require("material.parameters.E: 190000 free, from 150000; allowed: 190000 free as in" in said, f"its bounds, too: {said.strip()}")
+    case.write_text(ALL.replace("additions: 2", "additions: 2, prior: {E: 1000}"))
+    require("loop.prior: given beside tests" in run(program, "check", case, 1, status=2, errors=True), "priors are the cases' own")
     case.write_text(ALL.replace("additions: 2", "additions: 2, leave_out: [nonsense]"))
     require("loop.leave_out: nonsense" in run(program, "check", case, 1, status=2, errors=True), "and what no test can leave out")
 

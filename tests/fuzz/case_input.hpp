@@ -21,7 +21,7 @@ inline io::CaseChecks checks_of_case() {
               },
           .read_mesh = [](const std::filesystem::path& file) { return mesh::read(file); },
           .effects =
-              [](const std::vector<io::CameraCase>&) {
+              [](const io::Case&) {
                 return std::map<std::string, std::vector<std::string>>{{"force_zero", {"force_offset"}},
                                                                        {"taper", {"taper_x", "taper_y"}}};
               },

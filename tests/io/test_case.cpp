@@ -154,7 +154,7 @@ output: out
 
 TEST_F(CaseFile, EffectsOfTheTestAreReadAndChecked) {
   CaseChecks checks = all_checks;
-  checks.effects = [](const std::vector<CameraCase>&) {
+  checks.effects = [](const Case&) {
     return std::map<std::string, std::vector<std::string>>{{"force_zero", {"force_offset"}},
                                                            {"taper", {"taper_x", "taper_y"}}};
   };

@@ -137,7 +137,7 @@ TEST(CurveExperimentNightly, TheNullKnowsThatTheScatterIsEstimated) {
     experiment.learn_bias(values);
     auto stronger = values;  // the bars of one group carry more
     for (std::size_t j = 0; j < values.size(); ++j)
-      if (experiment.parameters()[j].info.name == "gain of fast") stronger[j] = 1.01;
+      if (experiment.parameters()[j].info.name == "gain_of_fast") stronger[j] = 1.01;
     const auto r = experiment.residuals({values, stronger});
     const Eigen::VectorXd mark = (r[0] - r[1]).normalized();
     const Eigen::MatrixXd null = experiment.noise(values, 60), squares = experiment.noise_of_squares(values, null);
@@ -402,6 +402,45 @@ TEST(CurveExperiment, TheZeroOfTheForceIsFoundInRepeatedBars) {
     const auto place =
         static_cast<std::size_t>(experiment.candidates()[static_cast<std::size_t>(*zero)].parameters.front());
     EXPECT_NEAR(report.final.fit.values[place], 25.0, 3.0) << report.sentence;
+  }
+}
+
+/// A load cell whose zero is off reads it where the record begins; a row that was set to zero says nothing.
+TEST(CurveExperiment, ARecordThatBeginsAtZeroContradictsAZeroThatIsOff) {
+  for (const auto& [begins, contradicted] : {std::pair(25.0, false), {0.0, true}, {-25.0, true}}) {
+    auto curves = dense_bars(3, begins, 1);
+    for (const bool set : {false, true}) {
+      if (set)
+        for (auto& curve : curves) curve.stress[0] = 0.0;
+      CurveExperiment experiment(Communicator(), curves, model(truth));
+      std::vector<double> values;
+      for (const auto& p : experiment.parameters()) values.push_back(p.info.name == "force_offset" ? 25.0 : p.value);
+      for (std::size_t k = 0; k < experiment.candidates().size(); ++k)
+        EXPECT_EQ(!experiment.contradiction(static_cast<int>(k), values).empty(),
+                  contradicted && !set && experiment.candidates()[k].name == "force zero")
+            << begins << " " << experiment.candidates()[k].name;
+    }
+  }
+}
+
+/// Two groups of bars, one of them measured on another machine, whose gauge or load cell is off.
+TEST(CurveExperiment, TheMachineOfOneGroupIsFound) {
+  for (const std::string fault : {"force zero", "strain gain"}) {
+    auto curves = dense_bars(6, 0.0, 1);
+    for (auto& curve : dense_bars(6, fault == "force zero" ? 25.0 : 0.0, 2)) {
+      curve.group = "there";
+      if (fault == "strain gain")
+        for (double& strain : curve.history.strain) strain = shown(strain, 1.06);
+      curves.push_back(std::move(curve));
+    }
+    CurveExperiment experiment(Communicator(), std::move(curves), model(truth));
+    const Report report = loop_on(experiment);
+    EXPECT_EQ(report.named.size(), 1U) << report.sentence;
+    EXPECT_TRUE(std::any_of(
+        report.set.begin(), report.set.end(),
+        [&](int k) { return experiment.candidates()[static_cast<std::size_t>(k)].name == fault + " of there"; }))
+        << fault << ": " << report.sentence;
+    EXPECT_LE(report.set.size(), 2U) << report.sentence;
   }
 }
 

@@ -5,6 +5,7 @@
 #include <Eigen/Core>
 #include <functional>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -27,6 +28,7 @@ struct Curve {
   double strain_noise = 0.0;
   std::vector<char> use;  ///< of each row: not_judged, fitted, held_out
   enum Use : char { not_judged, fitted, held_out };
+  std::optional<Eigen::Index> broken_from{};  ///< the row from which on it is not judged because it broke
 };
 
 /// From the recorded strain of `history` its noise, its turns and the smooth course between (gauge.hpp). Without

@@ -299,9 +299,9 @@ struct CaseChecks {
   std::function<std::vector<ParameterInfo>(const MaterialCase&)> parameters_of;
   /// Reads the mesh (mesh::read); groups and the need of a thickness are not checked without it.
   std::function<mesh::Mesh(const std::filesystem::path&)> read_mesh;
-  /// Quantities of each effect that a test with these cameras may have, by the effect's key; neither names are checked
-  /// without it.
-  std::function<std::map<std::string, std::vector<std::string>>(const std::vector<CameraCase>& cameras)> effects{};
+  /// Quantities of each effect that a test with what has been read of it may have, by the effect's key; neither names
+  /// are checked without it.
+  std::function<std::map<std::string, std::vector<std::string>>(const Case&)> effects{};
   /// Sections that must be there: `cameras`, `loads`, `material`, `identify`, `simulate`, `virtual`.
   std::vector<std::string> sections;
   /// Whether the images must be there (all of one size and depth), and a row of loads for each.

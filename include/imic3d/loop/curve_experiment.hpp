@@ -34,9 +34,6 @@ struct CurveLoopOptions {
   int numbers_per_frame = 24;  ///< of a curve that is not
 };
 
-/// The gain of a group of bars, as the candidate whose `parameter` it is, and this.
-[[nodiscard]] std::pair<Candidate, Parameter> gain_of(const std::string& group, int parameter);
-
 /// A frame is a bar, or a piece of a curve that has no repetition. Repeated bars are compared in bins: the mean of
 /// measured - predicted in each. These have equal shares of the way that strain, over its whole way, and stress, over
 /// its own, go along the longest bar of the group, so that what is steep has its share; each is an interval of the way
@@ -64,6 +61,8 @@ class CurveExperiment final : public Experiment {
                                                             std::vector<std::vector<double>> sets) override;
   /// The first curve that the law cannot follow, and its row.
   [[nodiscard]] std::string obstacle(const std::vector<double>& values) const override;
+  /// What a load cell reads where the record begins, unstrained, is what it reads without load.
+  [[nodiscard]] std::string contradiction(int candidate, const std::vector<double>& values) const override;
   [[nodiscard]] int most_iterations() const override { return 200; }
   /// 1e-6 of the stress: a law with an effect at its null value solves other equations than one without it.
   [[nodiscard]] double round_off() const override;
@@ -112,7 +111,7 @@ class CurveExperiment final : public Experiment {
   /// The strain that the extensometer did not show [rows].
   [[nodiscard]] Eigen::VectorXd true_strain(std::size_t curve, const std::vector<double>& values) const;
   /// Of grips and load train [length^2/force].
-  [[nodiscard]] double compliance(const std::vector<double>& values) const;
+  [[nodiscard]] double compliance(std::size_t curve, const std::vector<double>& values) const;
   /// What the gauge of a curve is taken for to have gone through.
   [[nodiscard]] material::BarHistory true_history(std::size_t curve, const std::vector<double>& values) const;
   /// Stress at the rows of a curve, and where it turned between them, before it is recorded, and its derivatives by
@@ -152,7 +151,10 @@ class CurveExperiment final : public Experiment {
   [[nodiscard]] Eigen::VectorXd whitened(const Eigen::VectorXd& raw, const std::vector<Whitening>& whitening) const;
   [[nodiscard]] Eigen::VectorXd whitened(const Eigen::VectorXd& raw) const { return whitened(raw, whitening_); }
   [[nodiscard]] Eigen::MatrixXd basis(Eigen::Index first, Eigen::Index count) const;
-  [[nodiscard]] std::span<const double> values_of(std::size_t effect, const std::vector<double>& values) const;
+  void make_candidates();
+  /// Calls act(effect, its values) for the effects that act on a curve.
+  template <typename Act>
+  void for_effects(std::size_t curve, const std::vector<double>& values, const Act& act) const;
 
   Communicator world_;
   std::vector<identification::Curve> curves_;
@@ -164,11 +166,15 @@ class CurveExperiment final : public Experiment {
     std::vector<Eigen::Index> rows;  // among these
   };
   std::vector<Passed> passed_;  // of each curve
-  std::vector<std::shared_ptr<const Effect>> effects_;
-  std::vector<std::size_t> first_;  // parameter of each effect
+  struct Acting {
+    std::shared_ptr<const Effect> effect;
+    std::string group;                 // empty: on all curves
+    std::size_t first = 0, count = 0;  // its parameters
+    bool read_at_rest = false;         // a record that begins unstrained shows it there
+  };
+  std::vector<Acting> effects_;
   std::vector<Parameter> parameters_;
   std::vector<Candidate> candidates_;
-  std::vector<std::pair<std::string, std::size_t>> group_gains_;  // group, parameter
   std::vector<Datum> data_;
   std::vector<Bin> bins_;
   std::vector<std::pair<Eigen::Index, Eigen::Index>> bars_;  // first bin, bins of each curve

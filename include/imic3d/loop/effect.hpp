@@ -172,13 +172,18 @@ class Effect {
   virtual void gauge(Values, Eigen::VectorXd& /*strain*/) const {}
   /// Record of a uniform test: recorded engineering strain per engineering stress, of what gives way beside the bar.
   [[nodiscard]] virtual double gives_way(Values) const { return 0.0; }
-  /// Whether it acts on uniform tests too, where there is no surface.
+  /// Whether it acts on uniform tests too, where there is no surface: on all alike.
   [[nodiscard]] virtual bool acts_on_curves() const { return false; }
+  /// Whether each of several groups of uniform tests has it for itself, as one that was measured on another machine.
+  [[nodiscard]] virtual bool of_each_group() const { return false; }
   /// Numerics: what the simulation is made of with the effect at one; a prediction between is interpolated.
   virtual void numerics(Numerics&) const {}
   /// Links of the chain that ask for a simulation of their own.
   [[nodiscard]] virtual bool changes_simulation(const Scene&) const { return false; }
 };
+
+/// What an effect is called that one group of uniform tests has for itself.
+[[nodiscard]] std::string in_group(const std::string& effect, const std::string& group);
 
 /// An effect's name as a key of the case file: `force zero` is `force_zero`.
 [[nodiscard]] std::string key_of(std::string name);

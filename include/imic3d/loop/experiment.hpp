@@ -94,6 +94,10 @@ class Experiment {
   }
   /// What the model cannot follow with these values, where that can be said.
   [[nodiscard]] virtual std::string obstacle(const std::vector<double>& /*values*/) const { return {}; }
+  /// What of the record that takes no part in the fit speaks against a candidate of this size; empty: nothing.
+  [[nodiscard]] virtual std::string contradiction(int /*candidate*/, const std::vector<double>& /*values*/) const {
+    return {};
+  }
   /// Whether the derivative by a parameter takes simulations of its own.
   [[nodiscard]] virtual bool takes_simulations(int /*parameter*/) const { return false; }
   /// Of a fit, which may creep along a curved valley: as many as what a simulation takes lets be.

@@ -51,6 +51,9 @@ struct Fit {
   /// to what is missing, and their sensitivities are zero. E, free to go to half of its value in the scores alone,
   /// would hide a compliance.
   std::vector<int> held{};
+  /// Parameters that the data do not show, of which nothing is known beforehand: all of their value moves the residuals
+  /// by less than a thousandth of a standard deviation. They stay where they started; sensitivities are zero.
+  std::vector<int> unseen{};
 };
 
 /// Minimises |W (measured - predicted)|^2 on `rows` over the `free` parameters from `start`. Collective. Throws

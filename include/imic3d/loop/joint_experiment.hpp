@@ -41,6 +41,7 @@ class JointExperiment final : public Experiment {
                                                                  std::vector<std::vector<double>> sets,
                                                                  double times) override;
   [[nodiscard]] std::string obstacle(const std::vector<double>& values) const override;
+  [[nodiscard]] std::string contradiction(int candidate, const std::vector<double>& values) const override;
   [[nodiscard]] bool takes_simulations(int parameter) const override;
   [[nodiscard]] int most_iterations() const override;
   [[nodiscard]] double round_off() const override;

@@ -28,6 +28,7 @@ class Compliance final : public Effect {
   }
   [[nodiscard]] bool applies(const Scene& scene) const override { return scene.surface == nullptr; }
   [[nodiscard]] bool acts_on_curves() const override { return true; }
+  [[nodiscard]] bool of_each_group() const override { return true; }
   [[nodiscard]] double gives_way(Values values) const override { return values[0]; }
 };
 

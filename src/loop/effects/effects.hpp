@@ -27,6 +27,7 @@ std::shared_ptr<const Effect> force_delay();
 std::shared_ptr<const Effect> magnification_drift();
 std::shared_ptr<const Effect> strain_gain();
 std::shared_ptr<const Effect> compliance();
+std::shared_ptr<const Effect> group_gain();
 std::shared_ptr<const Effect> parallax();
 std::shared_ptr<const Effect> lens_distortion();
 std::shared_ptr<const Effect> placement();

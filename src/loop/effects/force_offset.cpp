@@ -27,6 +27,7 @@ class ForceOffset final : public Effect {
   }
   void record(Values values, const Scene&, Eigen::VectorXd& force) const override { force.array() += values[0]; }
   [[nodiscard]] bool acts_on_curves() const override { return true; }
+  [[nodiscard]] bool of_each_group() const override { return true; }
 };
 
 }  // namespace

@@ -41,6 +41,7 @@ class Friction final : public Effect {
     return scene.elongation.size() > 1 && direction(scene).minCoeff() < -0.5 && direction(scene).maxCoeff() > 0.5;
   }
   [[nodiscard]] bool acts_on_curves() const override { return true; }
+  [[nodiscard]] bool of_each_group() const override { return true; }
   void record(Values values, const Scene& scene, Eigen::VectorXd& force) const override {
     force.array() += values[0] * direction(scene);
   }

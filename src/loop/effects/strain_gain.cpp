@@ -26,6 +26,7 @@ class StrainGain final : public Effect {
   }
   [[nodiscard]] bool applies(const Scene& scene) const override { return scene.surface == nullptr; }
   [[nodiscard]] bool acts_on_curves() const override { return true; }
+  [[nodiscard]] bool of_each_group() const override { return true; }
   /// Of the elongation.
   void gauge(Values values, Eigen::VectorXd& strain) const override {
     strain = strain.unaryExpr([&](double e) { return std::log1p(std::expm1(e) / values[0]); });
