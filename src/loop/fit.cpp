@@ -72,7 +72,8 @@ bool on_bound(const Parameter& parameter, double value) {
   if (info.shape) return false;
   const double margin = info.null_value && std::isfinite(info.upper - info.lower) ? 0.01 * (info.upper - info.lower)
                                                                                   : 0.1 * parameter.step;
-  return value < info.lower + margin || value > info.upper - margin;
+  const double above = info.null_value == info.lower ? std::min(margin, 0.1 * parameter.step) : margin;
+  return value < info.lower + above || value > info.upper - margin;
 }
 
 namespace {

@@ -54,6 +54,18 @@ TEST(Sentence, ValuesHaveTheDigitsOfTheirDeviation) {
   EXPECT_EQ(to_a_digit(197943.1, 0.0), "197943");
 }
 
+/// A small size whose null value is its bound (a compliance) is one: within a hundredth of its range it was taken for
+/// none.
+TEST(Fit, ASmallSizeIsNotAtTheBoundThatIsItsNullValue) {
+  Parameter size;
+  size.info.lower = 0.0, size.info.upper = 1.0, size.info.null_value = 0.0, size.step = 1e-5;
+  EXPECT_TRUE(on_bound(size, 0.0));
+  EXPECT_FALSE(on_bound(size, 1e-3));
+  EXPECT_TRUE(on_bound(size, 0.995));
+  size.info.lower = -1.0;
+  EXPECT_TRUE(on_bound(size, -0.985));
+}
+
 TEST(Closing, AllCandidatesMayBeLeftOut) {
   Curves experiment(5, {{Curves::kink, 6.0}});
   LoopOptions none = usual;

@@ -62,7 +62,7 @@ struct Fit {
                       const std::vector<int>& free, std::vector<double> start, const FitOptions& options = {});
 
 /// Whether a parameter stands where it may go no further: the size of an effect within a hundredth of its range,
-/// another one within a tenth of its step. A shape never does.
+/// another one, and a size at its null value that is a bound, within a tenth of its step. A shape never does.
 [[nodiscard]] bool on_bound(const Parameter& parameter, double value);
 
 /// Other values of a shape (ParameterInfo::shape): an eighth and eight times of `value`; from 0, a third of its usual
