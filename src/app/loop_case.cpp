@@ -119,6 +119,7 @@ std::vector<io::Case> cases_of_tests(const io::Case& all, const CommandOptions& 
     for (auto& mistake : unknown_candidates(all.loop.leave_out, cases, all.tests))
       mistakes.push_back({all.file.string() + ": " + mistake.place, mistake.found, mistake.allowed});
   if (!mistakes.empty()) throw InputError(std::move(mistakes));
+  for (std::size_t k = 0; k < cases.size(); ++k) cases[k].title = all.tests[k].name + ": " + cases[k].title;
   return cases;
 }
 

@@ -73,6 +73,7 @@ def main():
     require(result["before"]["chi"]["fitted"] > result["before"]["chi"]["null_fitted"] and chi["held_out"] <= 1.05 * chi["null_held_out"], f"held-out chi {result['before']['chi']['held_out']:.2f} -> {chi['held_out']:.2f}, null {chi['null_held_out']:.2f}")
     for name in ("first strip", "second strip", "bars"):
         require((folder / "all" / name / "report.html").exists(), f"the page of the {name}")
+    require("<title>first strip: " in (folder / "all/first strip/report.html").read_text(), "which says whose it is")
     own = json.loads((folder / "all/first strip/result.json").read_text())
     page = (folder / "all/first strip/report.html").read_text()
     require(page.count("data:image/png") == 6 and own["remainder"]["map"]["largest"] < 2 * own["remainder"]["map"]["limit"], "with its residual on the surface")
