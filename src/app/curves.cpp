@@ -92,7 +92,8 @@ id::Curve make_curve(const io::ExperimentCase& experiment, std::size_t file) {
 /// strain did not go back as it does when it is unloaded.
 void leave_out_what_broke(id::Curve& curve, double E) {
   const double largest = curve.stress.cwiseAbs().maxCoeff();
-  const Eigen::Index end = curve.stress.size();
+  Eigen::Index end = curve.stress.size();
+  while (end > 0 && curve.use[static_cast<std::size_t>(end - 1)] == id::Curve::not_judged) --end;
   Eigen::Index first = end, carried = end - 1;
   while (first > 0 && std::abs(curve.stress[first - 1]) < 0.1 * largest) --first;
   while (carried >= 0 && std::abs(curve.stress[carried]) < 0.5 * largest) --carried;

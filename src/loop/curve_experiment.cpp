@@ -492,10 +492,16 @@ std::string CurveExperiment::contradiction(int candidate, const std::vector<doub
   const double size = values[acting->first], E = values.front();
   std::vector<double> readings;  // 0 is what a record begins with that was set so, or a row that was added
   double square = 0.0;
-  for (const auto& curve : curves_)
-    if ((acting->group.empty() || acting->group == curve.group) && curve.stress[0] != 0.0 &&
-        std::abs(E * curve.history.strain[0]) < 0.2 * std::abs(size))
-      readings.push_back(curve.stress[0]), square += std::pow(id::point_noise(curve), 2);
+  for (const auto& curve : curves_) {
+    if ((!acting->group.empty() && acting->group != curve.group) || curve.stress[0] == 0.0 ||
+        std::abs(E * curve.history.strain[0]) >= 0.2 * std::abs(size))
+      continue;
+    double others = 0.0;
+    for (const Acting& one : effects_)
+      if (&one != &*acting && one.read_at_rest && (one.group.empty() || one.group == curve.group))
+        others += values[one.first];
+    readings.push_back(curve.stress[0] - others), square += std::pow(id::point_noise(curve), 2);
+  }
   if (readings.empty()) return {};
   const auto n = static_cast<double>(readings.size());
   const Eigen::Map<const Eigen::ArrayXd> all(readings.data(), static_cast<Eigen::Index>(readings.size()));

@@ -140,7 +140,8 @@ def main():
         breaks = [f"{len(strains) + k}; {farthest + 1e-5 + 1e-3 * k}; {draw.gauss(0, 1)}" for k in range(8)]
         unloads = [f"{len(strains) + k}; {farthest - flow / E * k / 8}; {flow * (1 - k / 8) + draw.gauss(0, 1)}" for k in range(1, 9)]
         told = compressed.read_text()
-        for rows_then, case_then, doubted in ((breaks, told, False), (breaks, told.replace(", until: maximum_force", ""), True), (unloads, told.replace(", until: maximum_force", ""), False)):
+        to_the_end = told.replace(", until: maximum_force", "")
+        for rows_then, case_then, doubted in ((breaks, told, False), (breaks, to_the_end, True), (unloads, to_the_end, False), (unloads, to_the_end.replace("time: clock", "monotonic: true, time: clock"), False)):
             (folder / "compressed.csv").write_text("clock; strain; stress\n" + "\n".join(pulled + rows_then) + "\n")
             compressed.write_text(case_then)
             require((broken in run(program, "check", compressed, errors=True)) == doubted, f"a bar that {'breaks' if rows_then is breaks else 'is unloaded'}: {'doubted' if doubted else 'not doubted'}")
