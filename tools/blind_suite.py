@@ -18,7 +18,7 @@ import blind
 
 TRUTH = dict(E=200e3, S_y=250.0, S_inf=420.0, b=18.0, H=700.0)
 DEFAULT = dict(C_1=0.0, gamma_1=50.0, C_rate=0.0, rate_0=1e-3, eta=0.0, m=0.3, heating=0.0, cooling=0.0, Q_v=0.0, b_v=150.0, eps_L=0.0,
-               damage=0.0, eps_D=0.0, force_offset=0.0, force_delay=0.0, gain=1.0, friction=0.0, strain_gain=1.0, compliance=0.0,
+               damage=0.0, eps_D=0.0, force_offset=0.0, force_delay=0.0, gain=1.0, friction=0.0, strain_gain=1.0, compliance=0.0, strain_offset=0.0,
                ageing=0.0, slip=0.0, twinning=0.0)
 
 
@@ -107,7 +107,7 @@ def make(folder, effect, seed):
             x = 2.0 * x / x[-1] - 1.0
             c = random.normal(size=3) * [5.0, 3.0, 2.0]  # bars differ [MPa]
             engineering = engineering + (c[0] + c[1] * x + c[2] * 0.5 * (3 * x * x - 1)) * np.minimum(1.0, np.abs(engineering) / 200.0)
-            strain = np.log(np.exp(strain) + p["compliance"] * engineering)  # the bar goes through its history, the load train's share is recorded, too
+            strain = np.log(np.exp(strain) + p["compliance"] * engineering + p["strain_offset"])  # the bar goes through its history, the load train's share is recorded, too
             engineering = engineering + p["ageing"] * np.sin(2 * np.pi * time / time[-1] * 7)  # out of the library: a hum
             engineering = engineering + p["slip"] * (strain > 0.06) * (1 if bar % 2 else -1)    # out of the library: jumps of either sign
             engineering = engineering + p["friction"] * np.sign(np.diff(strain, prepend=-1e-9))
@@ -136,6 +136,7 @@ EFFECTS = {
     "delay of the force": ("force_delay", {}, 1e-4, 2e-3),
     "strain gain": ("strain_gain", {}, 1.03, 1.3),
     "compliance": ("compliance", {}, 1e-6, 1e-5),
+    "strain zero": ("strain_offset", {}, 1e-4, 3e-3),
     "gain of fast": ("gain of fast", {}, 1.05, 1.5),
     "force zero of fast": ("force_offset of fast", {}, 8.0, 100.0),
     "strain gain of fast": ("strain_gain of fast", {}, 1.03, 1.3),

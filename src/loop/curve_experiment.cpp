@@ -309,7 +309,8 @@ CurveExperiment::Law CurveExperiment::law_of(const std::vector<double>& values) 
 Eigen::VectorXd CurveExperiment::true_strain(std::size_t curve, const std::vector<double>& values) const {
   Eigen::VectorXd strain = curves_[curve].history.strain;
   for_effects(curve, values, [&](const Effect& effect, Effect::Values its) { effect.gauge(its, strain); });
-  strain[0] = curves_[curve].history.strain[0];  // the virgin state
+  // The record begins in the virgin state, whatever a gauge shows then.
+  if (const double first = curves_[curve].history.strain[0]; std::abs(first) < std::abs(strain[0])) strain[0] = first;
   return strain;
 }
 

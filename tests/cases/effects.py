@@ -47,7 +47,7 @@ def main():
     for name, null in (("thickness (geometry", "null 0 "), ("Poisson's ratio (material", "null as declared"), ("gain (record", "null 1 ")):
         at = [i for i, line in enumerate(listed) if line.startswith(name)]
         require(len(at) == 1 and null in listed[at[0] + 1] and "confused with" in listed[at[0] + 2], f"imic3d effects lists {name}, …): {null}")
-    require(sum("groups of stress-strain curves: " in line for line in listed) == 5 and any("strain_gain_of_GROUP" in line for line in listed), "and what a group of curves can have for itself")
+    require(sum("groups of stress-strain curves: " in line for line in listed) == 6 and any("strain_gain_of_GROUP" in line for line in listed), "and what a group of curves can have for itself")
     functions = sum("one formula for the hardening curve" in line for line in listed), sum("one formula for the dependence on the rate" in line for line in listed)
     require(functions == (4, 2), f"four formulas for the hardening curve, two for the dependence on the rate {functions}")
     with tempfile.TemporaryDirectory() as temporary:

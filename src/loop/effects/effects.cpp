@@ -24,7 +24,7 @@ std::vector<std::shared_ptr<const Effect>> effects() {
           force_delay(),  magnification_drift(), parallax(),           lens_distortion(), placement(),
           camera_bump(),  hole_radius(),         hole_offset(),        thickness(),       taper(),
           preload(),      residual_stress(),     misalignment(),       grip_slip(),       friction(),
-          stiff_region(), strain_gain(),         compliance(),         group_gain()};
+          stiff_region(), strain_gain(),         strain_zero(),        compliance(),      group_gain()};
 }
 
 std::vector<std::shared_ptr<const Effect>> light_effects() {

@@ -26,6 +26,7 @@ std::shared_ptr<const Effect> force_offset();
 std::shared_ptr<const Effect> force_delay();
 std::shared_ptr<const Effect> magnification_drift();
 std::shared_ptr<const Effect> strain_gain();
+std::shared_ptr<const Effect> strain_zero();
 std::shared_ptr<const Effect> compliance();
 std::shared_ptr<const Effect> group_gain();
 std::shared_ptr<const Effect> parallax();
