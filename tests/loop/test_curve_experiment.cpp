@@ -440,6 +440,22 @@ TEST(CurveExperiment, ARecordThatBeginsAtZeroContradictsAZeroThatIsOff) {
   }
 }
 
+/// An extensometer that reads 1e-4 too much begins with that, or was set to zero before a slack was taken up: the bar
+/// carries nothing then.
+TEST(CurveExperiment, ABarBeginsUnloadedWhateverItsGaugeShows) {
+  for (const double begins : {0.0, 1e-4}) {
+    auto curves = dense_bars(1, 0.0, 1);
+    for (double& strain : curves[0].history.strain) strain += 1e-4;
+    curves[0].history.strain[0] = begins;
+    CurveExperiment experiment(Communicator(), curves, model(truth));
+    std::vector<double> values;
+    for (const auto& p : experiment.parameters()) values.push_back(p.info.name == "strain_offset" ? 1e-4 : p.value);
+    const auto predicted = experiment.predict(values);
+    EXPECT_NEAR(predicted[0][0], 0.0, 1e-2) << begins;
+    EXPECT_NEAR(predicted[0][5], curves[0].stress[5], 8.0) << begins;
+  }
+}
+
 /// Two load cells' zeros together are what the bars of one group begin with.
 TEST(CurveExperiment, ZerosOfAllAndOfOneGroupAreReadTogether) {
   auto curves = dense_bars(3, 10.0, 1);
