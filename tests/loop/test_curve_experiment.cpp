@@ -458,12 +458,12 @@ TEST(CurveExperiment, ABarBeginsUnloadedWhateverItsGaugeShows) {
 
 /// Two load cells' zeros together are what the bars of one group begin with.
 TEST(CurveExperiment, ZerosOfAllAndOfOneGroupAreReadTogether) {
-  auto curves = dense_bars(3, 10.0, 1);
-  for (auto& curve : dense_bars(3, 35.0, 2)) curve.group = "there", curves.push_back(std::move(curve));
+  auto curves = dense_bars(3, -40.0, 1);
+  for (auto& curve : dense_bars(3, 10.0, 2)) curve.group = "there", curves.push_back(std::move(curve));
   CurveExperiment experiment(Communicator(), std::move(curves), model(truth));
   std::vector<double> values;
   for (const auto& p : experiment.parameters())
-    values.push_back(p.info.name == "force_offset" ? 10.0 : p.info.name == "force_offset_of_there" ? 25.0 : p.value);
+    values.push_back(p.info.name == "force_offset" ? -40.0 : p.info.name == "force_offset_of_there" ? 50.0 : p.value);
   for (std::size_t k = 0; k < experiment.candidates().size(); ++k)
     EXPECT_EQ(experiment.contradiction(static_cast<int>(k), values), "") << experiment.candidates()[k].name;
 }
