@@ -21,7 +21,9 @@ class StrainZero final : public Effect {
                             .upper = 0.01}},
             .sentence = "the extensometer reads a strain that the bar does not have, all along",
             .confused_with = "delay of the force, which is the same at one rate; E",
-            .separated_by = "the line through the elastic rows, which meets no stress at that strain; a hold"};
+            .separated_by = "the line through the elastic rows, which meets no stress at that strain; a hold",
+            .elsewhere = {},
+            .changes_path = true};
   }
   [[nodiscard]] bool applies(const Scene& scene) const override { return scene.surface == nullptr; }
   [[nodiscard]] bool acts_on_curves() const override { return true; }
