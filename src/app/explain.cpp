@@ -152,7 +152,6 @@ class VirtualIdentification {
     model.values = truth, model.priors.assign(truth.size(), 0.0), model.free.assign(truth.size(), 0);
     for (const int j : free_) model.free[static_cast<std::size_t>(j)] = 1;
     model.specimen = [&test](const loop::MeshChange& change) { return make_specimen(test, false, change); };
-    model.thickness = test.specimen.thickness;
     model.increments = test.identify.increments();
     model.groups = test.identify.groups;
     model.unit = [&test](std::string unit) { return unit_in(std::move(unit), test.units); };

@@ -171,7 +171,6 @@ loop::DeclaredModel declared_model(const io::Case& test, const Material& materia
     return extended_law(test, effects, in_space);
   };
   model.specimen = [&test](const loop::MeshChange& change) { return make_specimen(test, false, change); };
-  model.thickness = test.specimen.thickness;
   model.increments = test.identify.increments();
   model.groups = test.identify.groups;
   model.effects = declared_effects(test);

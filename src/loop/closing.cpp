@@ -15,6 +15,7 @@
 #include "plausibility.hpp"
 #include "remainder.hpp"
 #include "sentence.hpp"
+#include "starts.hpp"
 
 namespace imic3d::loop {
 
@@ -259,52 +260,6 @@ class Loop {
     }
   }
 
-  bool shaped(int k) const {
-    const auto& its = candidate(k).parameters;
-    return std::any_of(its.begin(), its.end(),
-                       [&](int j) { return experiment_.parameters()[static_cast<std::size_t>(j)].info.shape; });
-  }
-  /// The declared values of the parameters that the declared model has free.
-  void as_declared(std::vector<double>& values) const {
-    for (int j : free_of({}))
-      if (const Parameter& p = experiment_.parameters()[static_cast<std::size_t>(j)]; !p.info.null_value)
-        values[static_cast<std::size_t>(j)] = p.value;
-  }
-  static bool far(const Model& at) { return at.misfit.fitted > 2.0 * at.misfit.null_fitted; }
-
-  /// Where an effect that acts somewhere is identified from: the three places whose marks explain most, of what is
-  /// fitted and what is held out, with the sizes that they ask for; where the misfit is large the best one with the
-  /// declared parameters too, which what is missing has bent.
-  std::vector<std::vector<double>> elsewhere(const Model& at, std::size_t i) const {
-    const Candidate& its = candidate(at.others[i]);
-    const Score& score = at.scores.candidates[i];
-    std::vector<Eigen::Index> order(its.elsewhere.size());
-    for (std::size_t k = 0; k < order.size(); ++k) order[k] = static_cast<Eigen::Index>(k);
-    const Eigen::VectorXd drop = score.drop_there + score.drop_there_held_out;
-    std::stable_sort(order.begin(), order.end(), [&](Eigen::Index a, Eigen::Index b) { return drop[a] > drop[b]; });
-    std::vector<std::vector<double>> starts;
-    for (std::size_t k = 0; k < std::min<std::size_t>(3, order.size()); ++k) {
-      std::vector<double>& start = starts.emplace_back(at.fit.values);
-      Eigen::Index size = 0;
-      std::size_t shape = 0;
-      for (int j : its.parameters) {
-        const auto& info = experiment_.parameters()[static_cast<std::size_t>(j)].info;
-        auto& value = start[static_cast<std::size_t>(j)];
-        const double margin = 0.05 * (info.upper - info.lower);
-        value = info.shape
-                    ? its.elsewhere[static_cast<std::size_t>(order[k])][shape++]
-                    : std::clamp(value + score.size_there(size++, order[k]), info.lower + margin, info.upper - margin);
-      }
-    }
-    if (far(at) && !starts.empty()) as_declared(starts.emplace_back(starts.front()));
-    return starts;
-  }
-
-  /// An effect without a shape, of the law or of the path on which it yields, looked for where the misfit is large.
-  bool from_afar(const Model& at, int k) const {
-    return (candidate(k).link == Link::material || candidate(k).changes_path) && !shaped(k) && far(at);
-  }
-
   /// Of two large effects together each has a size that the parts of the test disagree about while the other is
   /// missing, and one that is like both may have none. Where the search ends unexplained those that the parts disagree
   /// about, and that help more than what was added first, have a round beside them, `rivals` of them at most. Where
@@ -408,7 +363,7 @@ class Loop {
     // a negative one.
     std::vector<std::size_t> afar;
     for (std::size_t i = 0; i < at.others.size(); ++i)
-      if (from_afar(at, at.others[i]) && scores[i].visible() && !is_in(seen, i)) afar.push_back(i);
+      if (from_afar(experiment_, at, at.others[i]) && scores[i].visible() && !is_in(seen, i)) afar.push_back(i);
     std::erase_if(waiting, [&](std::size_t i) { return is_in(afar, i); });
     // An invisible effect, or one that the held-out frames speak against, whose score is as large as those of all
     // others, within their noise, may be what is there: it is named where it suffices, after those.
@@ -457,46 +412,6 @@ class Loop {
     return round;
   }
 
-  /// Where a candidate without places is identified from: from the size that the score predicts (next to the null value
-  /// where a shape decides what it is, for three of its values), with the declared parameters too where what is missing
-  /// bends these, and from the null value.
-  std::vector<std::vector<double>> starts_of(const Model& at, std::size_t i) const {
-    const auto& its = candidate(at.others[i]).parameters;
-    const bool with_shape = shaped(at.others[i]);
-    std::vector<std::vector<double>> starts = elsewhere(at, i);
-    for (double factor : !starts.empty() ? std::vector<double>{}
-                         : with_shape    ? std::vector<double>{1.0, 8.0, 0.125}
-                                         : std::vector<double>{1.0}) {
-      std::vector<double>& start = starts.emplace_back(at.fit.values);
-      for (std::size_t k = 0; k < its.size(); ++k) {
-        const auto j = static_cast<std::size_t>(its[k]);
-        const Parameter& p = experiment_.parameters()[j];
-        const double margin =
-            std::isfinite(p.info.upper - p.info.lower) ? 0.05 * (p.info.upper - p.info.lower) : p.step;
-        const double size = with_shape ? p.step : at.scores.candidates[i].size[static_cast<Eigen::Index>(k)];
-        const double wanted = !p.info.shape     ? start[j] + size
-                              : start[j] != 0.0 ? factor * start[j]
-                              : factor < 1.0    ? 0.0
-                                                : factor * p.info.scale / 8.0;
-        start[j] = std::clamp(wanted, p.info.lower + margin, p.info.upper - margin);
-      }
-    }
-    // What is missing bends the declared parameters, and no way may lead from there to where it is: from their declared
-    // values too.
-    for (double factor : from_afar(at, at.others[i]) ? std::vector<double>{1.0, 3.0} : std::vector<double>{}) {
-      std::vector<double> start = starts.front();
-      as_declared(start);
-      for (int j : its) {
-        const auto k = static_cast<std::size_t>(j);
-        const Parameter& p = experiment_.parameters()[k];
-        start[k] = std::clamp(at.fit.values[k] + factor * (start[k] - at.fit.values[k]), p.info.lower, p.info.upper);
-      }
-      starts.push_back(std::move(start));
-    }
-    starts.push_back(at.fit.values);
-    return starts;
-  }
-
   /// Identifies `at` with its candidate `i` added, judges what that leaves, and puts it into the round.
   void try_out(Round& round, const Model& at, std::size_t i, bool visible) {
     Trial trial;
@@ -506,10 +421,10 @@ class Loop {
     trial.visible = visible;
     trial.model.added = at.added, trial.model.idle = at.idle;
     trial.model.added.push_back(trial.candidate);
-    const bool several_ways = shaped(trial.candidate) || from_afar(at, trial.candidate),
+    const bool several_ways = shaped(experiment_, trial.candidate) || from_afar(experiment_, at, trial.candidate),
                somewhere = !candidate(trial.candidate).elsewhere.empty();
     bool fitted = false;
-    const auto starts = starts_of(at, i);
+    const auto starts = starts_of(experiment_, at, i);
     for (std::size_t n = 0; n < starts.size(); ++n) {
       try {
         Fit one = identified(at.ground->weight, trial.model, starts[n]);

@@ -179,7 +179,6 @@ void FieldExperiment::make_candidates() {
 
 void FieldExperiment::make_scene() {
   Scene scene;
-  scene.thickness = model_.thickness;
   scene.time = measured_.time, scene.force = measured_.force, scene.start_time = measured_.start_time,
   scene.reference_time = measured_.reference_time;
   scene.images = measured_.images;
@@ -191,9 +190,10 @@ void FieldExperiment::make_scene() {
   scene.plane = mesh::dimension(declared.specimen.volume.type) == 2;
   scene.half = !scene.plane && declared.specimen.section_factor != 1.0;
   scene.elongation = elongation_of(declared.specimen, declared.to_variant * measured_.driving);
+  const mesh::Mesh& volume = declared.specimen.volume;
+  const double depth = volume.nodes.col(2).maxCoeff() - volume.nodes.col(2).minCoeff();
+  scene.thickness = scene.plane ? volume.thickness : declared.specimen.section_factor * depth;
   if (!scene.half && !scene.plane) {
-    const double depth =
-        declared.specimen.volume.nodes.col(2).maxCoeff() - declared.specimen.volume.nodes.col(2).minCoeff();
     scene.driven_depth = measured_.faces.size() == 2              ? 0.5 * depth
                          : measured_.faces.front().name == "back" ? depth
                                                                   : 0.0;
@@ -405,7 +405,7 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
         if (unknown[t] > 0.1 * measured_.force_noise)
           doubt_too(whitened(Eigen::MatrixXd::Zero(nominal.displacement.rows(), nominal.displacement.cols()),
                              unknown[t] * Eigen::VectorXd::Unit(unknown.size(), t)));
-  for (const auto& column : theory_in_doubt(values)) doubt_too(column);
+  for (const auto& column : theory_in_doubt(values, nominal.force)) doubt_too(column);
   const double share = std::pow(std::min(1.0, scene().thickness / scene().span(1 - scene().axis) / uneven_thickness),
                                 2);  // of what ends of thick specimens do at depth
   if (learned.in_space.size() > 0) {
@@ -419,21 +419,33 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
   bias_ = std::make_shared<Bias>(std::move(learned));
 }
 
-std::vector<Eigen::VectorXd> FieldExperiment::theory_in_doubt(const std::vector<double>& values) {
-  constexpr double known_to = 1e-3;
-  std::vector<std::vector<double>> sets;
-  std::vector<double> in_steps;
-  for (std::size_t j = 0; j < model_.values.size(); ++j) {
-    if (values[j] == 0.0) continue;
-    sets.push_back(values), sets.back()[j] += parameters_[j].step;
-    in_steps.push_back(known_to * values[j] / parameters_[j].step);
-  }
-  const auto residual = residuals_near(values, sets);
-  std::vector<Eigen::VectorXd> columns;
-  for (std::size_t k = 0; k < sets.size(); ++k)
-    if (residual[0].size() > 0 && residual[1 + k].size() > 0)
-      columns.push_back(in_steps[k] * (residual[1 + k] - residual[0]));
-  return columns;
+std::vector<Eigen::VectorXd> FieldExperiment::theory_in_doubt(const std::vector<double>& values,
+                                                              const Eigen::VectorXd& reaction) {
+  const double section = scene().thickness * scene().span(1 - scene().axis),
+               elastic_strain = reaction.cwiseAbs().maxCoeff() / section / values.front(),
+               known_to = std::max(1e-3, elastic_strain);
+  const auto columns = [&](bool of_flow) {
+    std::vector<std::pair<std::size_t, double>> in_doubt;
+    std::vector<double> at = values;
+    for (std::size_t j = 0; j < model_.values.size(); ++j)
+      if (values[j] != 0.0) in_doubt.emplace_back(j, known_to * values[j]);
+    for (std::size_t j = model_.values.size(); of_flow && j < model_.values.size() + model_.lacking.size(); ++j) {
+      const auto& info = parameters_[j].info;
+      if (info.shape || (info.effect != "hill" && info.effect != "pressure")) continue;
+      at[j] += 1e-9;  // so that the law has it: all are derivatives of one series
+      in_doubt.emplace_back(j, known_to);
+    }
+    std::vector<std::vector<double>> sets;
+    for (const auto& [j, size] : in_doubt) sets.push_back(at), sets.back()[j] += parameters_[j].step;
+    const auto residual = residuals_near(at, sets);
+    std::vector<Eigen::VectorXd> found;
+    for (std::size_t k = 0; k < sets.size(); ++k)
+      if (residual[0].size() > 0 && residual[1 + k].size() > 0)
+        found.push_back(in_doubt[k].second / parameters_[in_doubt[k].first].step * (residual[1 + k] - residual[0]));
+    return found;
+  };
+  auto found = columns(true);
+  return found.empty() ? columns(false) : found;
 }
 
 std::vector<Eigen::MatrixXd> FieldExperiment::learned_numbers() const {

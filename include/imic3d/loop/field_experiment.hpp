@@ -98,7 +98,6 @@ struct DeclaredModel {
                                                                  bool in_space)>
       extended;
   std::function<identification::Specimen(const MeshChange&)> specimen;
-  double thickness = 1.0;
   int increments = 1;                              ///< between two frames
   int groups = 0;                                  ///< of ranks
   std::vector<DeclaredEffect> effects{};           ///< no candidates any more
@@ -223,9 +222,12 @@ class FieldExperiment final : public Experiment {
   /// The prediction without camera and load cell, and its derivatives. Without forces where the model could not follow.
   [[nodiscard]] std::pair<Prediction, std::vector<Prediction>> differentiate(const std::vector<double>& values,
                                                                              const std::vector<Tangent>& tangents);
-  /// What each number of the law changes where it is off by what theories of the same law differ by [N each], in units
-  /// of the noise. Collective.
-  [[nodiscard]] std::vector<Eigen::VectorXd> theory_in_doubt(const std::vector<double>& values);
+  /// What each number of the law, and of the direction in which it flows (Hill's ratios, friction and dilatancy),
+  /// changes where it is off by what theories of the same law differ by [N each], in units of the noise: terms of the
+  /// order of the elastic strain, taken as that of the mean stress under the largest `reaction` [frames], or a
+  /// thousandth where it is smaller. Collective.
+  [[nodiscard]] std::vector<Eigen::VectorXd> theory_in_doubt(const std::vector<double>& values,
+                                                             const Eigen::VectorXd& reaction);
   /// How the prediction moves with the displacement that drives the ends [unknowns x frames]: by the derivatives of the
   /// simulation; by simulations.
   [[nodiscard]] std::vector<Prediction> responses(const std::vector<double>& values,
