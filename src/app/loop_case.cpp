@@ -95,8 +95,9 @@ void check_loop_case(const io::Case& test) {
 std::vector<io::Case> cases_of_tests(const io::Case& all, const CommandOptions& options,
                                      const std::function<void(const io::Case&)>& also) {
   std::vector<io::Case> cases;
-  std::vector<Mistake> mistakes;
+  std::vector<Mistake> mistakes = all.mistakes;
   for (const auto& test : all.tests) {
+    if (!exists(test.file)) continue;  // the list's mistakes say so
     CommandOptions own = options;
     own.case_file = test.file;
     const auto read = cases.size();

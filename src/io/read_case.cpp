@@ -63,12 +63,10 @@ Case CaseReader::read() {
 }
 
 Case CaseReader::finished() {
-  if (!mistakes_.empty()) {
-    std::stable_sort(mistakes_.begin(), mistakes_.end(), [](auto& a, auto& b) { return a.line < b.line; });
-    std::vector<Mistake> plain;
-    for (auto& placed : mistakes_) plain.push_back(std::move(placed.mistake));
-    throw InputError(std::move(plain));
-  }
+  std::stable_sort(mistakes_.begin(), mistakes_.end(), [](auto& a, auto& b) { return a.line < b.line; });
+  for (auto& placed : mistakes_) case_.mistakes.push_back(std::move(placed.mistake));
+  const bool cases_follow = checks_.several && !case_.tests.empty();
+  if (!case_.mistakes.empty() && !cases_follow) throw InputError(std::move(case_.mistakes));
   return std::move(case_);
 }
 

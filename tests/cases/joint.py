@@ -119,6 +119,9 @@ def main():
     case.write_text(ALL.replace("second strip", "first strip").replace("second.yaml", "none.yaml") + "material: {law: elastic}\n")
     said = run(program, "loop", case, 1, status=2, errors=True)
     require(all(word in said for word in ("once more", "no such file", "given beside tests")), "mistakes of the list of tests")
+    case.write_text(ALL.replace("second.yaml", "none.yaml").replace("first.yaml", "wrong_first.yaml"))
+    said = run(program, "check", case, 1, status=2, errors=True)
+    require("no such file" in said and "specimen.thickness: -1" in said, f"mistakes of the list and of its cases at once: {said.strip()}")
     for name in ("../elsewhere", "..", '""'):
         case.write_text(ALL.replace("name: second strip", f"name: {name}"))
         said = run(program, "loop", case, 1, status=2, errors=True)

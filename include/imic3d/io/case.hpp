@@ -274,7 +274,8 @@ struct Case {
   LoadsCase loads;
   MaterialCase material;
   std::vector<ExperimentCase> experiments;
-  std::vector<TestCase> tests;  ///< in the place of all but title, loop and output
+  std::vector<TestCase> tests;    ///< in the place of all but title, loop and output
+  std::vector<Mistake> mistakes;  ///< of the list of tests, to be said with those of their cases
   DicCase dic;
   IdentifyCase identify;
   LoopCase loop;
