@@ -421,19 +421,22 @@ void FieldExperiment::learn_bias(const std::vector<double>& values) {
 
 std::vector<Eigen::VectorXd> FieldExperiment::theory_in_doubt(const std::vector<double>& values,
                                                               const Eigen::VectorXd& reaction) {
-  const double section = scene().thickness * scene().span(1 - scene().axis),
-               elastic_strain = reaction.cwiseAbs().maxCoeff() / section / values.front(),
-               known_to = std::max(1e-3, elastic_strain);
+  constexpr double known_to = 1e-3;
+  const double section = scene().thickness * scene().span(1 - scene().axis), E = parameters_.front().value,
+               elastic_strain = reaction.cwiseAbs().maxCoeff() / section / E;
   const auto columns = [&](bool of_flow) {
     std::vector<std::pair<std::size_t, double>> in_doubt;
     std::vector<double> at = values;
-    for (std::size_t j = 0; j < model_.values.size(); ++j)
-      if (values[j] != 0.0) in_doubt.emplace_back(j, known_to * values[j]);
-    for (std::size_t j = model_.values.size(); of_flow && j < model_.values.size() + model_.lacking.size(); ++j) {
+    for (std::size_t j = 0; j < model_.values.size() + model_.lacking.size(); ++j) {
       const auto& info = parameters_[j].info;
-      if (info.shape || (info.effect != "hill" && info.effect != "pressure")) continue;
-      at[j] += 1e-9;  // so that the law has it: all are derivatives of one series
-      in_doubt.emplace_back(j, known_to);
+      const bool declared = j < model_.values.size(),
+                 flow = !info.shape && (info.effect == "hill" || info.effect == "pressure");
+      if (flow && (declared || of_flow)) {
+        in_doubt.emplace_back(j, std::max(known_to, elastic_strain));
+        if (!declared) at[j] += 1e-9;  // so that the law has it: all are derivatives of one series
+      } else if (declared && values[j] != 0.0) {
+        in_doubt.emplace_back(j, known_to * values[j]);
+      }
     }
     std::vector<std::vector<double>> sets;
     for (const auto& [j, size] : in_doubt) sets.push_back(at), sets.back()[j] += parameters_[j].step;

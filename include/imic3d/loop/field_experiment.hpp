@@ -222,10 +222,10 @@ class FieldExperiment final : public Experiment {
   /// The prediction without camera and load cell, and its derivatives. Without forces where the model could not follow.
   [[nodiscard]] std::pair<Prediction, std::vector<Prediction>> differentiate(const std::vector<double>& values,
                                                                              const std::vector<Tangent>& tangents);
-  /// What each number of the law, and of the direction in which it flows (Hill's ratios, friction and dilatancy),
-  /// changes where it is off by what theories of the same law differ by [N each], in units of the noise: terms of the
-  /// order of the elastic strain, taken as that of the mean stress under the largest `reaction` [frames], or a
-  /// thousandth where it is smaller. Collective.
+  /// What each number of the law changes where it is off by a thousandth, and those of the direction in which it flows
+  /// (Hill's ratios, friction and dilatancy) by the elastic strain, a thousandth at least: what theories of the same
+  /// law differ by [N each], in units of the noise. The elastic strain is that of the mean stress under the largest
+  /// `reaction` [frames] with the declared E. Collective.
   [[nodiscard]] std::vector<Eigen::VectorXd> theory_in_doubt(const std::vector<double>& values,
                                                              const Eigen::VectorXd& reaction);
   /// How the prediction moves with the displacement that drives the ends [unknowns x frames]: by the derivatives of the
