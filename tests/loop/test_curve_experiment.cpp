@@ -9,6 +9,7 @@
 #include <map>
 #include <random>
 
+#include "../../src/loop/starts.hpp"
 #include "imic3d/core/error.hpp"
 #include "imic3d/loop/closing.hpp"
 #include "imic3d/loop/curve_experiment.hpp"
@@ -968,6 +969,67 @@ TEST(CurveExperimentNightly, ALargePlateauIsNamedAlone) {
             std::string::npos)
       << report.sentence;
   EXPECT_NEAR(report.final.fit.values[static_cast<std::size_t>(named.parameters.front())], 0.04, 1e-3);
+}
+
+/// What is missing has bent the parameters: effects of the law, and those that change the path on which it yields, are
+/// looked for from the declared ones, too, where the misfit is large.
+TEST(Starts, EffectsOnThePathBeginAtTheDeclaredParametersToo) {
+  const CurveExperiment experiment(Communicator(), bars(1, {}, 2), model(truth));
+  constexpr double size = 1e-4;
+  const auto starts = [&](const std::string& name, double chi) {
+    Model at;
+    for (const auto& p : experiment.parameters()) at.fit.values.push_back(p.value);
+    at.fit.values[0] = 150e3;  // E
+    at.misfit.fitted = chi, at.misfit.null_fitted = 1.0;
+    for (int k = 0; k < std::ssize(experiment.candidates()); ++k)
+      if (const auto& one = experiment.candidates()[static_cast<std::size_t>(k)]; one.name == name) {
+        at.others = {k};
+        at.scores.candidates.resize(1);
+        at.scores.candidates[0].size = Eigen::VectorXd::Constant(std::ssize(one.parameters), size);
+      }
+    EXPECT_EQ(at.others.size(), 1U) << name;
+    return std::pair(starts_of(experiment, at, 0), experiment.candidates()[static_cast<std::size_t>(at.others[0])]);
+  };
+  for (const std::string name : {"strain zero", "strain zero of fast"}) {
+    const auto [far, candidate] = starts(name, 3.0);
+    const auto j = static_cast<std::size_t>(candidate.parameters.front());
+    ASSERT_EQ(far.size(), 4U) << name;
+    EXPECT_EQ(far[0][0], 150e3);
+    EXPECT_EQ(far[1][0], 200e3);
+    EXPECT_EQ(far[2][0], 200e3);
+    EXPECT_EQ(far[3][0], 150e3);
+    EXPECT_NEAR(far[0][j], size, 1e-12);
+    EXPECT_NEAR(far[1][j], size, 1e-12);
+    EXPECT_NEAR(far[2][j], 3.0 * size, 1e-12);
+    EXPECT_EQ(far[3][j], 0.0);
+    EXPECT_EQ(starts(name, 1.5).first.size(), 2U) << name;
+  }
+  EXPECT_EQ(starts("force zero", 3.0).first.size(), 2U);
+}
+
+/// An effect with a shape is looked for beside three values of it, its size next to the null value.
+TEST(Starts, AShapeHasThreeValues) {
+  const CurveExperiment experiment(Communicator(), bars(1, {}, 2), model(truth));
+  Model at;
+  for (const auto& p : experiment.parameters()) at.fit.values.push_back(p.value);
+  at.misfit.fitted = 3.0, at.misfit.null_fitted = 1.0;
+  for (int k = 0; k < std::ssize(experiment.candidates()); ++k)
+    if (experiment.candidates()[static_cast<std::size_t>(k)].name == "rate") at.others = {k};
+  ASSERT_EQ(at.others.size(), 1U);
+  const auto& its = experiment.candidates()[static_cast<std::size_t>(at.others[0])].parameters;
+  const auto number = [&](bool shape) {
+    for (const int j : its)
+      if (experiment.parameters()[static_cast<std::size_t>(j)].info.shape == shape) return static_cast<std::size_t>(j);
+    return std::size_t{0};
+  };
+  const auto starts = starts_of(experiment, at, 0);
+  ASSERT_EQ(starts.size(), 4U);
+  const double usual = at.fit.values[number(true)];
+  EXPECT_NEAR(starts[0][number(true)], usual, 1e-9 * usual);
+  EXPECT_NEAR(starts[1][number(true)], 8.0 * usual, 1e-9);
+  EXPECT_NEAR(starts[2][number(true)], 0.125 * usual, 1e-9 * usual);
+  for (int k = 0; k < 3; ++k) EXPECT_GT(starts[static_cast<std::size_t>(k)][number(false)], 0.0);
+  EXPECT_EQ(starts[3], at.fit.values);
 }
 
 }  // namespace test_curve_experiment
