@@ -171,7 +171,7 @@ TEST(Learned, TheLawIsInDoubtByAThousandthAndTheFlowByTheElasticStrain) {
   }
 }
 
-/// A body has the thickness of its mesh, whether it is the camera's half or not.
+/// A body has the thickness of its mesh, whether it is the camera's half or not, a sheet its own.
 TEST(Declared, TheThicknessIsThatOfTheSpecimen) {
   for (const bool half : {true, false}) {
     Strip strip(0.0);
@@ -181,6 +181,19 @@ TEST(Declared, TheThicknessIsThatOfTheSpecimen) {
     };
     EXPECT_NEAR(strip.experiment().scene().thickness, half ? 0.6 : 0.3, 1e-12);
   }
+  Strip sheet(0.0);
+  sheet.data.force *= 0.4;
+  sheet.model.law = material::make_law({.law = "j2",
+                                        .hardening = "power_linear",
+                                        .tie_initial_modulus = true,
+                                        .plane_stress = true,
+                                        .table_strain = {}});
+  sheet.model.specimen = [](const MeshChange&) {
+    mesh::Mesh quads = identification::testing::strip();
+    quads.thickness = 0.4;
+    return identification::make_specimen(std::move(quads), "bottom", "top", 1, false);
+  };
+  EXPECT_NEAR(sheet.experiment().scene().thickness, 0.4, 1e-12);
 }
 
 TEST(Declared, AFreeEffectIsIdentified) {
