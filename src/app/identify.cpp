@@ -226,7 +226,8 @@ class Identification {
         }
         const Observation of_finer = on_mesh(seen_, refined, finer);
         const id::ImageData images = judging_images(of_finer, test_);
-        id::ForwardModel fine(world_, finer, material_.law, on_surface_of(finer), {.increments = increments_}, 1, 1);
+        id::ForwardModel fine(world_, finer, material_.law, on_surface_of(finer),
+                              {.increments = test_.identify.increments()}, 1, 1);
         const Eigen::MatrixXd driving = driving_displacement(seen_, shown_);
         const id::Path there = path_of_last_stage(fine), here = path_of_last_stage(model_, &driving);
         return id::moved_by_mesh(world_, {model_, images_, here}, {fine, images, there}, mapped(specimen_, finer),
@@ -237,7 +238,8 @@ class Identification {
       const auto law = extended_law(test_, {}, true);
       const auto path_of = [&](double part) {
         const id::Specimen solid = make_specimen(test_, false, {.numerics = {.in_space = true, .of_thickness = part}});
-        id::ForwardModel model(world_, solid, law, on_surface_of(solid), {.increments = increments_}, 1, 1);
+        id::ForwardModel model(world_, solid, law, on_surface_of(solid), {.increments = test_.identify.increments()}, 1,
+                               1);
         id::Path path = path_of_last_stage(model);
         path.surface = (mapped(solid, specimen_) * path.surface).eval(), path.reaction /= part;
         return path;
@@ -279,9 +281,12 @@ class Identification {
     record.surface_displacement = onto * record_.surface_displacement;
     return record;
   }
+  /// With as few increments as the iterations begin with: what these err by is nearly the same on either side.
   [[nodiscard]] id::Path path_of_last_stage(id::ForwardModel& model, const Eigen::MatrixXd* driving = nullptr) const {
-    const id::Run run{
-        .parameters = material_.values, .driving = driving, .increments = increments_, .accuracy = {.forces = 1e-9}};
+    const id::Run run{.parameters = material_.values,
+                      .driving = driving,
+                      .increments = test_.identify.increments(),
+                      .accuracy = {.forces = 1e-9}};
     return model.simulate(id::Control::displacement, {run}, declared_.back().frames.back() + 1).front();
   }
 
