@@ -10,6 +10,7 @@ Writes FOLDER/trials.csv (one line a trial), FOLDER/table.md and prints the tabl
 
 import argparse
 import math
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -84,8 +85,8 @@ def history(rate, turns, rows):
 
 
 def make(folder, effect, seed):
-    """The curves and the case file of one trial."""
-    random = np.random.default_rng(seed)
+    """The curves and the case file of one trial, with noise of its own."""
+    random = np.random.default_rng([seed, zlib.crc32(folder.name.encode())])
     folder.mkdir(parents=True, exist_ok=True)
     leave_out, declare = effect.get("leave_out", []), effect.get("declare", {})
     p = TRUTH | DEFAULT | {name: value for name, value in effect.items() if name not in ("leave_out", "declare")}
