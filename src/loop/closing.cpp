@@ -206,8 +206,8 @@ class Loop {
   }
 
   /// Identifies a model from `start`. What acts somewhere stays there, and has its size alone, unless setting it free
-  /// takes more off chi^2 than chance would (10 a number): of a moment between two frames that are fitted these say no
-  /// more, and it would go astray.
+  /// takes more off chi^2 than chance would (10 a number), that of the held-out frames, too: of a moment between two
+  /// frames that are fitted these say no more, and it would go astray.
   Fit identified(const Weight& weight, const Model& model, const std::vector<double>& start) const {
     const std::vector<int> free = free_of(model.added, model.idle);
     std::vector<int> held = free;
@@ -220,7 +220,7 @@ class Loop {
     if (held.size() == free.size()) return fit(experiment_, weight, rows_, free, start, {.released = model.released});
     const Fit there = fit(experiment_, weight, rows_, held, start);
     Fit all = fit(experiment_, weight, rows_, free, there.values);
-    if (there.cost - all.cost > 10.0 * static_cast<double>(free.size() - held.size())) return all;
+    if (cost(there, true) - cost(all, true) > 10.0 * static_cast<double>(free.size() - held.size())) return all;
     all = fit(experiment_, weight, rows_, free, there.values, {.max_iterations = 0});
     all.converged = there.converged, all.iterations = there.iterations;
     return all;

@@ -98,10 +98,23 @@ class Curves final : public Experiment {
                            .separated_by = "another test",
                            .after = {}});
     if (told_where) candidates_.back().elsewhere = {{0.05}, {0.2}, {0.35}, {0.65}, {0.8}, {0.95}};
+    pulse_ = 9;
     std::vector<double> with, without;
     for (const auto& p : parameters_) without.push_back(p.value);
     with = without, with[9] = size, with[10] = moment;
     measured_ += predict(with) - predict(without);
+    return *this;
+  }
+
+  /// That candidate is a step: the moment is any between two frames, and what else goes with it, weakly, is in frames
+  /// that are fitted as if it were `misled`.
+  Curves& step(double size, double moment, double misled) {
+    step_ = true;
+    somewhere(size, moment);
+    auto& elsewhere = candidates_.back().elsewhere;
+    elsewhere.clear();
+    for (int t = 0; t + 1 < frames; ++t) elsewhere.push_back({(t + 1.5) / frames});
+    for (int i = 0; i < measured_.size(); ++i) measured_[i] += size * goes_with_moment(i, misled - moment);
     return *this;
   }
 
@@ -306,7 +319,13 @@ class Curves final : public Experiment {
         u += (1.0 - std::exp(-0.5 * bend * s)) * (k % 2 == 0 ? 2.0 : -2.0) * s;  // not linear in its size
         u += like_drift_ * bend * bend * s * (k - 2.0);                          // where it is large
         if (untold_ >= 0) u += v[static_cast<std::size_t>(untold_)] * (held_out ? 1.0 : 1e-3) * std::cos(3.0 * k);
-        if (v.size() > 10) u += v[9] * std::exp(-std::pow((s - v[10]) / 0.06, 2)) * (k == 2 ? 1.0 : -0.5);
+        if (pulse_ > 0) {
+          const double since = s - v[pulse_ + 1];
+          const double there =
+              step_ ? 1.0 / (1.0 + std::exp(-15.0 * frames * since)) : std::exp(-std::pow(since / 0.06, 2));
+          u += v[pulse_] * there * (k == 2 ? 1.0 : -0.5);
+          if (step_) u += v[pulse_] * goes_with_moment(t * (numbers + 1) + k, v[pulse_ + 1]);
+        }
         y[t * (numbers + 1) + k] = u;
       }
       y[t * (numbers + 1) + numbers] = 30.0 * v[0] * std::tanh(4.0 * s) + 20.0 * v[1] * s +
@@ -314,6 +333,13 @@ class Curves final : public Experiment {
     }
     if (answer_ > 0) y += v[answer_] * mark_of_noise_;
     return y;
+  }
+  /// In frames that are fitted.
+  static double goes_with_moment(int i, double moment) {
+    const std::vector<int> held = held_out_blocks(frames);
+    const int t = i / (numbers + 1), k = i % (numbers + 1);
+    if (k == numbers || std::count(held.begin(), held.end(), t) > 0) return 0.0;
+    return 0.25 * moment * std::sin(7.0 * i + 0.3 * i * i);
   }
   static Eigen::VectorXd draw(unsigned seed) {
     std::mt19937_64 random(seed);
@@ -330,7 +356,8 @@ class Curves final : public Experiment {
   std::vector<Parameter> parameters_;
   std::vector<Candidate> candidates_;
   std::vector<Datum> data_;
-  std::size_t answer_ = 0, curved_again_ = 0;
+  std::size_t answer_ = 0, curved_again_ = 0, pulse_ = 0;
+  bool step_ = false;
   Eigen::VectorXd mark_of_noise_, disturbance_;
   int untold_ = -1;  // a parameter that shows in held-out frames
   bool drift_when_held_out_ = true;

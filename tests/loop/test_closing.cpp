@@ -874,6 +874,18 @@ TEST(Closing, WhatActsSomewhereIsFoundThere) {
   EXPECT_NE(at_the_middle.named, std::vector<int>{7}) << at_the_middle.sentence;
 }
 
+/// A moment between two frames that are fitted, between which a held-out frame lies: that one tells where, though the
+/// others would have it elsewhere by more than chance.
+TEST(Closing, WhatBeginsBesideAHeldOutFrameIsFoundThere) {
+  for (double size : {20.0, 25.0}) {
+    const Report report = loop_on(Curves(5).step(size, 0.4875, 0.5625));  // frames 19 to 21 of 40 are held out
+    EXPECT_EQ(report.verdict, Verdict::attributed) << report.sentence;
+    EXPECT_EQ(report.named, std::vector<int>{7}) << report.sentence;
+    EXPECT_NEAR(report.final.fit.values[9], size, 1.5);
+    EXPECT_NEAR(report.final.fit.values[10], 0.4875, 0.0126);
+  }
+}
+
 TEST(Closing, ADeclaredParameterOnItsBoundIsSaid) {
   Curves experiment(5);
   experiment.limit(0, 1e-3, 10.3);  // 10.6 is there
