@@ -37,8 +37,10 @@ struct Comparison {
 /// What takes away no more than chance does has let another one fall below its limit, which is a little higher after an
 /// addition.
 Objection explains_no_more_than_chance(const Comparison& c) {
-  // the latter with what was known of parameters
-  const double drop = std::max({0.0, c.appraisal.drop(c.before, c.model), c.before.fit.cost - c.model.fit.cost});
+  // Both by what is in doubt of the model before: one that doubts itself leaves little in its own units.
+  const double of_residual = c.appraisal.drop(c.before, c.model);
+  const auto of_known = [&](const Fit& fit) { return fit.cost - Eigen::VectorXd(fit.residual(c.rows)).squaredNorm(); };
+  const double drop = std::max({0.0, of_residual, of_residual + of_known(c.before.fit) - of_known(c.model.fit)});
   if (chi_squared_tail(drop, static_cast<int>(c.effect.parameters.size())) <= level_after_addition) return {};
   return fmt::format("it explains no more than chance does: chi^2 falls by {:.2g}", drop);
 }

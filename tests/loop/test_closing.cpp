@@ -12,6 +12,7 @@
 #include <set>
 #include <utility>
 
+#include "../../src/loop/plausibility.hpp"
 #include "../../src/loop/sentence.hpp"
 #include "curves.hpp"
 #include "imic3d/core/error.hpp"
@@ -872,6 +873,39 @@ TEST(Closing, WhatActsSomewhereIsFoundThere) {
   EXPECT_EQ(best, 4);  // 0.8
   const Report at_the_middle = loop_on(Curves(5).somewhere(6.0, 0.74, false));
   EXPECT_NE(at_the_middle.named, std::vector<int>{7}) << at_the_middle.sentence;
+}
+
+/// A model that is in doubt of itself where the misfit is leaves little in its own units, and has explained nothing.
+TEST(Closing, WhatDoubtsItselfWhereTheMisfitIsExplainsNothing) {
+  Curves experiment(5);
+  const auto& data = experiment.data();
+  const auto count = std::ssize(data);
+  const Appraisal appraisal(experiment, std::vector<char>(Curves::frames, 0), {});
+  const auto bursts = [&](int i) { return data[static_cast<std::size_t>(i)].frame / 10 == 2; };
+  Eigen::VectorXd misfit = experiment.noise({}, 1).col(0);
+  Eigen::MatrixXd noise = experiment.noise({}, 400), doubtful = noise;
+  for (int i = 0; i < count; ++i)
+    if (bursts(i)) misfit[i] += 20.0, doubtful.row(i) *= 30.0;
+  const auto model = [&](const Eigen::MatrixXd& null, const Eigen::VectorXd& residual) {
+    auto ground = std::make_shared<Ground>();
+    ground->weight = Weight(data, null);
+    ground->null = ground->weight(null);
+    Model its;
+    its.fit.values.assign(experiment.parameters().size(), 0.0);
+    its.fit.residual = ground->weight(residual);
+    its.fit.cost = its.fit.residual.squaredNorm();
+    its.ground = ground;
+    return its;
+  };
+  const Model before = model(noise, misfit);
+  for (const double left : {1.1, 0.5}) {
+    Trial trial{.candidate = Curves::kink, .model = model(doubtful, left * misfit)};
+    trial.model.added = {Curves::kink};
+    trial.model.fit.values[2 + Curves::kink] = 1.0;
+    EXPECT_LT(trial.model.fit.cost, 0.5 * before.fit.cost);
+    weigh(trial, before, experiment, appraisal);
+    EXPECT_EQ(trial.objection.find("it explains no more than chance does") == 0, left > 1.0) << trial.objection;
+  }
 }
 
 /// A moment between two frames that are fitted, between which a held-out frame lies: that one tells where, though the
