@@ -12,6 +12,7 @@
 #include "imic3d/app/output.hpp"
 #include "imic3d/core/log.hpp"
 #include "imic3d/core/median.hpp"
+#include "imic3d/identification/gauge.hpp"
 #include "imic3d/io/curve_report.hpp"
 
 namespace imic3d::app {
@@ -59,6 +60,10 @@ id::Curve make_curve(const io::ExperimentCase& experiment, std::size_t file) {
       throw InputError(place(row),
                        fmt::format("time {} after {}", curve.history.time[row], curve.history.time[row - 1]),
                        "a time that does not decrease");
+  if (table.time.size() > 0 && !experiment.rate)
+    if (const auto shared = id::spread_stamps(curve.history.time); shared > 0)
+      spdlog::info("{}: {} of {} rows have the time of the row before: they are spread evenly over the clock's tick",
+                   experiment.files[file].string(), shared, rows);
   if (!experiment.monotonic) id::read_gauge(curve, table.time.size() > 0);
 
   bool reached = false;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <optional>
 
 #include "imic3d/core/median.hpp"
@@ -398,6 +399,31 @@ TurnMemory memory_of_turns(const material::BarHistory& history, double noise, co
     memory.slopes.col(k).tail(rows) = (other - nominal).tail(rows) / step;
   }
   return memory;
+}
+
+Eigen::Index spread_stamps(Eigen::VectorXd& time) {
+  std::vector<Eigen::Index> first;  // row of each stamp, and the end
+  double tick = std::numeric_limits<double>::infinity();
+  for (Eigen::Index row = 0; row < time.size(); ++row) {
+    if (row > 0 && time[row] == time[row - 1]) continue;
+    if (row > 0) tick = std::min(tick, time[row] - time[row - 1]);
+    first.push_back(row);
+  }
+  const Eigen::Index shared = time.size() - std::ssize(first);
+  if (shared == 0 || first.size() < 2) return 0;
+  const std::size_t last = first.size() - 1;
+  first.push_back(time.size());
+  const auto count = [&](std::size_t k) { return first[k + 1] - first[k]; };
+  for (std::size_t k = 0; k <= last; ++k) {
+    const Eigen::Index beside = k == 0      ? count(1)
+                                : k == last ? count(last - 1)
+                                            : 0,
+                       rows = std::max(count(k), beside),
+                       missing = k == 0 ? rows - count(0) : 0;  // the record begins within the stamp
+    for (Eigen::Index i = 0; i < count(k); ++i)
+      time[first[k] + i] += tick * static_cast<double>(missing + i) / static_cast<double>(rows);
+  }
+  return shared;
 }
 
 }  // namespace imic3d::identification

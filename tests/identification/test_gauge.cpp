@@ -257,5 +257,25 @@ TEST(Gauge, CornersBetweenRowsAreWhereTheLinesMeet) {
   }
 }
 
+/// A clock of whole seconds beside three rows a second, one that steps over a hold, and one that is fine enough.
+TEST(Gauge, RowsOfOneStampFollowOneAnother) {
+  Eigen::VectorXd time(40);
+  for (int row = 0; row < 40; ++row) time[row] = std::floor(7.7 + row / 3.0);
+  const double first = time[0];
+  EXPECT_EQ(spread_stamps(time), 40 - 14);
+  for (int row = 1; row < 40; ++row) EXPECT_NEAR(time[row] - time[0], row / 3.0, 0.34) << row;
+  for (int row = 1; row < 40; ++row) EXPECT_GT(time[row], time[row - 1]) << row;
+  EXPECT_NEAR(time[0], first + 2.0 / 3.0, 1e-12);  // one of three rows of the first second
+  Eigen::VectorXd held(6);
+  held << 0.0, 0.0, 1.0, 1.0, 50.0, 50.0;
+  EXPECT_EQ(spread_stamps(held), 3);
+  EXPECT_TRUE(held.isApprox((Eigen::VectorXd(6) << 0.0, 0.5, 1.0, 1.5, 50.0, 50.5).finished())) << held.transpose();
+  const Eigen::VectorXd fine = Eigen::VectorXd::LinSpaced(5, 0.0, 1.0);
+  Eigen::VectorXd same = fine, one = Eigen::VectorXd::Constant(3, 2.0);
+  EXPECT_EQ(spread_stamps(same), 0);
+  EXPECT_EQ(fine, same);
+  EXPECT_EQ(spread_stamps(one), 0);
+}
+
 }  // namespace test_gauge
 }  // namespace imic3d::identification

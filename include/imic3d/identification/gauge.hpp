@@ -61,4 +61,9 @@ struct TurnMemory {
                                          const Eigen::VectorXd& nominal,
                                          const std::function<Eigen::VectorXd(const material::BarHistory&)>& stress);
 
+/// Rows whose clock is coarser than they are: those of one stamp (n of them) follow one another by its tick over n, the
+/// tick being the least step of the clock; of the first and the last stamp, of which the record holds a part, as those
+/// of the next one do. Returns how many rows shared the stamp of the row before. `time`: [rows, time], not descending.
+Eigen::Index spread_stamps(Eigen::VectorXd& time);
+
 }  // namespace imic3d::identification
