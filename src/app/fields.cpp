@@ -247,12 +247,18 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
     if (record.frame < data.frames.front()) data.start_time = record.time;
   if (data.start_time >= data.time[0] && frames > 1) data.start_time = data.time[0] - (data.time[1] - data.time[0]);
   data.reference_time = time_of_field_reference(test, reference, data.start_time);
-  if (test.loads.noise)
-    for (const std::size_t f : at_rest)
-      data.force_at_rest.conservativeResize(data.force_at_rest.size() + 1),
-          data.force_at_rest.tail(1)[0] = test.load(static_cast<int>(f)).force;
-  data.force_noise =
-      test.loads.records.empty() ? INFINITY : test.loads.noise.value_or(1e-3 * data.force.cwiseAbs().maxCoeff());
+  data.force_noise = INFINITY;
+  if (!test.loads.records.empty()) {
+    Eigen::VectorXd force(std::ssize(at_rest));
+    std::transform(at_rest.begin(), at_rest.end(), force.begin(),
+                   [&](std::size_t f) { return test.load(static_cast<int>(f)).force; });
+    data.force_noise = test.loads.noise.value_or(force_noise(force, data.force.cwiseAbs().maxCoeff()));
+    if (test.loads.noise || force.size() >= tell_their_noise) data.force_at_rest = force;
+    spdlog::info("fields: noise of the force {:.4g} {} ({})", data.force_noise, test.units.force,
+                 test.loads.noise   ? "given"
+                 : force.size() > 2 ? "of the frames at rest"
+                                    : "a thousandth of the largest");
+  }
 
   auto measure = std::make_shared<correlation::Measure>(
       correlation::Measure{.surface = face, .dofs_per_node = 2, .M = data.faces.front().M, .smoothing_weight = weight});

@@ -324,24 +324,30 @@ identification::ImageData make_image_data(const Observation& observation, const 
 
 Eigen::VectorXd force_at_rest(const io::Case& test) {
   const auto& reference = test.cameras.front().reference;
-  constexpr std::size_t tell_their_noise = 10;
-  if (test.loads.records.empty() || (!test.loads.noise && reference.size() < tell_their_noise)) return {};
+  if (test.loads.records.empty() || (!test.loads.noise && std::ssize(reference) < tell_their_noise)) return {};
   Eigen::VectorXd force(static_cast<Eigen::Index>(reference.size()));
   std::transform(reference.begin(), reference.end(), force.begin(),
                  [&](int number) { return test.load(test.index_of(number)).force; });
   return force;
 }
 
+double force_noise(const Eigen::VectorXd& at_rest, double largest) {
+  if (at_rest.size() > 2)
+    if (const double squares = (at_rest.array() - at_rest.mean()).square().sum(); squares > 0.0)
+      return std::sqrt(squares / static_cast<double>(at_rest.size() - 1));
+  return 1e-3 * largest;
+}
+
 double force_noise(const Observation& observation, const io::Case& test) {
   if (test.loads.records.empty()) return INFINITY;
   if (test.loads.noise) return *test.loads.noise;
   const auto& reference = test.cameras.front().reference;
-  double mean = 0.0, squares = 0.0, largest = 0.0;
-  for (int number : reference) mean += test.load(test.index_of(number)).force / static_cast<double>(reference.size());
-  for (int number : reference) squares += std::pow(test.load(test.index_of(number)).force - mean, 2);
+  Eigen::VectorXd at_rest(std::ssize(reference));
+  std::transform(reference.begin(), reference.end(), at_rest.begin(),
+                 [&](int number) { return test.load(test.index_of(number)).force; });
+  double largest = 0.0;
   for (int place : observation.places) largest = std::max(largest, std::abs(test.load(place).force));
-  const double measured = reference.size() > 2 ? std::sqrt(squares / static_cast<double>(reference.size() - 1)) : 0.0;
-  return measured > 0.0 ? measured : 1e-3 * largest;
+  return force_noise(at_rest, largest);
 }
 
 }  // namespace imic3d::app

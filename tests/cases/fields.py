@@ -134,6 +134,14 @@ def main():
     result = loop("thirtieth", "", load_noise=LOAD_NOISE / 30)
     require(abs(result["before"]["parameters"]["E"]["value"] / E * 30 - 1) < 0.05 and len(result.get("doubts", [])) == 1 and "units" in result["doubts"][0], f"a thirtieth of the force is doubted: {result.get('doubts')}")
 
+    # What the load cell reads at rest is its noise, where none is given.
+    shutil.copytree(folder / "nothing", folder / "readings", ignore=shutil.ignore_patterns("run"))
+    at_rest = [f"{frame},{time},{force}" for (frame, time, _), force in zip(rows[1:REST + 1], (-30, 30, 0))]
+    (folder / "readings/loads.csv").write_text("\n".join([",".join(rows[0]), *at_rest, *map(",".join, rows[REST + 1:])]) + "\n")
+    (folder / "readings.yaml").write_text(case("readings").replace(f", noise: {LOAD_NOISE}", "").replace("draws: 60", "draws: 20"))
+    run(program, "loop", folder / "readings.yaml", ranks)
+    require("noise of the force 30 N (of the frames at rest)" in (folder / "readings/run/log.txt").read_text(), "the noise of the force is that of the readings at rest, where none is given")
+
     drift = 1.5e-3
     tables(folder / "drift", 0.05, 12.0, True, (300.0, 410.0), drift, seed=2, rests=True)
     result = loop("drift", ", scale: 0.05, rotation: 12, y_down: true, origin: [300, 410]", rest=REST + 1)

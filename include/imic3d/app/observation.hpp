@@ -116,5 +116,9 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
 
 /// Standard deviation of the load cell [force]: given, else that of the static frames, else 0.1 % of the largest force.
 [[nodiscard]] double force_noise(const Observation& observation, const io::Case& test);
+/// Standard deviation of the force `at_rest` [readings], of three and more, else a thousandth of the `largest`.
+[[nodiscard]] double force_noise(const Eigen::VectorXd& at_rest, double largest);
+/// As many readings at rest tell their noise themselves.
+inline constexpr Eigen::Index tell_their_noise = 10;
 
 }  // namespace imic3d::app
