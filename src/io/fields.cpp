@@ -15,8 +15,9 @@ PointTable read_points(const std::filesystem::path& file, const PointColumns& co
   NamedColumns table = read_named_columns(file, wanted, "a table of points with a header row");
   std::vector<std::array<double, 4>> points;
   for (const auto& row : table.rows) {
+    // Programs write 0, false, -1 or nan for a point that was lost.
     if (wanted.size() > 4 &&
-        (row.text[4] == "false" || row.text[4] == "False" || table.number(row, 4).value_or(1.0) == 0.0))
+        (row.text[4] == "false" || row.text[4] == "False" || !(table.number(row, 4).value_or(1.0) > 0.0)))
       continue;
     std::array<double, 4> point{};
     bool known = true;

@@ -23,9 +23,10 @@ TEST(Fields, WhatAnotherProgramWritesBeforeTheHeaderIsPassedOver) {
   const auto file =
       folder.write("a.txt",
                    "*** Some program, x, y\n*** Step size: x 35 y "
-                   "35\nid,Y,X,V,U,ok\n0,2,1,-0.2,0.1,1\n1,4,3,-0.4,0.3,0\n2,6,5,nan,0.5,1\n3,8,7,-8e-1,7e-1,true\n");
+                   "35\nid,Y,X,V,U,ok\n0,2,1,-0.2,0.1,1\n1,4,3,-0.4,0.3,0\n2,6,5,nan,0.5,1\n3,8,7,-8e-1,7e-1,true\n"
+                   "4,10,9,-1,0.9,-1\n5,12,11,-1,0.9,nan\n");
   const auto table = read_points(file, {.x = "X", .y = "Y", .u = "U", .v = "V", .valid = "ok"});
-  ASSERT_EQ(table.at.rows(), 2);  // one was lost, one has no displacement
+  ASSERT_EQ(table.at.rows(), 2);  // three were lost, one has no displacement
   EXPECT_EQ(table.at(1, 0), 7.0);
   EXPECT_EQ(table.at(1, 1), 8.0);
   EXPECT_EQ(table.displacement(0, 0), 0.1);
