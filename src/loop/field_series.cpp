@@ -353,9 +353,11 @@ Eigen::VectorXd FieldExperiment::seen_beyond(const std::vector<double>& values, 
   for (std::size_t f = 0; f < faces_.size(); ++f) {
     const Eigen::VectorXd own = U.segment(faces_[f].first, measured_.faces[f].unknowns());
     Eigen::VectorXd error = Eigen::VectorXd::Zero(own.size());
+    Scene scene = faces_[f].scene;
+    scene.elastic *= parameters_.front().value / values.front();  // Young's modulus: that of `elastic` was declared
     for (std::size_t k = 0; k < effects_.size(); ++k)
       if (face_of_[k] < 0 || face_of_[k] == static_cast<int>(f))
-        effects_[k]->see(values_of(k, values), faces_[f].scene, static_cast<int>(t), own, error);
+        effects_[k]->see(values_of(k, values), scene, static_cast<int>(t), own, error);
     all.segment(faces_[f].first, own.size()) = error;
   }
   return all;

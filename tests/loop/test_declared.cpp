@@ -196,6 +196,27 @@ TEST(Declared, TheThicknessIsThatOfTheSpecimen) {
   EXPECT_NEAR(sheet.experiment().scene().thickness, 0.4, 1e-12);
 }
 
+/// What a preload has stretched goes with Young's modulus: the force in the first frame, which is elastic, is that of
+/// the displacement since the reference, whatever the modulus and the preload.
+TEST(Declared, APreloadStretchesAsYoungsModulusSays) {
+  Strip strip(0.0);
+  strip.model.effects = {
+      {.effect = "preload", .quantity = "preload", .value = 100.0, .lower = {}, .upper = {}, .free = false}};
+  FieldExperiment experiment = strip.experiment();
+  const auto& data = experiment.data();
+  const auto force =
+      std::find_if(data.begin(), data.end(), [](const Datum& d) { return d.channel == force_channel; }) - data.begin();
+  ASSERT_EQ(data[static_cast<std::size_t>(force)].frame, 0);
+  for (const double modulus : {198e3, 180e3}) {
+    auto with = declared(experiment);
+    with[0] = modulus;
+    auto without = with;
+    without[static_cast<std::size_t>(place_of(experiment, "preload"))] = 0.0;
+    const auto residual = experiment.residuals({with, without});
+    EXPECT_NEAR(residual[0][force], residual[1][force], 1.0 / strip.data.force_noise) << modulus;  // of 100 N
+  }
+}
+
 TEST(Declared, AFreeEffectIsIdentified) {
   Strip strip(120.0);
   strip.model.effects = {
