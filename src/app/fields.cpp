@@ -255,9 +255,9 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
     data.force_noise = test.loads.noise.value_or(force_noise(force, data.force.cwiseAbs().maxCoeff()));
     if (test.loads.noise || force.size() >= tell_their_noise) data.force_at_rest = force;
     spdlog::info("fields: noise of the force {:.4g} {} ({})", data.force_noise, test.units.force,
-                 test.loads.noise   ? "given"
-                 : force.size() > 2 ? "of the frames at rest"
-                                    : "a thousandth of the largest");
+                 test.loads.noise                                        ? "given"
+                 : force.size() > 2 && (force.array() != force[0]).any() ? "of the frames at rest"
+                                                                         : "a thousandth of the largest");
   }
 
   auto measure = std::make_shared<correlation::Measure>(

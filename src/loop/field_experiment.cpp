@@ -64,7 +64,7 @@ void check_force(const Eigen::VectorXd& measured, double noise, const Eigen::Vec
   if (ratio + doubt < 0.01 || ratio - doubt > 100.0)
     throw InputError("loads.force", fmt::format("{:.3g} times the forces that the declared parameters give", ratio),
                      "0.01 to 100 times: force, length and material in the units of the case file, tension positive "
-                     "(loads.force_scale)");
+                     "(a negative loads.force_scale turns it)");
 }
 
 }  // namespace
