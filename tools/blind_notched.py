@@ -8,7 +8,6 @@ tools/blind_notched.py [--only NAME,NAME] [--seeds N] [--nulls N] [--out FOLDER]
 Writes FOLDER/trials.csv (one line a trial), FOLDER/table.md and prints the table. A trial whose result is there is not run again."""
 
 import argparse
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +25,7 @@ WAYS = {
     "pulled": np.interp(np.linspace(0.0, 1.0, 16), np.linspace(0.0, 1.0, 5), [2e-4, 1e-3, 3e-3, 1e-2, 2.4e-2]),
     "cycled": np.array([0.4, 0.8, 1.2, 2.0, 3.0, 4.5, 6.0, 8.0, 10.0, 9.3, 8.5, 7.5, 6.5, 5.0, 3.0, 1.0]) * 1e-3,
 }
-# name in the library: (how the plate is loaded, what is planted)
+# (name in the library, how the plate is loaded, what is planted)
 EFFECTS = [
     ("kinematic", "cycled", dict(kinematic=True)),
     ("magnification drift", "pulled", dict(magnification_drift=3e-4)),
@@ -38,11 +37,9 @@ EFFECTS = [
 FOUND_AS = {"magnification drift": "magnification_drift", "camera bump": "step_of_magnification", "force zero": "force_offset", "delay of the force": "force_delay"}
 
 
-def gmsh(path, order, length, sizes):
-    """The plate's quadrilaterals in Gmsh's format 2.2."""
-    numbers = dict(length=length, size_notch=sizes[0], size_far=sizes[1])
-    given = [text for key, value in numbers.items() for text in ("-setnumber", key, str(value))]
-    subprocess.run(["gmsh", "-2", "-order", str(order), "-v", "1", *given, "-format", "msh22", Path(__file__).parent / "meshes/double_notch.geo", "-o", path], check=True)
+def mesh(path, order, length, sizes):
+    """The plate's quadrilaterals."""
+    blind_plate.gmsh("double_notch", path, order, length=length, size_notch=sizes[0], size_far=sizes[1])
 
 
 def quadrilaterals(path):
@@ -69,7 +66,7 @@ def simulate(folder, way, kinematic):
     """The front face: nodes (n, 2), faces (m, 8), displacement (frames + 1, n, 3), force (frames + 1); half of the thickness, one brick."""
     length, half = blind_plate.LENGTH, blind_plate.THICKNESS / 2.0
     folder.mkdir(parents=True, exist_ok=True)
-    gmsh(folder / "mesh.msh", 2, length, FINE)
+    mesh(folder / "mesh.msh", 2, length, FINE)
     face, quads = quadrilaterals(folder / "mesh.msh")
     corner = np.unique(quads[:, :4])
     behind, between, front = np.arange(len(face)), np.empty(len(face), int), len(face) + len(corner) + np.arange(len(face))
@@ -106,7 +103,7 @@ class Notched:
 
     @staticmethod
     def declared_mesh(path, kind, sizes):
-        gmsh(path, 1, blind_plate.DECLARED_LENGTH, sizes or DECLARED)
+        mesh(path, 1, blind_plate.DECLARED_LENGTH, sizes or DECLARED)
 
 
 def main():

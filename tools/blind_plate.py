@@ -189,10 +189,15 @@ def pictures(folder, nodes, faces, seen, p, seed, random):
     return f"cameras: [{{name: front, pixel_size: {PIXEL}, place: {{origin: [{(WIDTH - 1) / 2}, {(HEIGHT - 1) / 2}]}}, images: \"images/*.png\", reference: 0-{REST - 1}{noise}}}]"
 
 
-def make_mesh(path, waist, **numbers):
-    """Of the plate by Gmsh (2.2)."""
+def gmsh(geometry, path, order=1, **numbers):
+    """A mesh of tools/meshes in Gmsh's format 2.2."""
     sizes = [text for key, value in numbers.items() for text in ("-setnumber", key, str(value))]
-    subprocess.run(["gmsh", "-2", "-v", "1", *sizes, "-format", "msh22", Path(__file__).parent / "meshes/plate_with_hole.geo", "-o", path], check=True)
+    subprocess.run(["gmsh", "-2", "-order", str(order), "-v", "1", *sizes, "-format", "msh22", Path(__file__).parent / f"meshes/{geometry}.geo", "-o", path], check=True)
+
+
+def make_mesh(path, waist, **numbers):
+    """Of the plate."""
+    gmsh("plate_with_hole", path, **numbers)
     if not waist:
         return
     lines = path.read_text().splitlines()

@@ -283,10 +283,7 @@ class Identification {
   }
   /// With as few increments as the iterations begin with: what these err by is nearly the same on either side.
   [[nodiscard]] id::Path path_of_last_stage(id::ForwardModel& model, const Eigen::MatrixXd* driving = nullptr) const {
-    const id::Run run{.parameters = material_.values,
-                      .driving = driving,
-                      .increments = test_.identify.increments(),
-                      .accuracy = {.forces = 1e-9}};
+    const id::Run run{.parameters = material_.values, .driving = driving, .accuracy = {.forces = 1e-9}};
     return model.simulate(id::Control::displacement, {run}, declared_.back().frames.back() + 1).front();
   }
 

@@ -322,12 +322,23 @@ identification::ImageData make_image_data(const Observation& observation, const 
   return data;
 }
 
-Eigen::VectorXd force_at_rest(const io::Case& test) {
+namespace {
+
+/// What the load cell reads of the frames of the reference [frames, force].
+Eigen::VectorXd readings_of_reference(const io::Case& test) {
   const auto& reference = test.cameras.front().reference;
-  if (test.loads.records.empty() || (!test.loads.noise && std::ssize(reference) < tell_their_noise)) return {};
-  Eigen::VectorXd force(static_cast<Eigen::Index>(reference.size()));
+  Eigen::VectorXd force(std::ssize(reference));
   std::transform(reference.begin(), reference.end(), force.begin(),
                  [&](int number) { return test.load(test.index_of(number)).force; });
+  return force;
+}
+
+}  // namespace
+
+Eigen::VectorXd force_at_rest(const io::Case& test) {
+  if (test.loads.records.empty()) return {};
+  Eigen::VectorXd force = readings_of_reference(test);
+  if (!test.loads.noise && force.size() < tell_their_noise) return {};
   return force;
 }
 
@@ -341,13 +352,9 @@ double force_noise(const Eigen::VectorXd& at_rest, double largest) {
 double force_noise(const Observation& observation, const io::Case& test) {
   if (test.loads.records.empty()) return INFINITY;
   if (test.loads.noise) return *test.loads.noise;
-  const auto& reference = test.cameras.front().reference;
-  Eigen::VectorXd at_rest(std::ssize(reference));
-  std::transform(reference.begin(), reference.end(), at_rest.begin(),
-                 [&](int number) { return test.load(test.index_of(number)).force; });
   double largest = 0.0;
   for (int place : observation.places) largest = std::max(largest, std::abs(test.load(place).force));
-  return force_noise(at_rest, largest);
+  return force_noise(readings_of_reference(test), largest);
 }
 
 }  // namespace imic3d::app
