@@ -445,7 +445,7 @@ class Loop {
       round.trials.push_back(std::move(trial));
       return;
     }
-    if (at.ground->learned && trial.model.fit.cost < 0.7 * at.fit.cost) {
+    if (at.ground->learned && trial.model.fit.cost < 0.7 * at.fit.cost && !outdone(round, trial.model.fit, at)) {
       Model settled = trial.model;
       say("    what the model with it errs by, and its null, are found anew");
       try {
@@ -462,6 +462,13 @@ class Loop {
     say_objection(trial);
     if (trial.sufficient && trial.plausible) round.set.push_back(trial.candidate);
     round.trials.push_back(std::move(trial));
+  }
+
+  /// Whether a candidate leaves more than a quarter of what noise does not explain, where another one leaves nothing:
+  /// what its model errs by would make it another answer only if that were as large as what is missing.
+  bool outdone(const Round& round, const Fit& fit, const Model& at) const {
+    const double null = at.misfit.null_fitted * at.misfit.null_fitted;
+    return !round.set.empty() && chi(fit) * chi(fit) - null > 0.25 * (at.misfit.fitted * at.misfit.fitted - null);
   }
 
   void say_objection(const Trial& trial) const {

@@ -1013,6 +1013,23 @@ TEST(Closing, AModelThatErrsByMoreThanItExplainsIsNotPlausible) {
   }
 }
 
+/// What mesh and correlation err by is learned again of the kink, which leaves nothing, and of no rival of it.
+TEST(Closing, WhatLeavesMuchWhereAnotherLeavesNothingIsNotLearnedOf) {
+  Curves experiment(4, {{Curves::kink, 10.0}});
+  experiment.bias_of_kink = 0.1;
+  int learned = 0;
+  const Report report = close_loop(experiment, usual, [&](const std::string& line) {
+    learned += line.find("are found anew") != std::string::npos ? 1 : 0;
+  });
+  EXPECT_EQ(report.named, std::vector<int>{Curves::kink});
+  const auto& trials = report.rounds.front().trials;
+  const double declared = report.declared.fit.cost;
+  EXPECT_TRUE(std::any_of(trials.begin(), trials.end(), [&](const Trial& t) {
+    return t.candidate != Curves::kink && t.model.fit.cost < 0.7 * declared;
+  }));
+  EXPECT_EQ(learned, 1);
+}
+
 /// Where the finer mesh cannot be followed again, what was learned before at other values stands; without any there is
 /// no loop.
 TEST(Closing, WhatWasLearnedBeforeStands) {
