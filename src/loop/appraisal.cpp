@@ -488,6 +488,17 @@ bool significant(const Model& model) {
          });
 }
 
+bool within_formula(const Model& model, const Score& score) {
+  return score.statistic < 0.01 * model.of_law && score.z < 1.5 * model.scores.threshold;
+}
+
+bool formulas_alone(const Model& model) {
+  const auto& all = model.scores.candidates;
+  return !omnibus_significant(model) && std::all_of(all.begin(), all.end(), [&](const Score& one) {
+    return !stands_out(model, one) || !matters(model, one) || within_formula(model, one);
+  });
+}
+
 Sizes sizes_of(const Experiment& experiment, const Fit& fit, int candidate) {
   Sizes its;
   std::vector<double> values;

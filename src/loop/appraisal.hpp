@@ -86,6 +86,11 @@ class Appraisal {
 [[nodiscard]] bool omnibus_significant(const Model& model);
 /// Whether the model leaves anything: energy, or a candidate that stands out and matters.
 [[nodiscard]] bool significant(const Model& model);
+/// Whether a score just beyond the limit is less than what the formulas of the effects in the law may err by: a tenth of
+/// their marks, a hundredth of what they took off chi^2.
+[[nodiscard]] bool within_formula(const Model& model, const Score& score);
+/// Whether what the model leaves, if anything, is no more than that, and no energy.
+[[nodiscard]] bool formulas_alone(const Model& model);
 /// Of an effect's parameters those that are free and no shape.
 struct Sizes {
   std::vector<int> parameters;

@@ -401,6 +401,11 @@ class Loop {
       next = waiting.erase(next);
       try_out(round, at, i, true);
     }
+    // A law's formula need not be the material's own: the little that it leaves is no second effect.
+    if (round.set.empty())
+      for (Trial& trial : round.trials)
+        if (trial.visible && trial.plausible && formulas_alone(trial.model) && !without_size(experiment_, trial.model))
+          trial.sufficient = true, round.set.push_back(trial.candidate);
     // The earlier link first where the data do not tell, invisible effects behind.
     const auto place = [&](int k) {
       const auto trial =
@@ -476,6 +481,9 @@ class Loop {
   }
 
   void judge_trial(Trial& trial, const Model& at) {
+    trial.model.of_law = at.of_law;
+    if (candidate(trial.candidate).link == Link::material)
+      trial.model.of_law += std::max(0.0, appraisal_.drop(at, trial.model));
     try {
       appraisal_.judge(trial.model);
       weigh(trial, at, experiment_, appraisal_);

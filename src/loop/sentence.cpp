@@ -152,6 +152,14 @@ std::string verdict_in_words(const Experiment& experiment, const Report& report)
       by_chance += (by_chance.empty() ? " Beyond the limit, but not so in what was held out: " : ", ") +
                    candidate(after.others[i]).name;
   if (!by_chance.empty()) by_chance += ".";
+  std::string by_formula;
+  for (std::size_t i = 0; i < after.others.size(); ++i)
+    if (stands_out(after, after.scores.candidates[i]) && within_formula(after, after.scores.candidates[i]))
+      by_formula += (by_formula.empty() ? " Just beyond the limit, but within a tenth of what these formulas explain, "
+                                          "which need not be the material's own: "
+                                        : ", ") +
+                    candidate(after.others[i]).name;
+  if (!by_formula.empty()) by_chance += by_formula + ".";
   if (report.verdict == Verdict::nothing_found)
     return fmt::format("Nothing is missing that this test could show (chi {:.2f}, null up to {:.2f}).{}",
                        before.misfit.fitted, before.misfit.null_fitted, by_chance);

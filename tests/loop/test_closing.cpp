@@ -1030,6 +1030,21 @@ TEST(Closing, WhatLeavesMuchWhereAnotherLeavesNothingIsNotLearnedOf) {
   EXPECT_EQ(learned, 1);
 }
 
+/// Beside a large effect in the law, whose formula may not be the material's own, a score just beyond the limit is said,
+/// and names nothing; one farther beyond it, or beside a small effect, does.
+TEST(Closing, WhatAFormulaMayErrByIsNoSecondEffect) {
+  for (const auto& [kink, drift, second] : {std::tuple{20.0, 0.7, false}, {20.0, 1.2, true}, {4.0, 0.7, true}}) {
+    Curves experiment(4, {{Curves::kink, kink}, {Curves::drift, drift}});
+    const Report report = close_loop(experiment, usual);
+    std::vector<int> named{Curves::kink};
+    if (second) named.push_back(Curves::drift);
+    EXPECT_EQ(report.verdict, Verdict::attributed);
+    EXPECT_EQ(report.named, named) << report.sentence;
+    EXPECT_EQ(report.sentence.find("which need not be the material's own: drift.") != std::string::npos, !second)
+        << report.sentence;
+  }
+}
+
 /// Where the finer mesh cannot be followed again, what was learned before at other values stands; without any there is
 /// no loop.
 TEST(Closing, WhatWasLearnedBeforeStands) {

@@ -71,6 +71,7 @@ struct Model {
   std::vector<int> idle;
   std::vector<int> released{};  ///< declared parameters that may go beyond their bounds
   Fit fit;
+  double of_law = 0.0;         ///< what the effects among these that act in the law took off chi^2
   Eigen::MatrixXd covariance;  ///< of the free parameters, from the null draws [free x free]
   Misfit misfit;
   Scores scores;  ///< of all other candidates; the energy alone until these are traced
