@@ -203,7 +203,8 @@ std::vector<id::Curve> make_curves(const io::Case& test) {
     const auto place = fmt::format("experiments.{} {}", own.group, own.name);
     if (falls_with_strain(own))
       mistakes.push_back({place, "a stress that falls where the strain grows",
-                          "stress and strain of one sign, both positive in tension"});
+                          "stress and strain of one sign, both positive in tension; a negative strain_scale or "
+                          "stress_scale turns one"});
     for (std::size_t other = k - file; other < k; ++other)
       if (curves[other].stress.size() == own.stress.size() && curves[other].stress == own.stress &&
           curves[other].history.strain == own.history.strain)

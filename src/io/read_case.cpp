@@ -12,19 +12,9 @@
 #include "case_reader.hpp"
 #include "image_files.hpp"
 #include "imic3d/mesh/connectivity.hpp"
+#include "units.hpp"
 
 namespace imic3d::io {
-
-namespace {
-
-double newtons(const std::string& unit) {
-  static const std::map<std::string, double> values{
-      {"N", 1.0}, {"kN", 1e3}, {"MN", 1e6}, {"lbf", 4.4482216152605}, {"kip", 4448.2216152605}};
-  const auto it = values.find(unit);
-  return it == values.end() ? 1.0 : it->second;
-}
-
-}  // namespace
 
 Case CaseReader::read() {
   for (auto& mistake : check_schema(document_, case_schema())) mistakes_.push_back(std::move(mistake));

@@ -10,19 +10,9 @@
 #include <stdexcept>
 
 #include "case_reader.hpp"
+#include "units.hpp"
 
 namespace imic3d::io {
-
-namespace {
-
-double pascals(const std::string& unit) {
-  static const std::map<std::string, double> values{
-      {"Pa", 1.0}, {"kPa", 1e3}, {"MPa", 1e6}, {"GPa", 1e9}, {"psi", 6894.757293168}, {"ksi", 6894757.293168}};
-  const auto it = values.find(unit);
-  return it == values.end() ? 1.0 : it->second;
-}
-
-}  // namespace
 
 void CaseReader::read_material() {
   if (!root_.has("material")) return;
@@ -115,7 +105,6 @@ void CaseReader::read_experiments() {
     section.get("strain", experiment.columns.strain);
     section.get("stress", experiment.columns.stress);
     section.get("time", experiment.columns.time);
-    section.get("strain_scale", experiment.strain_scale);
     section.get("noise", experiment.noise);
     section.get("rate", experiment.rate);
     section.get("direction", experiment.direction);
@@ -127,10 +116,37 @@ void CaseReader::read_experiments() {
     section.get("stress_kind", stress_kind);
     section.get("until", until);
     section.get("stress_unit", unit);
+    std::string force_unit = case_.units.force, extension_unit = case_.units.length;
+    section.get("force", experiment.columns.stress);
+    section.get("force_unit", force_unit);
+    section.get("extension", experiment.columns.strain);
+    section.get("extension_unit", extension_unit);
+    const bool force = section.has("force"), extension = section.has("extension");
+    const auto belong = [&](bool given, const char* column, const char* by, std::initializer_list<const char*> without,
+                            std::initializer_list<const char*> with) {
+      if (given && !section.has(by))
+        mistake(section.path(by), "not given", fmt::format("what the {} is divided by", column));
+      for (const char* key : without)
+        if (given && section.has(key))
+          mistake(section.path(key), fmt::format("given beside {}", column), "one of the two");
+      for (const char* key : with)
+        if (!given && section.has(key))
+          mistake(section.path(key), fmt::format("given without {}", column), "only with it");
+    };
+    belong(force, "force", "section", {"stress", "stress_unit", "stress_kind"}, {"section", "force_unit"});
+    belong(extension, "extension", "gauge_length", {"strain", "strain_kind"}, {"gauge_length", "extension_unit"});
     experiment.engineering_strain = strain_kind == "engineering";
     experiment.engineering_stress = stress_kind == "engineering";
     experiment.until_maximum = until == "maximum_force";
-    experiment.stress_scale = pascals(unit) / pascals(stress_unit(case_.units));
+    experiment.stress_scale =
+        force ? newtons(force_unit) / newtons(case_.units.force) : pascals(unit) / pascals(stress_unit(case_.units));
+    section.get("stress_scale", experiment.stress_scale);
+    experiment.strain_scale = extension ? metres(extension_unit) / metres(case_.units.length) : 1.0;
+    section.get("strain_scale", experiment.strain_scale);
+    for (const auto& [scale, key] :
+         {std::pair("stress_scale", force ? "force_unit" : "stress_unit"), std::pair("strain_scale", "extension_unit")})
+      if (section.has(scale) && section.has(key))
+        mistake(section.path(scale), fmt::format("given beside {}", key), "one of the two");
     if (!experiment.columns.time.empty() && experiment.rate)
       mistake(section.path("rate"), "given beside time", "one of the two");
     if (!experiment.name.empty() && std::any_of(case_.experiments.begin(), case_.experiments.end() - 1,
@@ -157,6 +173,21 @@ void CaseReader::read_curves(const Section& section, ExperimentCase& experiment)
       for (const auto& one : error.mistakes()) mistakes_.push_back({document_.line(section.path("file")), one});
     }
   }
+  // A force over the bar's section is an engineering stress, an extension over the gauge length a strain.
+  const auto divided = [&](const char* key, Eigen::VectorXd CurveTable::*column) {
+    if (!section.has(key)) return;
+    double all = 0.0;
+    std::vector<double> each;
+    section.get(key, all), section.get(key, each);
+    if (each.empty()) each.assign(experiment.tables.size(), all);
+    if (each.size() != experiment.tables.size() && !is_refused(section.path("file")))
+      return mistake(section.path(key), fmt::format("{} numbers", each.size()),
+                     fmt::format("one, or one for each of the {} files", experiment.tables.size()));
+    for (std::size_t k = 0; k < experiment.tables.size(); ++k)
+      if (each[k] > 0.0) experiment.tables[k].*column /= each[k];
+  };
+  divided("section", &CurveTable::stress);
+  divided("gauge_length", &CurveTable::strain);
 }
 
 }  // namespace imic3d::io

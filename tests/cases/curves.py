@@ -73,6 +73,19 @@ def main():
         nu = declared["parameters"]["nu"]
         require(nu["value"] == 0.3 and nu["standard_deviation"] is None and any("nu is not determined" in doubt for doubt in declared["doubts"]), "what bars do not show stays as it is declared, and is doubted")
         rate = identify("rate", "rate", ", C_rate: {value: 0, lower: 0, upper: 0.1}, rate_0: 1e-3", ", C_rate", 2)
+        # The same bars as force and extension, each with its own section; in a machine that records a pull as negative, too.
+        sections, worst = [10.0, 12.5, 20.0], 0.0
+        for sign, keys in ((1, "force_unit: kN, extension_unit: um"), (-1, "stress_scale: -1e3, strain_scale: -1e-3")):
+            for i, section in enumerate(sections):
+                numbers = [[float(field) for field in row.split(";")] for row in (folder / f"slow_{i}.csv").read_text().splitlines()[2:]]
+                (folder / f"pulled_{i}.csv").write_text("s; F; dL\n" + "".join(f"{t!r}; {sign * stress * KSI * section / 1e3!r}; {sign * strain / 100 * 25e3!r}\n" for t, strain, stress in numbers))
+            case = folder / "pulled.yaml"
+            case.write_text(CASE.format(effects="", more="", free=", nu", columns=COLUMNS, output="pulled").replace(
+                f'file: "slow_*.csv", {COLUMNS}', f'file: "pulled_*.csv", time: s, force: F, section: {sections}, extension: dL, gauge_length: 25, {keys}, from: 0.003, until: maximum_force'))
+            run(program, "identify", case)
+            found = json.loads((folder / "pulled/result.json").read_text())["parameters"]
+            worst = max([worst] + [abs(found[name]["value"] / declared["parameters"][name]["value"] - 1) for name in ("S_y", "S_inf", "b")])
+        require(worst < 1e-9, f"bars as force over section and extension over gauge length are the same ({worst:.1e})")
         null = identify("unused", "kinematic, hill, heating", "", "")
         worst = max(abs(null["parameters"][name]["value"] / declared["parameters"][name]["value"] - 1) for name in ("S_y", "S_inf", "b"))
         require(worst < 1e-6 and null["parameters"]["C_1"]["value"] == 0 and not null["parameters"]["C_1"]["free"],
@@ -174,6 +187,13 @@ def main():
 
         mistake(lambda s: s.replace("slow_*.csv", "slaw_*.csv"), 'experiments[0].file: no file "slaw_*.csv"')
         mistake(lambda s: s.replace("clock,", "klock,"), 'column "klock": not there; allowed: one of "clock", "strain_%", "stress_ksi"')
+        as_force = lambda more: lambda s: s.replace('strain: "strain_%", strain_scale: 0.01, stress: stress_ksi, stress_unit: ksi', more, 1)
+        mistake(as_force("force: F, extension: dL, gauge_length: 25"), "experiments[0].section: not given; allowed: what the force is divided by")
+        mistake(as_force("force: F, section: 10, stress: stress_ksi"), "experiments[0].stress: given beside force; allowed: one of the two")
+        mistake(as_force("stress: stress_ksi, section: 10, strain: \"strain_%\""), "experiments[0].section: given without force; allowed: only with it")
+        mistake(as_force("force: stress_ksi, section: [10, 12], strain: \"strain_%\""), "experiments[0].section: 2 numbers; allowed: one, or one for each of the 3 files")
+        mistake(as_force("force: stress_ksi, section: 10, force_unit: kN, stress_scale: 2, strain: \"strain_%\""), "experiments[0].stress_scale: given beside force_unit; allowed: one of the two")
+        mistake(as_force("force: stress_ksi, section: [10, 0, 1], strain: \"strain_%\""), "experiments[0].section[1]: 0; allowed: a positive number")
         mistake(lambda s: s.replace("[rate]", "[rates]"), 'material.effects[0]: "rates"; allowed: kinematic, ')
         mistake(lambda s: s.replace("b: 20, H: 0", "b: 20, H: 0, Crate: 1"), "near to C_rate")
         mistake(lambda s: s.replace("experiments:", "unknown:"), "specimen: not given; allowed: a section specimen, or experiments")
@@ -190,7 +210,8 @@ def main():
         mistake(lambda s: few(s).replace("few.csv,", "cycle.csv, monotonic: true,"), "experiments.few cycle: monotonic, and a strain that goes back by 0.02")
         mistake(few, "experiments: 3 rows to fit, 3 free parameters; allowed: more rows than free parameters", "loop")
         (folder / "signs.csv").write_text("strain,stress\n" + "".join(f"{k / 10000},{-20 * k}\n" for k in range(12)))
-        mistake(lambda s: few(s).replace("few.csv", "signs.csv"), "experiments.few signs: a stress that falls where the strain grows; allowed: stress and strain of one sign", "loop")
+        mistake(lambda s: few(s).replace("few.csv", "signs.csv"), "experiments.few signs: a stress that falls where the strain grows; allowed: stress and strain of one sign, both positive in tension; a negative strain_scale or stress_scale turns one", "loop")
+
         (folder / "copy.csv").write_text((folder / "slow_0.csv").read_text())
         mistake(lambda s: s.replace('"slow_*.csv"', "[slow_0.csv, slow_1.csv, copy.csv]"), "experiments.slow copy: the numbers of slow_0 once more; allowed: bars that were measured, each once", "loop")
         (folder / "commas.csv").write_text("strain,stress\n0,0\n0,001,200,5\n0,002,250,1\n0,003,260,2\n")

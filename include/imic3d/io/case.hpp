@@ -163,7 +163,7 @@ struct ExperimentCase {
   std::vector<std::filesystem::path> files;  ///< patterns already expanded
   CurveColumns columns;
   bool engineering_strain = true, engineering_stress = true;  ///< else true: ln(1+e), s (1+e)
-  /// multiply the columns; the stress then is in the case's unit
+  /// multiply the columns; the stress then is in the case's unit. Negative where tension is recorded as negative.
   double strain_scale = 1.0, stress_scale = 1.0;
   /// standard deviation [stress]; the scatter of the repetitions, or of the points, if not given
   std::optional<double> noise;
@@ -173,9 +173,10 @@ struct ExperimentCase {
   bool until_maximum = false;  ///< rows after the largest force are left out
   /// a strain that turns back is noise: it stays at its largest so far, and the row is not judged
   bool monotonic = false;
-  bool held_out = false;           ///< simulated but never fitted: all of it, or
-  Frames held_out_rows;            ///< only these rows (from 0)
-  std::vector<CurveTable> tables;  ///< one per file, as recorded
+  bool held_out = false;  ///< simulated but never fitted: all of it, or
+  Frames held_out_rows;   ///< only these rows (from 0)
+  /// one per file, as recorded, a force over the section, an extension over the gauge length
+  std::vector<CurveTable> tables;
 };
 
 struct DicCase {
