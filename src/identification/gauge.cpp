@@ -229,9 +229,11 @@ std::vector<material::BarTurn> find_turns(const VectorXd& time, const VectorXd& 
     find_stress(corners.back(), time, stress, first, last, near_to, near_back, to->slope, back->slope);
   }
   take_off_lag(corners, of_stress, told);
+  double of_all = 0.0;  // one machine turns in one way
+  for (const Corner& corner : corners) of_all += corner.better;
   for (const Corner& corner : corners) {
     material::BarTurn& turn = turns[corner.turn];
-    const bool went_there = corner.better > 0.0;
+    const bool went_there = (std::abs(corner.better) < told ? of_all : corner.better) > 0.0;
     if (went_there) turn = corner.between;
     turn.deviation = std::hypot(corner.of_lines, (std::abs(corner.better) < told ? 0.5
                                                   : went_there                   ? rounded

@@ -538,15 +538,16 @@ void CurveExperiment::learn_bias(const std::vector<double>& values) {
   turns_.assign(curves_.size(), {});
   for (std::size_t k = 0; k < bars_.size(); ++k) {
     const auto [first, size] = bars_[k];
-    if (repeated_.contains(curves_[k].group) || size == 0) continue;
-    turns_[k] = id::memory_of_turns(true_history(k, values), points_of(k, raw).strain, predicted[k],
+    if (size == 0) continue;
+    turns_[k] = id::memory_of_turns(true_history(k, values), strain_noise_of(k, raw), predicted[k],
                                     [&](const material::BarHistory& history) -> Eigen::VectorXd {
                                       const auto stress = follow(k, law, history);
                                       return stress.size() > 0 ? recorded(k, values, stress.col(0)) : Eigen::VectorXd();
                                     });
-    std::vector<Eigen::Index> rows;
-    for (Eigen::Index i = first; i < first + size; ++i) rows.push_back(bins_[static_cast<std::size_t>(i)].rows.front());
-    turns_[k].slopes = Eigen::MatrixXd(turns_[k].slopes(rows, Eigen::all));
+    Eigen::MatrixXd of_bins(size, turns_[k].slopes.cols());
+    for (Eigen::Index i = 0; i < size; ++i)
+      of_bins.row(i) = turns_[k].slopes(bins_[static_cast<std::size_t>(first + i)].rows, Eigen::all).colwise().mean();
+    turns_[k].slopes = std::move(of_bins);
   }
   scatter_ = scatter_of(raw);
   whitening_ = whitening_of(scatter_);

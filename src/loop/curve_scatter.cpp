@@ -107,6 +107,11 @@ id::PointNoise CurveExperiment::points_of(std::size_t curve, const Eigen::Vector
                          curves_[curve].estimated ? 0.0 : curves_[curve].deviation, curves_[curve].strain_noise);
 }
 
+/// Of a bar that has repetitions, as it was seen in its record; its stress shows it no better.
+double CurveExperiment::strain_noise_of(std::size_t curve, const Eigen::VectorXd& raw) const {
+  return repeated_.contains(curves_[curve].group) ? curves_[curve].strain_noise : points_of(curve, raw).strain;
+}
+
 /// Random-effects model of the deviations from the groups' means, by expectation-maximisation: bars that end early are
 /// in it with what they have. What is left of the cubics in a bin has one variance in a group; the noise of the points
 /// comes on top. `raw`: measured - predicted [N].
@@ -119,10 +124,10 @@ CurveExperiment::Scatter CurveExperiment::scatter_of(const Eigen::VectorXd& raw)
                  .coefficients = {}};
   for (std::size_t k = 0; k < bars_.size(); ++k) {
     const auto [first, size] = bars_[k];
+    if (!turns_.empty() && size > 0) result.turns[k] = turns_[k].errors(strain_noise_of(k, raw));
     if (repeated_.contains(curves_[k].group) || size < 3) continue;
     const id::PointNoise noise = points_of(k, raw);
     const double least = std::max(1e-3 * curves_[k].deviation, noise.stress);
-    if (!turns_.empty()) result.turns[k] = turns_[k].errors(noise.strain);
     for (Eigen::Index i = first; i < first + size; ++i) {
       const double of_strain = std::abs(slope_[i]) * noise.strain;
       result.noise[i] = std::hypot(least, of_strain);

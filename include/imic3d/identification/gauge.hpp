@@ -25,10 +25,10 @@ namespace imic3d::identification {
 /// the turn, or of as many as noise asks for, to 5 % and what that makes of it) it turned where the two lines meet, if
 /// the stress does not change rather as on the straight way from row to row; the deviation is what the noise makes of
 /// the lines, and a tenth of the way from the row to there, as corners are rounded - one half of it where the noise of
-/// the stress lets both be. Where the stress's own corners lie behind (before) those of the strain by one time at three
-/// turns and more, as a delayed force or friction puts them, that is taken off first. Elsewhere it turned at a row, and
-/// further by what the parabola through the three rows goes further, as a deviation; where there are too few rows, by
-/// half of what a corner between them would.
+/// the stress lets both be: then all turns together tell. Where the stress's own corners lie behind (before) those of
+/// the strain by one time at three turns and more, as a delayed force or friction puts them, that is taken off first.
+/// Elsewhere it turned at a row, and further by what the parabola through the three rows goes further, as a deviation;
+/// where there are too few rows, by half of what a corner between them would.
 [[nodiscard]] std::vector<material::BarTurn> find_turns(const Eigen::VectorXd& time, const Eigen::VectorXd& strain,
                                                         const Eigen::VectorXd& stress, double noise = 0.0);
 
