@@ -16,9 +16,9 @@ namespace id = identification;
 
 namespace {
 
-/// How little a bar's cubic says where the stress is so small a part of the largest: nothing at zero, all from one half
-/// on.
-double unknown(double stress) { return std::pow(std::max(0.0, 1.0 - 2.0 * stress), 2); }
+/// How far a bar may differ by another cubic where the stress is so small a part of the largest: as much at zero, by
+/// none from one half on.
+double elastic_share(double stress) { return std::max(0.0, 1.0 - 2.0 * stress); }
 
 }  // namespace
 
@@ -38,8 +38,14 @@ std::vector<Whitening> CurveExperiment::whitening_of(const Scatter& scatter) con
   for (std::size_t k = 0; k < bars_.size(); ++k) {
     const auto [first, size] = bars_[k];
     const Eigen::MatrixXd& turns = scatter.turns[k];
-    Eigen::MatrixXd shared(size, root.cols() + turns.cols());
-    if (root.size() > 0) shared.leftCols(root.cols()) = basis(first, size) * root;
+    const Eigen::Index n = root.cols();
+    Eigen::MatrixXd shared(size, 2 * n + turns.cols());
+    if (n > 0) {
+      const Eigen::MatrixXd its = basis(first, size) * root;
+      const Eigen::VectorXd elastic = scatter.elastic.segment(first, size);
+      shared.leftCols(n) = (1.0 - elastic.array()).matrix().asDiagonal() * its;
+      shared.middleCols(n, n) = scatter.share_of_elastic * elastic.asDiagonal() * its;
+    }
     if (turns.size() > 0) shared.rightCols(turns.cols()) = turns;
     std::vector<Eigen::Index> last;
     for (Eigen::Index i = 0; i < size; ++i)
@@ -117,6 +123,7 @@ double CurveExperiment::strain_noise_of(std::size_t curve, const Eigen::VectorXd
 /// comes on top. `raw`: measured - predicted [N].
 CurveExperiment::Scatter CurveExperiment::scatter_of(const Eigen::VectorXd& raw) const {
   Scatter result{.covariance = {},
+                 .elastic = Eigen::VectorXd::Zero(of_points_.size()),
                  .noise = of_points_,
                  .freedom = known_noise(),
                  .turns = std::vector<Eigen::MatrixXd>(bars_.size()),
@@ -151,14 +158,18 @@ CurveExperiment::Scatter CurveExperiment::scatter_of(const Eigen::VectorXd& raw)
     }
   }
   if (count == 0.0) return result;  // nothing is repeated
+  for (std::size_t i = 0; i < bins_.size(); ++i)
+    if (repeated_.contains(curves_[static_cast<std::size_t>(bins_[i].curve)].group))
+      result.elastic[static_cast<Eigen::Index>(i)] = elastic_share(bins_[i].stress);
   constexpr int size = degree + 1;
   const Eigen::Matrix<double, size, size> one = Eigen::Matrix<double, size, size>::Identity();
   Eigen::Matrix<double, size, size> D = 0.5 * square / count * one;
   std::map<std::string, double> variance;
   for (const auto& [group, bars] : repeated_) variance[group] = 0.1 * square / count;
+  double ratio = 1.0;  // of the covariance of elastic bars to that of bars that flow
   for (int iteration = 0; iteration < 200; ++iteration) {
     Eigen::Matrix<double, size, size> next = Eigen::Matrix<double, size, size>::Zero();
-    double bars_seen = 0.0;
+    double bars_seen = 0.0, next_ratio = 0.0;
     bool done = true;
     const Eigen::Matrix<double, size, size> D_inverse = (D + 1e-9 * D.trace() * one).inverse();
     for (const auto& [group, bars] : repeated_) {
@@ -168,17 +179,24 @@ CurveExperiment::Scatter CurveExperiment::scatter_of(const Eigen::VectorXd& raw)
       for (std::size_t k = 0; k < bars.size(); ++k) {
         const auto& deviation = result.deviations[group][k];
         const Eigen::ArrayXd points = of_points_(bars[k].rows).array().square(), total = points + variance[group];
-        const Eigen::Matrix<double, Eigen::Dynamic, size> weighted = total.inverse().matrix().asDiagonal() * bars[k].B;
-        const Eigen::Matrix<double, size, size> V = (D_inverse + weighted.transpose() * bars[k].B).inverse();
+        Eigen::Matrix<double, Eigen::Dynamic, 2 * size> B(deviation.size(), 2 * size);
+        const Eigen::VectorXd elastic = result.elastic(bars[k].rows);
+        B << (1.0 - elastic.array()).matrix().asDiagonal() * bars[k].B, elastic.asDiagonal() * bars[k].B;
+        const Eigen::Matrix<double, Eigen::Dynamic, 2 * size> weighted = total.inverse().matrix().asDiagonal() * B;
+        Eigen::Matrix<double, 2 * size, 2 * size> information = weighted.transpose() * B;
+        information.topLeftCorner<size, size>() += D_inverse;
+        information.bottomRightCorner<size, size>() += D_inverse / ratio;
+        const Eigen::Matrix<double, 2 * size, 2 * size> V = information.inverse();
         const Eigen::VectorXd c = V * (weighted.transpose() * deviation);
-        next += c * c.transpose() + V;
+        next += c.head<size>() * c.head<size>().transpose() + V.topLeftCorner<size, size>();
+        next_ratio +=
+            (D_inverse * (c.tail<size>() * c.tail<size>().transpose() + V.bottomRightCorner<size, size>())).trace();
         bars_seen += 1.0;
-        const Eigen::ArrayXd uncertain = (bars[k].B * V).cwiseProduct(bars[k].B).rowwise().sum(),
-                             share = variance[group] / total;
-        left += (share.square() * ((deviation - bars[k].B * c).array().square() + uncertain) + share * points).sum();
+        const Eigen::ArrayXd uncertain = (B * V).cwiseProduct(B).rowwise().sum(), share = variance[group] / total;
+        left += (share.square() * ((deviation - B * c).array().square() + uncertain) + share * points).sum();
         all += total.sum();
         numbers += static_cast<double>(deviation.size());
-        coefficients[k] = c;
+        coefficients[k] = c.head<size>();
       }
       done = done && std::abs(left / numbers - variance[group]) < 1e-4 * all / numbers;
       variance[group] = std::max(1e-12 * square / count, left / numbers);
@@ -186,8 +204,10 @@ CurveExperiment::Scatter CurveExperiment::scatter_of(const Eigen::VectorXd& raw)
     next /= bars_seen;
     done = done && (next - D).norm() < 1e-4 * next.norm();
     D = next;
+    ratio = next_ratio / (size * bars_seen);
     if (done) break;
   }
+  result.share_of_elastic = std::sqrt(ratio);
   result.covariance = D;
   for (std::size_t i = 0; i < bins_.size(); ++i)
     if (const auto its = variance.find(curves_[static_cast<std::size_t>(bins_[i].curve)].group);
@@ -195,10 +215,6 @@ CurveExperiment::Scatter CurveExperiment::scatter_of(const Eigen::VectorXd& raw)
       const auto row = static_cast<Eigen::Index>(i);
       double& noise = result.noise[row];
       noise = std::sqrt(noise * noise + its->second);
-      if (const double part = unknown(bins_[i].stress); part > 0.0) {
-        const Eigen::RowVectorXd B = basis(row, 1);
-        noise = std::sqrt(noise * noise + part * B.dot(B * D));
-      }
     }
   return result;
 }
@@ -252,7 +268,12 @@ Eigen::MatrixXd CurveExperiment::bars_like_these(int draws, double grown, unsign
     for (std::size_t k = 0; k < bars_.size(); ++k) {
       const auto [first, size] = bars_[k];
       raw.segment(first, size) = scatter_.noise.segment(first, size).cwiseProduct(drawn(size));
-      if (root.size() > 0) raw.segment(first, size) += basis(first, size) * (root * drawn(root.cols()));
+      if (root.size() > 0) {
+        const Eigen::MatrixXd its = basis(first, size) * root;
+        const Eigen::ArrayXd elastic = scatter_.elastic.segment(first, size).array(), flows = its * drawn(root.cols()),
+                             other = its * drawn(root.cols());
+        raw.segment(first, size).array() += (1.0 - elastic) * flows + scatter_.share_of_elastic * elastic * other;
+      }
       if (const auto& turns = scatter_.turns[k]; turns.size() > 0)
         raw.segment(first, size) += turns * drawn(turns.cols());
     }

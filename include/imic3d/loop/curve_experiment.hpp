@@ -126,8 +126,11 @@ class CurveExperiment final : public Experiment {
   /// How bars of one material differ.
   struct Scatter {
     Eigen::MatrixXd covariance;  // of the bars' coefficients [degree + 1 square]; empty: none
-    Eigen::VectorXd noise;       // of each number beyond them [N, stress]
-    Eigen::VectorXd freedom;     // of the square of that where nothing is repeated [N]
+    // how far a bar where it carries little may differ otherwise, all together, in these coefficients' deviations [N]
+    Eigen::VectorXd elastic;
+    double share_of_elastic = 1.0;
+    Eigen::VectorXd noise;    // of each number beyond them [N, stress]
+    Eigen::VectorXd freedom;  // of the square of that where nothing is repeated [N]
     // what the numbers of each curve are off by where a turn that they remember was elsewhere [its numbers x turns,
     // stress]
     std::vector<Eigen::MatrixXd> turns;
