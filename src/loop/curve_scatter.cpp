@@ -196,7 +196,7 @@ CurveExperiment::Scatter CurveExperiment::scatter_of(const Eigen::VectorXd& raw)
         left += (share.square() * ((deviation - B * c).array().square() + uncertain) + share * points).sum();
         all += total.sum();
         numbers += static_cast<double>(deviation.size());
-        coefficients[k] = c.head<size>();
+        coefficients[k] = c;
       }
       done = done && std::abs(left / numbers - variance[group]) < 1e-4 * all / numbers;
       variance[group] = std::max(1e-12 * square / count, left / numbers);
@@ -238,13 +238,20 @@ double CurveExperiment::coefficients_that_differ() const {
   return sum / bars_seen;
 }
 
+/// What cubics with these coefficients, those of a bar that flows and of one that is elastic, are in a bin of a bar.
+double CurveExperiment::cubic(const Repeated& bar, Eigen::Index bin, const Eigen::VectorXd& coefficients) const {
+  const double elastic = scatter_.elastic[bar.rows[static_cast<std::size_t>(bin)]];
+  return bar.B.row(bin).dot((1.0 - elastic) * coefficients.head(degree + 1) + elastic * coefficients.tail(degree + 1));
+}
+
 /// Correlation of what cubics leave of the deviations of a group, from bin to bin: 0 if that is white noise.
 double CurveExperiment::correlation_beyond_cubics(const std::string& group) const {
   const auto& bars = repeated_.at(group);
   double product = 0.0, square = 0.0;
   for (std::size_t k = 0; k < bars.size(); ++k) {
-    const Eigen::VectorXd left = (scatter_.deviations.at(group)[k] - bars[k].B * scatter_.coefficients.at(group)[k])
-                                     .cwiseQuotient(scatter_.noise(bars[k].rows));
+    Eigen::VectorXd left = scatter_.deviations.at(group)[k];
+    for (Eigen::Index i = 0; i < left.size(); ++i) left[i] -= cubic(bars[k], i, scatter_.coefficients.at(group)[k]);
+    left = left.cwiseQuotient(scatter_.noise(bars[k].rows));
     product += left.head(left.size() - 1).dot(left.tail(left.size() - 1)), square += left.squaredNorm();
   }
   return std::clamp(product / std::max(1e-300, square), 0.0, 1.0);
@@ -294,9 +301,9 @@ Eigen::MatrixXd CurveExperiment::bars_like_these(int draws, double grown, unsign
             const auto at = std::lower_bound(bars[k].numbers.begin(), bars[k].numbers.end(), bar.numbers[i]);
             const bool has = at != bars[k].numbers.end() && *at == bar.numbers[i];
             const auto j = static_cast<Eigen::Index>(k);
-            const double cubic = bar.B.row(static_cast<Eigen::Index>(i)).dot(coefficients[k]),
-                         left = has ? deviations[k][at - bars[k].numbers.begin()] - cubic : 0.0;
-            sum += share[j] * (cubic + together * left) + own[j] * apart * left;
+            const double its = cubic(bar, static_cast<Eigen::Index>(i), coefficients[k]),
+                         left = has ? deviations[k][at - bars[k].numbers.begin()] - its : 0.0;
+            sum += share[j] * (its + together * left) + own[j] * apart * left;
           }
           raw[bar.rows[i]] = std::sqrt(0.5) * (raw[bar.rows[i]] + grown * sum);
         }

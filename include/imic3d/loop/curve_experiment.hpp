@@ -137,10 +137,12 @@ class CurveExperiment final : public Experiment {
     // of the repeated bars of each group, from its mean: in bins; of the cubics
     std::map<std::string, std::vector<Eigen::VectorXd>> deviations, coefficients;
   };
+  struct Repeated;
   void find_repetitions();
   // freedom of the noise of the points before any is seen in the strain
   [[nodiscard]] Eigen::VectorXd known_noise() const;
   [[nodiscard]] double coefficients_that_differ() const;
+  [[nodiscard]] double cubic(const Repeated& bar, Eigen::Index bin, const Eigen::VectorXd& coefficients) const;
   [[nodiscard]] double correlation_beyond_cubics(const std::string& group) const;
   /// Bars that differ as `scatter_` says, `grown` times as much [N x draws, stress].
   [[nodiscard]] Eigen::MatrixXd bars_like_these(int draws, double grown, unsigned seed) const;
