@@ -103,6 +103,23 @@ Eigen::VectorXd drawn(Eigen::Index count, double deviation, unsigned seed) {
   return Eigen::VectorXd(count).unaryExpr([&](double) { return deviation * normal(random); });
 }
 
+/// A twentieth of a row's way beyond the row (5 MPa of the branch behind it) noise hides; the other turns tell, between
+/// rows or at them.
+TEST(Gauge, TurnsInDoubtAreAsTheOthers) {
+  const auto triangle = [](double t) { return 0.01 * (1.0 - std::abs(std::fmod(t + 1.0, 4.0) - 2.0)); };
+  material::BarHistory fine{.time = Eigen::VectorXd::LinSpaced(12001, 0.0, 6.0), .strain = {}};
+  fine.strain = fine.time.unaryExpr(triangle);
+  const auto c = material::testing::with_effects("kinematic", {"kinematic"}, {20e3, 150});
+  const auto rows = Eigen::seqN(33, 84, 140);  // 0.0165, 0.0865 ... 0.9965
+  material::BarHistory seen{.time = fine.time(rows), .strain = fine.strain(rows)};
+  const Eigen::VectorXd between = material::pull_bar(*c.made().law, c.parameters, fine).kirchhoff(rows),
+                        at_rows = material::pull_bar(*c.made().law, c.parameters, seen).kirchhoff;
+  for (const auto& [stress, expected] : {std::pair(between, 3U), std::pair(at_rows, 0U)})
+    for (unsigned seed = 0; seed < 40; ++seed)
+      EXPECT_EQ(between_rows(seen.time, seen.strain, stress + drawn(seen.strain.size(), 2.0, seed)).size(), expected)
+          << seed;
+}
+
 /// A course that bends from row to row, and one of which most rows were put on the line between two others.
 TEST(Gauge, NoiseOfABentCourse) {
   const Eigen::VectorXd strain = Eigen::VectorXd::LinSpaced(300, 0.0, 0.3), noise = drawn(300, 1.0, 4);

@@ -899,7 +899,7 @@ TEST(Closing, WhatDoubtsItselfWhereTheMisfitIsExplainsNothing) {
   };
   const Model before = model(noise, misfit);
   for (const double left : {1.1, 0.5}) {
-    Trial trial{.candidate = Curves::kink, .model = model(doubtful, left * misfit)};
+    Trial trial{.candidate = Curves::kink, .model = model(doubtful, left * misfit), .objection = {}};
     trial.model.added = {Curves::kink};
     trial.model.fit.values[2 + Curves::kink] = 1.0;
     EXPECT_LT(trial.model.fit.cost, 0.5 * before.fit.cost);
@@ -1030,8 +1030,8 @@ TEST(Closing, WhatLeavesMuchWhereAnotherLeavesNothingIsNotLearnedOf) {
   EXPECT_EQ(learned, 1);
 }
 
-/// Beside a large effect in the law, whose formula may not be the material's own, a score just beyond the limit is said,
-/// and names nothing; one farther beyond it, or beside a small effect, does.
+/// Beside a large effect in the law, whose formula may not be the material's own, a score just beyond the limit is
+/// said, and names nothing; one farther beyond it, or beside a small effect, does.
 TEST(Closing, WhatAFormulaMayErrByIsNoSecondEffect) {
   for (const auto& [kink, drift, second] : {std::tuple{20.0, 0.7, false}, {20.0, 1.2, true}, {4.0, 0.7, true}}) {
     Curves experiment(4, {{Curves::kink, kink}, {Curves::drift, drift}});

@@ -250,6 +250,39 @@ TEST(CurveExperiment, BarsThatFlowOtherwiseHaveNoOtherLoadCell) {
   EXPECT_NEAR(ratio, 1.0, 0.5);
 }
 
+/// Rows behind a turn whose place is in doubt are off together, in bars that have repetitions, too: they tell less.
+TEST(CurveExperiment, TurnsOfRepeatedBarsAreInDoubt) {
+  const CurveModel m = model(truth);
+  std::map<double, double> length;
+  for (const double doubt : {0.0, 1e-4}) {
+    std::mt19937_64 random(1);
+    std::normal_distribution<double> normal;
+    std::vector<identification::Curve> curves;
+    for (int k = 0; k < 6; ++k) {
+      identification::Curve curve;
+      curve.name = std::to_string(k), curve.group = "cycles", curve.history = cycles(), curve.deviation = 2.0;
+      curve.stress = material::pull_bar(*m.extended(material::known_effects()), m.values, curve.history).engineering;
+      for (double& value : curve.stress) value += 2.0 * normal(random);
+      const auto& h = curve.history;
+      curve.history.turns = identification::find_turns(h.time, h.strain, curve.stress);
+      ASSERT_EQ(curve.history.turns.size(), 4U);
+      for (auto& turn : curve.history.turns) turn.deviation = doubt;
+      curve.use.assign(static_cast<std::size_t>(curve.stress.size()), identification::Curve::fitted);
+      curves.push_back(std::move(curve));
+    }
+    CurveExperiment experiment(Communicator(), curves, m);
+    std::vector<double> values;
+    for (const auto& p : experiment.parameters()) values.push_back(p.value);
+    experiment.learn_bias(values);
+    auto other = values;
+    for (std::size_t j = 0; j < values.size(); ++j)
+      if (experiment.parameters()[j].info.name == "force_delay") other[j] = 0.1;
+    const auto r = experiment.residuals({values, other});
+    length[doubt] = (r[0] - r[1]).norm();
+  }
+  EXPECT_LT(length[1e-4], 0.9 * length[0.0]) << length[0.0];
+}
+
 TEST(CurveExperiment, DeclaredEffectsAreNoCandidates) {
   CurveModel m = model(truth);
   m.effects = {{.effect = "force_zero", .quantity = "force_offset", .value = 7.0, .lower = {}, .upper = {}},
