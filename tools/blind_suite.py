@@ -84,9 +84,9 @@ def history(rate, turns, rows):
     return along / rate, np.interp(along, length, path), np.isin(along, recorded)
 
 
-def make(folder, effect, seed, noise_of_seed=False):
-    """The curves and the case file of one trial, with noise of its own, or that of the seed."""
-    random = np.random.default_rng(seed if noise_of_seed else [seed, zlib.crc32(folder.name.encode())])
+def make(folder, effect, seed):
+    """The curves and the case file of one trial, with noise of its own."""
+    random = np.random.default_rng([seed, zlib.crc32(folder.name.encode())])
     folder.mkdir(parents=True, exist_ok=True)
     leave_out, declare = effect.get("leave_out", []), effect.get("declare", {})
     p = TRUTH | DEFAULT | {name: value for name, value in effect.items() if name not in ("leave_out", "declare")}
@@ -158,7 +158,7 @@ def main():
     parser.add_argument("--out", default="runs/blind_suite")
     parser.add_argument("--imic3d", default="build/release/imic3d")
     options = parser.parse_args()
-    suite = blind.Suite(Path(options.out), options.imic3d, lambda *its: make(*its, noise_of_seed=options.reduced), TRUTH)
+    suite = blind.Suite(Path(options.out), options.imic3d, make, TRUTH)
 
     # Nulls, and from the first the smallest detectable sizes. With the shapes that are planted, where these are not the usual ones: from the standard deviation
     # of the size, declared as one more unknown.

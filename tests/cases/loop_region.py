@@ -15,19 +15,19 @@ SOFT = {"region": -0.08, "region_x": 0.68, "region_y": 0.30, "region_radius": 0.
 HARD = {"region": 0.1, "region_x": 0.3, "region_y": 0.7, "region_radius": 0.2}
 VIRTUAL = f"""
 title: Plate of which something is not declared
-specimen: {{mesh: long.msh, kinematics: plane_stress, refine: 2, element: quad8, thickness: 8.0, held: bottom, loaded: top}}
+specimen: {{mesh: long.msh, kinematics: plane_stress, refine: 2, element: quad8, thickness: 0.8, held: bottom, loaded: top}}
 cameras: [{{name: front, pixel_size: 0.09, place: {{origin: [124.5, 159.5]}}}}]
 material: {TRUE}
 simulate: {{control: displacement, clamped: true, centred: true, steps_per_frame: 16, value: [0, 0.012, 0.03, 0.048, 0.06, 0.09, 0.12, 0.15, 0.22, 0.3, 0.44, 0.6, 0.8, 1.0, 1.2, 1.4]}}
-virtual: {{size: [250, 320], speckle_size: 5, noise: 0.01, load_noise: 20, static_frames: 5, seed: SEED, directory: test, declared_mesh: plate.msh}}
+virtual: {{size: [250, 320], speckle_size: 5, noise: 0.01, load_noise: 2, static_frames: 5, seed: SEED, directory: test, declared_mesh: plate.msh}}
 effects: EFFECTS
 output: test
 """
 LOOP = f"""
 title: Plate, the rest unknown
-specimen: {{mesh: plate.msh, kinematics: plane_stress, element: quad8, thickness: 8.0, held: bottom, loaded: top}}
+specimen: {{mesh: plate.msh, kinematics: plane_stress, element: quad8, thickness: 0.8, held: bottom, loaded: top}}
 cameras: [{{name: front, pixel_size: 0.09, place: {{origin: [124.5, 159.5]}}, images: "test/images/*.png", reference: 0-4}}]
-loads: {{file: test/loads.csv, image: frame, time: time_s, force: force_N, noise: 20}}
+loads: {{file: test/loads.csv, image: frame, time: time_s, force: force_N, noise: 2}}
 material: {DECLARED}
 identify: {{functional: displacement_driven, stages: [{{free: [E, S_y, H, delta]}}]}}
 loop: {{draws: 60, rivals: 2, additions: 2, starts: [1.0]}}
