@@ -189,8 +189,8 @@ Frames CaseReader::frames_in_names(const Section& section, const std::vector<fs:
   for (const auto& image : images) {
     const auto number = number_in_name(image);
     if (!number || (!frames.empty() && *number <= frames.back())) {
-      mistake(section.path("frames"), fmt::format("from_names, with the image {}", image.filename().string()),
-              "names whose last number ascends from image to image");
+      mistake(section.path("frames"), fmt::format("from_names, with the file {}", image.filename().string()),
+              "names whose last number ascends from file to file");
       return {};
     }
     frames.push_back(*number);
@@ -289,17 +289,23 @@ void CaseReader::read_fields() {
   }
   const auto n = fields.files.size();
   for (std::size_t i = 0; i < n; ++i) fields.frames.push_back(static_cast<int>(i) + 1);
-  if (section.has("frames")) {
-    const Frames declared = frames_of(section, "frames", std::nullopt);
+  std::set<int> recorded;
+  for (const auto& record : case_.loads.records) recorded.insert(record.frame);
+  if (std::string way; section.has("frames")) {
+    section.get("frames", way);
+    const Frames declared =
+        way == "from_names" ? frames_in_names(section, fields.files) : frames_of(section, "frames", std::nullopt);
     if (declared.size() != n && !declared.empty())
       mistake(section.path("frames"), fmt::format("{} frames", declared.size()),
               fmt::format("{}, one for each file", n));
     if (declared.size() == n) fields.frames = declared;
+  } else if (!recorded.empty() && *recorded.rbegin() > static_cast<int>(n) && !case_.loads.frame_times) {
+    mistake(section.path("files"), fmt::format("{} files", n),
+            fmt::format("{}, one for each frame of {}; else say which they are: frames: from_names, or a list",
+                        *recorded.rbegin(), case_.loads.file.string()));
   }
   if (section.has("at_rest")) fields.at_rest = frames_of(section, "at_rest", fields.frames);
-  if (case_.loads.records.empty()) return;
-  std::set<int> recorded;
-  for (const auto& record : case_.loads.records) recorded.insert(record.frame);
+  if (recorded.empty()) return;
   for (std::size_t i = 0; i < n; ++i)
     if (!recorded.contains(fields.frames[i]))
       mistakes_.push_back(

@@ -101,6 +101,19 @@ def main():
         off = (found[name]["value"] - truth) / found[name]["standard_deviation"]
         require(abs(off) < 4, f"{name} {found[name]['value']:.5g} +- {found[name]['standard_deviation']:.2g}, true {truth:g}")
 
+    # A file that is missing would put all behind it one frame too early.
+    (folder / "gone").mkdir()
+    for number in range(REST + len(LEVELS)):
+        if number != 5:
+            shutil.copy(folder / f"nothing/points_{number:02}.csv", folder / f"gone/points_{number + 1:02}.csv")
+    shutil.copy(folder / "nothing/loads.csv", folder / "gone/loads.csv")
+    gone = folder / "gone.yaml"
+    gone.write_text(case("gone"))
+    said = run(program, "check", gone, status=2, errors=True)
+    require("fields.files: 13 files; allowed: 14, one for each frame of" in said and "frames: from_names" in said, f"a file that is missing is said: {said}")
+    gone.write_text(case("gone", ", frames: from_names"))
+    require("1-5,7-14" in run(program, "check", gone), "the numbers of the files are those of the frames")
+
     invisible = next(one for one in result["before"]["candidates"] if one["name"] == "force gain")["sizes"][0]
     require(invisible["detectable"] is None, f"nor would any size of it be found: {invisible['detectable']}")
     shift = invisible["shift_of_parameters_at_usual_size"]["E"]
