@@ -76,8 +76,9 @@ class Suite:
         if kind == "null":
             return "nothing" if verdict == "nothing found" else "false alarm"
         if kind in ("outside", "without", "fault"):
-            functions = {self.formula_for.get(name) for name in (effect, *named, *chosen)}
-            another = len(functions) == 1 and functions != {None}
+            function = self.formula_for.get(effect)
+            sure = named[:-1] if verdict == "ambiguous" else [*named, *chosen]  # one of the set is the last
+            another = function and all(self.formula_for.get(name) == function for name in sure) and function in map(self.formula_for.get, [*sure, *chosen])
             return {"nothing found": "missed", "unexplained": "unexplained"}.get(verdict, "another formula" if another else "wrong")
         if verdict == "nothing found":
             return "missed"

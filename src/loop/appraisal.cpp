@@ -515,10 +515,18 @@ Sizes sizes_of(const Experiment& experiment, const Fit& fit, int candidate) {
 
 std::optional<int> without_size(const Experiment& experiment, const Model& model) {
   if (model.added.size() < 2) return std::nullopt;
-  for (int k : model.added)
-    if (const Sizes its = sizes_of(experiment, model.fit, k);
-        !its.places.empty() && !told_from_zero(its.values, model.covariance(its.places, its.places)))
-      return k;
+  const auto function = [&](int k) { return experiment.candidates()[static_cast<std::size_t>(k)].formula_for; };
+  for (int k : model.added) {
+    Sizes its = sizes_of(experiment, model.fit, k);
+    for (int other : model.added) {
+      if (other == k || function(k).empty() || function(other) != function(k)) continue;
+      const Sizes more = sizes_of(experiment, model.fit, other);
+      its.places.insert(its.places.end(), more.places.begin(), more.places.end());
+      its.values.conservativeResize(its.values.size() + more.values.size());
+      its.values.tail(more.values.size()) = more.values;
+    }
+    if (!its.places.empty() && !told_from_zero(its.values, model.covariance(its.places, its.places))) return k;
+  }
   return std::nullopt;
 }
 

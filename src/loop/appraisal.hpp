@@ -86,8 +86,8 @@ class Appraisal {
 [[nodiscard]] bool omnibus_significant(const Model& model);
 /// Whether the model leaves anything: energy, or a candidate that stands out and matters.
 [[nodiscard]] bool significant(const Model& model);
-/// Whether a score just beyond the limit is less than what the formulas of the effects in the law may err by: a tenth of
-/// their marks, a hundredth of what they took off chi^2.
+/// Whether a score just beyond the limit is less than what the formulas of the effects in the law may err by: a tenth
+/// of their marks, a hundredth of what they took off chi^2.
 [[nodiscard]] bool within_formula(const Model& model, const Score& score);
 /// Whether what the model leaves, if anything, is no more than that, and no energy.
 [[nodiscard]] bool formulas_alone(const Model& model);
@@ -99,7 +99,8 @@ struct Sizes {
 };
 [[nodiscard]] Sizes sizes_of(const Experiment& experiment, const Fit& fit, int candidate);
 /// Of several effects together, one whose size is not told from its null value (95 %): whatever bends freely beside
-/// others leaves little of anything, and names nothing. None, if all are told.
+/// others leaves little of anything, and names nothing. Formulas for one function are told together. None, if all are
+/// told.
 [[nodiscard]] std::optional<int> without_size(const Experiment& experiment, const Model& model);
 
 }  // namespace imic3d::loop

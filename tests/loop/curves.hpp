@@ -227,6 +227,12 @@ class Curves final : public Experiment {
     return *this;
   }
 
+  /// The effect is a formula for this function.
+  Curves& formula(Effect effect, const std::string& function) {
+    candidates_[static_cast<std::size_t>(effect)].formula_for = function;
+    return *this;
+  }
+
   /// The size of an effect was read beside the data.
   Curves& read(Effect effect, double reading, double deviation) {
     auto& p = parameters_[static_cast<std::size_t>(2 + effect)];

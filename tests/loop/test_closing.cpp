@@ -1045,6 +1045,21 @@ TEST(Closing, WhatAFormulaMayErrByIsNoSecondEffect) {
   }
 }
 
+/// Two terms of one function bend against each other; their sum is told.
+TEST(Closing, FormulasForOneFunctionAreToldTogether) {
+  for (const bool one_function : {false, true}) {
+    Curves experiment(4);
+    if (one_function) experiment.formula(Curves::kink, "the course").formula(Curves::curved, "the course");
+    Model model;
+    model.added = {Curves::kink, Curves::curved};
+    model.fit.free = {2 + Curves::kink, 2 + Curves::curved};
+    model.fit.values.assign(experiment.parameters().size(), 1.0);
+    model.covariance.resize(2, 2);
+    model.covariance << 1.0, -0.99, -0.99, 1.0;
+    EXPECT_EQ(without_size(experiment, model), one_function ? std::nullopt : std::optional<int>(Curves::kink));
+  }
+}
+
 /// Where the finer mesh cannot be followed again, what was learned before at other values stands; without any there is
 /// no loop.
 TEST(Closing, WhatWasLearnedBeforeStands) {
