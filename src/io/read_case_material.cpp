@@ -164,6 +164,7 @@ void CaseReader::read_experiments() {
 }
 
 void CaseReader::read_curves(const Section& section, ExperimentCase& experiment) {
+  bool all_read = true;
   for (const auto& file : files_of(section, "file")) {
     if (std::find(experiment.files.begin(), experiment.files.end(), file) != experiment.files.end()) continue;
     try {
@@ -171,16 +172,17 @@ void CaseReader::read_curves(const Section& section, ExperimentCase& experiment)
       experiment.files.push_back(file);
     } catch (const InputError& error) {
       for (const auto& one : error.mistakes()) mistakes_.push_back({document_.line(section.path("file")), one});
+      all_read = false;
     }
   }
   // A force over the bar's section is an engineering stress, an extension over the gauge length a strain.
   const auto divided = [&](const char* key, Eigen::VectorXd CurveTable::*column) {
-    if (!section.has(key)) return;
+    if (!section.has(key) || !all_read || experiment.tables.empty()) return;
     double all = 0.0;
     std::vector<double> each;
     section.get(key, all), section.get(key, each);
     if (each.empty()) each.assign(experiment.tables.size(), all);
-    if (each.size() != experiment.tables.size() && !is_refused(section.path("file")))
+    if (each.size() != experiment.tables.size())
       return mistake(section.path(key), fmt::format("{} numbers", each.size()),
                      fmt::format("one, or one for each of the {} files", experiment.tables.size()));
     for (std::size_t k = 0; k < experiment.tables.size(); ++k)

@@ -204,7 +204,7 @@ CurveExperiment::Scatter CurveExperiment::scatter_of(const Eigen::VectorXd& raw)
     next /= bars_seen;
     done = done && (next - D).norm() < 1e-4 * next.norm();
     D = next;
-    ratio = next_ratio / (size * bars_seen);
+    ratio = std::max(1e-6, next_ratio / (size * bars_seen));
     if (done) break;
   }
   result.share_of_elastic = std::sqrt(ratio);

@@ -126,7 +126,8 @@ class CurveExperiment final : public Experiment {
   /// How bars of one material differ.
   struct Scatter {
     Eigen::MatrixXd covariance;  // of the bars' coefficients [degree + 1 square]; empty: none
-    // how far a bar where it carries little may differ otherwise, all together, in these coefficients' deviations [N]
+    // how far the bar is elastic at each number: it differs by another cubic there, `share_of_elastic` times as much
+    // [N]
     Eigen::VectorXd elastic;
     double share_of_elastic = 1.0;
     Eigen::VectorXd noise;    // of each number beyond them [N, stress]
