@@ -62,6 +62,7 @@ class Loop {
     identify_declared();
     Model at = report_.declared;
     search(at);
+    if (report_.verdict == Verdict::unexplained && report_.named.size() > 1) exchange_formulas(at);
     if (report_.verdict == Verdict::unexplained && !report_.rounds.empty()) look_ahead(at);
     if (report_.verdict == Verdict::attributed && report_.rounds.size() > 1 && report_.named.size() == 1)
       compare_with_alike(at);
@@ -258,6 +259,49 @@ class Loop {
                       candidate(model.others[order[i]]).name, s.z, model.scores.threshold, s.visibility, s.size[0],
                       s.deviation[0], s.contradicted ? "; not so in the held-out frames" : ""));
     }
+  }
+
+  /// Beside an effect that is still missing another formula for the same function may have helped more. Where the
+  /// search ends unexplained each that was added gives way to the others that have been tried, those beside it staying.
+  void exchange_formulas(Model& at) {
+    const auto& tried = report_.rounds.front().trials;
+    for (std::size_t i = 0; i < at.added.size(); ++i)
+      for (const Trial& other : tried) {
+        const Candidate &was = candidate(at.added[i]), &now = candidate(other.candidate);
+        if (was.formula_for.empty() || now.formula_for != was.formula_for || other.model.fit.values.empty() ||
+            std::count(at.added.begin(), at.added.end(), other.candidate) > 0)
+          continue;
+        Trial trial;
+        trial.candidate = other.candidate;
+        trial.model.added = at.added, trial.model.added[i] = other.candidate;
+        trial.model.ground = at.ground;
+        std::copy_if(at.idle.begin(), at.idle.end(), std::back_inserter(trial.model.idle),
+                     [&](int j) { return std::count(was.parameters.begin(), was.parameters.end(), j) == 0; });
+        std::vector<double> start = other.model.fit.values;
+        for (const int k : at.added)
+          for (const int j : k == at.added[i] ? std::vector<int>{} : candidate(k).parameters)
+            start[static_cast<std::size_t>(j)] = at.fit.values[static_cast<std::size_t>(j)];
+        say(fmt::format("{} in the place of {}:", now.name, was.name));
+        experiment_.put_back(at.ground->learned);
+        try {
+          trial.model.fit = identified(at.ground->weight, trial.model, start);
+          if (at.ground->learned && trial.model.fit.cost < at.fit.cost) settle(trial.model);
+        } catch (const ConvergenceError& error) {
+          say(fmt::format("    {}: {}", now.name, error.what()));
+          continue;
+        }
+        judge_trial(trial, report_.declared);
+        say_objection(trial);
+        if (!trial.sufficient || !trial.plausible) continue;
+        at = trial.model;
+        report_.named = at.added, report_.set = {at.added.back()};
+        report_.verdict = Verdict::attributed;
+        trial.drop = appraisal_.drop(report_.declared, at);
+        report_.rounds.push_back({.trials = {std::move(trial)}, .set = report_.set, .kept = true});
+        if (!at.traced) appraisal_.trace(at);
+        return;
+      }
+    experiment_.put_back(at.ground->learned);
   }
 
   /// Of two large effects together each has a size that the parts of the test disagree about while the other is

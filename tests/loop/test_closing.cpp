@@ -1060,6 +1060,28 @@ TEST(Closing, FormulasForOneFunctionAreToldTogether) {
   }
 }
 
+/// The kink can be followed beside the drift alone: another formula for its function is added first, then the drift,
+/// and gives way to it.
+TEST(Closing, AFormulaGivesWayToOneThatLeavesNothing) {
+  for (const bool one_function : {false, true}) {
+    Curves experiment(4, {{Curves::kink, 20.0}, {Curves::drift, 6.0}});
+    if (one_function) experiment.formula(Curves::kink, "the course").formula(Curves::curved, "the course");
+    experiment.within = [](const std::vector<double>& values) {
+      return values[2 + Curves::kink] < 5.0 || std::abs(values[2 + Curves::drift]) > 3.0;
+    };
+    LoopOptions two = usual;
+    two.additions = 2;
+    const Report report = close_loop(experiment, two);
+    if (!one_function) {
+      EXPECT_EQ(report.verdict, Verdict::unexplained) << report.sentence;
+      continue;
+    }
+    EXPECT_EQ(report.verdict, Verdict::attributed) << report.sentence;
+    EXPECT_EQ(report.named, (std::vector<int>{Curves::kink, Curves::drift})) << report.sentence;
+    EXPECT_NEAR(report.final.fit.values[2 + Curves::kink], 20.0, 1.0);
+  }
+}
+
 /// Where the finer mesh cannot be followed again, what was learned before at other values stands; without any there is
 /// no loop.
 TEST(Closing, WhatWasLearnedBeforeStands) {
