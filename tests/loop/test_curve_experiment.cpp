@@ -168,6 +168,19 @@ material::BarHistory cycles() {
   return history;
 }
 
+/// A bar of a group with this stress, off by `off` as far as it carries 200 MPa, and noise of 2 MPa.
+identification::Curve bar_off_by(double off, const std::string& group, int number, const material::BarHistory& history,
+                                 const Eigen::VectorXd& stress, std::mt19937_64& random) {
+  std::normal_distribution<double> normal;
+  identification::Curve curve;
+  curve.name = group + std::to_string(number), curve.group = group, curve.history = history, curve.stress = stress,
+  curve.deviation = 6.0;
+  for (double& value : curve.stress) value += off * std::min(1.0, std::abs(value) / 200.0) + 2.0 * normal(random);
+  curve.use.assign(static_cast<std::size_t>(stress.size()), identification::Curve::fitted);
+  curve.use[0] = identification::Curve::not_judged;
+  return curve;
+}
+
 /// Bars that differ in proportion to their stress, as far as it is small, do not differ where a cycle passes zero: no
 /// cubic of the way, and the energy of a group whose mean is off holds it.
 TEST(CurveExperimentNightly, BarsDifferOtherwiseWhereTheStressIsSmall) {
@@ -181,16 +194,8 @@ TEST(CurveExperimentNightly, BarsDifferOtherwiseWhereTheStressIsSmall) {
     std::mt19937_64 random(100 + static_cast<unsigned>(test));
     std::normal_distribution<double> normal;
     std::vector<identification::Curve> curves;
-    for (int k = 0; k < 6; ++k) {
-      identification::Curve curve;
-      curve.name = std::to_string(k), curve.group = "cycles", curve.history = history, curve.stress = stress,
-      curve.deviation = 6.0;
-      const double off = 5.0 * normal(random);
-      for (double& value : curve.stress) value += off * std::min(1.0, std::abs(value) / 200.0) + 2.0 * normal(random);
-      curve.use.assign(static_cast<std::size_t>(stress.size()), identification::Curve::fitted);
-      curve.use[0] = identification::Curve::not_judged;
-      curves.push_back(std::move(curve));
-    }
+    for (int k = 0; k < 6; ++k)
+      curves.push_back(bar_off_by(5.0 * normal(random), "cycles", k, history, stress, random));
     CurveExperiment experiment(Communicator(), curves, m);
     std::vector<double> values;
     for (const auto& p : experiment.parameters()) values.push_back(p.value);
@@ -223,16 +228,8 @@ TEST(CurveExperiment, BarsThatFlowOtherwiseHaveNoOtherLoadCell) {
     std::normal_distribution<double> normal;
     std::vector<identification::Curve> curves;
     for (const auto& [group, its] : groups)
-      for (int k = 0; k < (group == "cycles" ? 4 : 12); ++k) {
-        identification::Curve curve;
-        curve.name = group + std::to_string(k), curve.group = group, curve.history = its.first,
-        curve.stress = its.second, curve.deviation = 6.0;
-        const double off = 5.0 * normal(random);
-        for (double& value : curve.stress) value += off * std::min(1.0, std::abs(value) / 200.0) + 2.0 * normal(random);
-        curve.use.assign(static_cast<std::size_t>(curve.stress.size()), identification::Curve::fitted);
-        curve.use[0] = identification::Curve::not_judged;
-        curves.push_back(std::move(curve));
-      }
+      for (int k = 0; k < (group == "cycles" ? 4 : 12); ++k)
+        curves.push_back(bar_off_by(5.0 * normal(random), group, k, its.first, its.second, random));
     CurveExperiment experiment(Communicator(), curves, m);
     std::vector<double> values;
     for (const auto& p : experiment.parameters()) values.push_back(p.value);
@@ -256,19 +253,16 @@ TEST(CurveExperiment, TurnsOfRepeatedBarsAreInDoubt) {
   std::map<double, double> length;
   for (const double doubt : {0.0, 1e-4}) {
     std::mt19937_64 random(1);
-    std::normal_distribution<double> normal;
+    const material::BarHistory history = cycles();
+    const Eigen::VectorXd stress =
+        material::pull_bar(*m.extended(material::known_effects()), m.values, history).engineering;
     std::vector<identification::Curve> curves;
     for (int k = 0; k < 6; ++k) {
-      identification::Curve curve;
-      curve.name = std::to_string(k), curve.group = "cycles", curve.history = cycles(), curve.deviation = 2.0;
-      curve.stress = material::pull_bar(*m.extended(material::known_effects()), m.values, curve.history).engineering;
-      for (double& value : curve.stress) value += 2.0 * normal(random);
-      const auto& h = curve.history;
-      curve.history.turns = identification::find_turns(h.time, h.strain, curve.stress);
-      ASSERT_EQ(curve.history.turns.size(), 4U);
-      for (auto& turn : curve.history.turns) turn.deviation = doubt;
-      curve.use.assign(static_cast<std::size_t>(curve.stress.size()), identification::Curve::fitted);
-      curves.push_back(std::move(curve));
+      curves.push_back(bar_off_by(0.0, "cycles", k, history, stress, random));
+      auto& turns = curves.back().history.turns;
+      turns = identification::find_turns(history.time, history.strain, curves.back().stress);
+      ASSERT_EQ(turns.size(), 4U);
+      for (auto& turn : turns) turn.deviation = doubt;
     }
     CurveExperiment experiment(Communicator(), curves, m);
     std::vector<double> values;
