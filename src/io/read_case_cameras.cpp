@@ -279,7 +279,8 @@ void CaseReader::read_fields() {
   columns.get("v", fields.columns.v);
   columns.get("valid", fields.columns.valid);
   if (!section.has("files")) return;
-  for (const auto& file : files_of(section, "files")) {
+  const auto files = files_of(section, "files");
+  for (const auto& file : files) {
     try {
       fields.tables.push_back(read_points(file, fields.columns));
       fields.files.push_back(file);
@@ -299,8 +300,9 @@ void CaseReader::read_fields() {
       mistake(section.path("frames"), fmt::format("{} frames", declared.size()),
               fmt::format("{}, one for each file", n));
     if (declared.size() == n) fields.frames = declared;
-  } else if (!recorded.empty() && *recorded.rbegin() > static_cast<int>(n) && !case_.loads.frame_times) {
-    mistake(section.path("files"), fmt::format("{} files", n),
+  } else if (!files.empty() && !recorded.empty() && *recorded.rbegin() > static_cast<int>(files.size()) &&
+             !case_.loads.frame_times) {
+    mistake(section.path("files"), fmt::format("{} files", files.size()),
             fmt::format("{}, one for each frame of {}; else say which they are: frames: from_names, or a list",
                         *recorded.rbegin(), case_.loads.file.string()));
   }

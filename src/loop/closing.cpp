@@ -290,15 +290,16 @@ class Loop {
           say(fmt::format("    {}: {}", now.name, error.what()));
           continue;
         }
-        judge_trial(trial, report_.declared);
-        say_objection(trial);
+        judge_by_what_is_told(trial, report_.declared);
         if (!trial.sufficient || !trial.plausible) continue;
         at = trial.model;
-        report_.named = at.added, report_.set = {at.added.back()};
-        report_.verdict = Verdict::attributed;
         trial.drop = appraisal_.drop(report_.declared, at);
-        report_.rounds.push_back({.trials = {std::move(trial)}, .set = report_.set, .kept = true});
+        report_.named = at.added;
+        report_.verdict = Verdict::attributed;
         if (!at.traced) appraisal_.trace(at);
+        take_out_needless(at);
+        report_.set = {at.added.back()};
+        report_.rounds.push_back({.trials = {std::move(trial)}, .set = report_.set, .kept = true});
         return;
       }
     experiment_.put_back(at.ground->learned);
@@ -505,12 +506,16 @@ class Loop {
         say(fmt::format("    with {}: {}", candidate(trial.candidate).name, error.what()));
       }
     }
+    judge_by_what_is_told(trial, at);
+    if (trial.sufficient && trial.plausible) round.set.push_back(trial.candidate);
+    round.trials.push_back(std::move(trial));
+  }
+
+  void judge_by_what_is_told(Trial& trial, const Model& at) {
     judge_trial(trial, at);
     while (trial.sufficient)
       if (!leave_out_untold(trial, at)) break;
     say_objection(trial);
-    if (trial.sufficient && trial.plausible) round.set.push_back(trial.candidate);
-    round.trials.push_back(std::move(trial));
   }
 
   /// Whether a candidate leaves more than a quarter of what noise does not explain, where another one leaves nothing:

@@ -539,7 +539,8 @@ void CurveExperiment::learn_bias(const std::vector<double>& values) {
   for (std::size_t k = 0; k < bars_.size(); ++k) {
     const auto [first, size] = bars_[k];
     if (size == 0) continue;
-    turns_[k] = id::memory_of_turns(true_history(k, values), strain_noise_of(k, raw), predicted[k],
+    const double noise = repeated_.contains(curves_[k].group) ? curves_[k].strain_noise : points_of(k, raw).strain;
+    turns_[k] = id::memory_of_turns(true_history(k, values), noise, predicted[k],
                                     [&](const material::BarHistory& history) -> Eigen::VectorXd {
                                       const auto stress = follow(k, law, history);
                                       return stress.size() > 0 ? recorded(k, values, stress.col(0)) : Eigen::VectorXd();

@@ -113,11 +113,6 @@ id::PointNoise CurveExperiment::points_of(std::size_t curve, const Eigen::Vector
                          curves_[curve].estimated ? 0.0 : curves_[curve].deviation, curves_[curve].strain_noise);
 }
 
-/// Of a bar that has repetitions, as it was seen in its record; its stress shows it no better.
-double CurveExperiment::strain_noise_of(std::size_t curve, const Eigen::VectorXd& raw) const {
-  return repeated_.contains(curves_[curve].group) ? curves_[curve].strain_noise : points_of(curve, raw).strain;
-}
-
 /// Random-effects model of the deviations from the groups' means, by expectation-maximisation: bars that end early are
 /// in it with what they have. What is left of the cubics in a bin has one variance in a group; the noise of the points
 /// comes on top. `raw`: measured - predicted [N].
@@ -131,10 +126,14 @@ CurveExperiment::Scatter CurveExperiment::scatter_of(const Eigen::VectorXd& raw)
                  .coefficients = {}};
   for (std::size_t k = 0; k < bars_.size(); ++k) {
     const auto [first, size] = bars_[k];
-    if (!turns_.empty() && size > 0) result.turns[k] = turns_[k].errors(strain_noise_of(k, raw));
-    if (repeated_.contains(curves_[k].group) || size < 3) continue;
+    if (repeated_.contains(curves_[k].group)) {
+      if (!turns_.empty() && size > 0) result.turns[k] = turns_[k].errors(curves_[k].strain_noise);
+      continue;
+    }
+    if (size < 3) continue;
     const id::PointNoise noise = points_of(k, raw);
     const double least = std::max(1e-3 * curves_[k].deviation, noise.stress);
+    if (!turns_.empty()) result.turns[k] = turns_[k].errors(noise.strain);
     for (Eigen::Index i = first; i < first + size; ++i) {
       const double of_strain = std::abs(slope_[i]) * noise.strain;
       result.noise[i] = std::hypot(least, of_strain);
@@ -166,6 +165,14 @@ CurveExperiment::Scatter CurveExperiment::scatter_of(const Eigen::VectorXd& raw)
   Eigen::Matrix<double, size, size> D = 0.5 * square / count * one;
   std::map<std::string, double> variance;
   for (const auto& [group, bars] : repeated_) variance[group] = 0.1 * square / count;
+  using Both = Eigen::Matrix<double, Eigen::Dynamic, 2 * size>;  // cubics of a bar that flows, and of an elastic one
+  std::map<std::string, std::vector<Both>> both;
+  for (const auto& [group, bars] : repeated_)
+    for (const auto& bar : bars) {
+      const Eigen::VectorXd elastic = result.elastic(bar.rows);
+      Both& B = both[group].emplace_back(bar.B.rows(), 2 * size);
+      B << (1.0 - elastic.array()).matrix().asDiagonal() * bar.B, elastic.asDiagonal() * bar.B;
+    }
   double ratio = 1.0;  // of the covariance of elastic bars to that of bars that flow
   for (int iteration = 0; iteration < 200; ++iteration) {
     Eigen::Matrix<double, size, size> next = Eigen::Matrix<double, size, size>::Zero();
@@ -179,10 +186,8 @@ CurveExperiment::Scatter CurveExperiment::scatter_of(const Eigen::VectorXd& raw)
       for (std::size_t k = 0; k < bars.size(); ++k) {
         const auto& deviation = result.deviations[group][k];
         const Eigen::ArrayXd points = of_points_(bars[k].rows).array().square(), total = points + variance[group];
-        Eigen::Matrix<double, Eigen::Dynamic, 2 * size> B(deviation.size(), 2 * size);
-        const Eigen::VectorXd elastic = result.elastic(bars[k].rows);
-        B << (1.0 - elastic.array()).matrix().asDiagonal() * bars[k].B, elastic.asDiagonal() * bars[k].B;
-        const Eigen::Matrix<double, Eigen::Dynamic, 2 * size> weighted = total.inverse().matrix().asDiagonal() * B;
+        const Both& B = both.at(group)[k];
+        const Both weighted = total.inverse().matrix().asDiagonal() * B;
         Eigen::Matrix<double, 2 * size, 2 * size> information = weighted.transpose() * B;
         information.topLeftCorner<size, size>() += D_inverse;
         information.bottomRightCorner<size, size>() += D_inverse / ratio;

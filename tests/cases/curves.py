@@ -211,7 +211,6 @@ def main():
         mistake(few, "experiments: 3 rows to fit, 3 free parameters; allowed: more rows than free parameters", "loop")
         (folder / "signs.csv").write_text("strain,stress\n" + "".join(f"{k / 10000},{-20 * k}\n" for k in range(12)))
         mistake(lambda s: few(s).replace("few.csv", "signs.csv"), "experiments.few signs: a stress that falls where the strain grows; allowed: stress and strain of one sign, both positive in tension; a negative strain_scale or stress_scale turns one", "loop")
-
         (folder / "copy.csv").write_text((folder / "slow_0.csv").read_text())
         mistake(lambda s: s.replace('"slow_*.csv"', "[slow_0.csv, slow_1.csv, copy.csv]"), "experiments.slow copy: the numbers of slow_0 once more; allowed: bars that were measured, each once", "loop")
         (folder / "commas.csv").write_text("strain,stress\n0,0\n0,001,200,5\n0,002,250,1\n0,003,260,2\n")

@@ -150,7 +150,6 @@ class CurveExperiment final : public Experiment {
   [[nodiscard]] Scatter scatter_of(const Eigen::VectorXd& raw) const;
   // of one that has no repetition
   [[nodiscard]] identification::PointNoise points_of(std::size_t curve, const Eigen::VectorXd& raw) const;
-  [[nodiscard]] double strain_noise_of(std::size_t curve, const Eigen::VectorXd& raw) const;
   [[nodiscard]] bool noise_is_estimated(std::size_t curve) const;  // from the points of this curve
   [[nodiscard]] std::vector<Whitening> whitening_of(const Scatter& scatter) const;
   // measured - predicted [N, stress]
