@@ -50,7 +50,7 @@ DECLARED = {
     "linear": ("linear", "E: 190e3, nu: {nu}, S_y: 400, H: 1400", "E, S_y, H"),
 }
 # What the generator can do to a test. Lengths in mm, forces in N, times in frames; `mesh`: declared sizes at the hole and far from it.
-NOTHING = dict(force_offset=0.0, force_gain=1.0, force_delay=0.0, preload=0.0, jumps=0.0, hole_radius_error=0.0, nu=LAW.nu, magnification_drift=0.0, drift_with_load=0.0, inverse_distance=0.0, k1=0.0,
+NOTHING = dict(force_offset=0.0, force_gain=1.0, force_delay=0.0, preload=0.0, jumps=0.0, hole_radius_error=0.0, nu=LAW.nu, magnification_drift=0.0, drift_with_load=0.0, inverse_distance=0.0, k1=0.0, tilt=0.0,
                bump=0.0, oscillation=0.0, debonded=0.0, dropped=0, duplicated=0, black=0.0, white=255.0, jpeg=0, declared_noise=0.0, force_unit=1.0, true_thickness=THICKNESS, thickness=THICKNESS, declared="power", mesh=None, leave_out=[])
 
 
@@ -119,7 +119,7 @@ def test(generator, p, random):
     clock = time / time[-1]
     growth = p["magnification_drift"] * clock + p["drift_with_load"] * force / force.max() + p["oscillation"] * np.sin(2 * np.pi * 2.5 * clock) + p["bump"] * (time > FRAMES // 2)
     at = nodes + u[:, :, :2]
-    seen = at * (1.0 + growth[:, None, None] + p["inverse_distance"] * u[:, :, 2:] + p["k1"] * np.sum(at**2, axis=2, keepdims=True))
+    seen = at * (1.0 + growth[:, None, None] + p["inverse_distance"] * u[:, :, 2:] + p["k1"] * np.sum(at**2, axis=2, keepdims=True)) / (1.0 - p["tilt"] * at[:, :, :1])
     if p["debonded"]:  # paint that no longer follows
         patch, last = np.hypot(nodes[:, 0] - 5, nodes[:, 1] - 5) < 1.8, FRAMES // 2
         seen[last + 1:, patch] = seen[last, patch] + (1 - p["debonded"]) * (seen[last + 1:, patch] - seen[last, patch])
@@ -152,7 +152,9 @@ def points(folder, nodes, faces, seen, p, seed, random):
     x, y = np.meshgrid(np.arange(-9.5, 9.51, STEP), np.arange(-12.5, 12.51, STEP))
     at = np.column_stack([x.ravel(), y.ravel()])
     at = at[np.hypot(at[:, 0], at[:, 1]) > RADIUS + 0.4 + max(0.0, p["hole_radius_error"])]
-    u = sampled(nodes, faces, seen[1:] - seen[0], at)
+    # A correlation's points are those of the reference image, in which the camera shows X beside its place.
+    material = at - sampled(nodes, faces, seen[:1] - nodes, at)[0]
+    u = sampled(nodes, faces, seen[1:] - seen[0], material)
     if np.isnan(u).any():
         sys.exit(f"{folder}: points off the plate")
     common = random.normal(size=at.shape) * NOISE  # of the reference
@@ -239,13 +241,14 @@ EFFECTS = {
     "magnification drift": ("magnification_drift", 5e-4, 1e-2),
     "parallax": ("inverse_distance", 5e-3, 5e-2),
     "lens distortion": ("k1", 2e-5, 1e-3),
+    "camera tilt": ("tilt", 2e-4, 5e-3),
     "camera bump": ("bump", 3e-4, 1e-2),
     "preload": ("preload", 20.0, 120.0),
     "hole radius": ("hole_radius_error", 0.1, 0.4),
     "Poisson's ratio": ("nu", 0.28, 0.40),
 }
 NULLS = {"nu": LAW.nu, "force_gain": 1.0}
-FOUND_AS = {"bump": "step_of_magnification"}
+FOUND_AS = {"bump": "step_of_magnification", "tilt": "perspective_x"}
 OUTSIDE = {"oscillating magnification": dict(oscillation=1e-3), "debonded patch": dict(debonded=0.5), "force jumps": dict(jumps=5.0)}
 OTHERS = {"power_term": dict(declared="linear"), "coarse mesh": dict(mesh=(3.5, 6.0))}
 THICK = dict(true_thickness=1.0, thickness=1.0)  # nothing is missing, but it is no plane stress at the hole's edge

@@ -1,6 +1,7 @@
 #pragma once
 // One function for each file of this folder.
 
+#include <functional>
 #include <memory>
 #include <span>
 
@@ -18,6 +19,19 @@ namespace imic3d::loop {
 /// unknown moment.
 [[nodiscard]] std::vector<std::vector<double>> moments(const Scene& scene, double last, Eigen::Index most);
 
+using Points = Eigen::Matrix<double, Eigen::Dynamic, 2, Eigen::RowMajor>;  ///< [nodes, 2]
+
+/// Adds what a mesh measures beyond the displacement U [components * nodes] if it does not lie on the points of the
+/// specimen that it is taken for: at X is the specimen's point X - d(X), u(X - d) instead of u(X), to first order.
+void see_beside(const Points& d, const Scene& scene, const Eigen::VectorXd& U, Eigen::VectorXd& error);
+
+using Distortion = std::function<Eigen::Vector2d(const Eigen::Vector2d&)>;
+
+/// Adds what a camera that shows a point x (from the lens's axis) at x + D(x), in the reference, too, makes of the
+/// displacement U [2 * nodes]: what lies at the node X is the specimen's point X - d, d = D(X - d), and moves to
+/// x + D(x), x = X - d + u(X - d).
+void see_through(const Distortion& D, const Scene& scene, const Eigen::VectorXd& U, Eigen::VectorXd& error);
+
 std::shared_ptr<const Effect> coarse_mesh();
 std::shared_ptr<const Effect> large_increments();
 std::shared_ptr<const Effect> interpolation_bias();
@@ -32,6 +46,7 @@ std::shared_ptr<const Effect> group_gain();
 std::shared_ptr<const Effect> parallax();
 std::shared_ptr<const Effect> lens_distortion();
 std::shared_ptr<const Effect> placement();
+std::shared_ptr<const Effect> camera_tilt();
 std::shared_ptr<const Effect> camera_bump();
 std::shared_ptr<const Effect> light_gain();
 std::shared_ptr<const Effect> light_offset();

@@ -1,4 +1,5 @@
-// Radial distortion (Brown): what moves through the field of view is stretched on its way.
+// Radial distortion (Brown): what moves through the field of view is stretched on its way, and the reference shows it
+// beside its place.
 #include <cmath>
 
 #include "effects.hpp"
@@ -30,11 +31,8 @@ class LensDistortion final : public Effect {
   [[nodiscard]] bool of_each_camera() const override { return true; }
   [[nodiscard]] bool of_one_of_several() const override { return true; }
   void see(Values values, const Scene& scene, int, const Eigen::VectorXd& U, Eigen::VectorXd& error) const override {
-    for (Eigen::Index i = 0; i < U.size() / 2; ++i) {
-      const Eigen::Vector2d X = scene.surface->nodes.row(i).head<2>().transpose() - scene.axis_of_lens;
-      const Eigen::Vector2d x = X + U.segment<2>(2 * i);
-      error.segment<2>(2 * i) += values[0] * (x * x.squaredNorm() - X * X.squaredNorm());
-    }
+    see_through([k1 = values[0]](const Eigen::Vector2d& x) -> Eigen::Vector2d { return k1 * x.squaredNorm() * x; },
+                scene, U, error);
   }
 };
 
