@@ -6,6 +6,7 @@
 #include <Eigen/SparseCholesky>
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <map>
 #include <memory>
 #include <numbers>
@@ -153,6 +154,22 @@ double time_of_field_reference(const io::Case& test, std::optional<std::size_t> 
   return std::min(reference, start);
 }
 
+constexpr int most_references = 100;
+
+/// Images that were averaged to the reference, as the frames at rest tell: its noise is what they have in common,
+/// theirs what they differ by. One, if there are not two of them. `still`: their displacements [unknowns x frames];
+/// `variance` of a displacement over that of a number.
+int averaged_references(const Eigen::MatrixXd& still, const std::function<double(const Eigen::VectorXd&)>& variance) {
+  const auto frames = static_cast<double>(still.cols());
+  if (still.cols() < 2) return 1;
+  const Eigen::VectorXd mean = still.rowwise().mean();
+  double within = 0.0;
+  for (const auto& frame : still.colwise()) within += variance(frame - mean) / (frames - 1.0);
+  const double common = variance(mean) - within / frames;
+  return static_cast<int>(std::clamp(std::round(within / std::max(common, within / most_references)), 1.0,
+                                     static_cast<double>(most_references)));
+}
+
 }  // namespace
 
 loop::FieldData imported_fields(const io::Case& test, const identification::Specimen& specimen) {
@@ -194,31 +211,33 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
 
   loop::FieldData data;
   data.faces = {{.surface = face, .M = identification::of_components(squares->M)}};
-  data.references = 1;
   // Numbers of a component that the nodes take from the points; what holds the shortest waves takes the others.
   const double followed =
       squares->factor.solve(Eigen::MatrixXd(points.N.transpose() * points.N / squares->inflation)).trace();
+  // Less what a clamped specimen does between two pictures: it moves and strains uniformly.
+  Eigen::MatrixXd affine(face.nodes.rows(), 3);
+  affine << Eigen::VectorXd::Ones(face.nodes.rows()), face.nodes.leftCols<2>();
+  const Eigen::MatrixXd weighted = squares->M * affine,
+                        motion = solve_symmetric(affine.transpose() * weighted, weighted.transpose());
+  const auto variance_at_rest = [squares, affine, motion, followed](const Eigen::VectorXd& frame) {
+    const Points u = columns_of(frame);
+    const Eigen::MatrixXd rest = u - affine * (motion * u);
+    return rest.cwiseProduct(squares->M * rest).sum() / (2.0 * std::max(1.0, followed - 3.0));
+  };
+  data.at_rest = static_cast<int>(at_rest.size());
+  Eigen::MatrixXd still(2 * face.nodes.rows(), data.at_rest);
+  for (std::size_t k = 0; k < at_rest.size(); ++k)
+    still.col(static_cast<Eigen::Index>(k)) = interleaved(nodal[at_rest[k]]);
+  data.references = averaged_references(still, variance_at_rest);
+  const double both = 1.0 + 1.0 / data.references;  // variances of frame and reference over the frame's
   if (fields.noise) {
-    data.noise = *fields.noise * fields.scale / std::sqrt(2.0);  // of the frame; the reference has as much
+    data.noise = *fields.noise * fields.scale / std::sqrt(both);
   } else if (!at_rest.empty()) {
-    // Less what a clamped specimen does between two pictures: it moves and strains uniformly.
-    Eigen::MatrixXd affine(face.nodes.rows(), 3);
-    affine << Eigen::VectorXd::Ones(face.nodes.rows()), face.nodes.leftCols<2>();
-    const Eigen::MatrixXd weighted = squares->M * affine,
-                          motion = solve_symmetric(affine.transpose() * weighted, weighted.transpose());
-    data.noise_at_rest = [squares, affine, motion, followed](const Eigen::MatrixXd& U) {
+    data.noise_at_rest = [variance_at_rest, both](const Eigen::MatrixXd& U) {
       double sum = 0.0;
-      for (const auto& frame : U.colwise()) {
-        const Points u = columns_of(frame);
-        const Eigen::MatrixXd rest = u - affine * (motion * u);
-        sum += rest.cwiseProduct(squares->M * rest).sum() / (2.0 * std::max(1.0, followed - 3.0));
-      }
-      return std::sqrt(sum / static_cast<double>(U.cols()) / 2.0);  // of the frame; the reference has as much
+      for (const auto& frame : U.colwise()) sum += variance_at_rest(frame);
+      return std::sqrt(sum / static_cast<double>(U.cols()) / both);
     };
-    data.at_rest = static_cast<int>(at_rest.size());
-    Eigen::MatrixXd still(2 * face.nodes.rows(), data.at_rest);
-    for (std::size_t k = 0; k < at_rest.size(); ++k)
-      still.col(static_cast<Eigen::Index>(k)) = interleaved(nodal[at_rest[k]]);
     data.noise = data.noise_at_rest(still);
   } else {
     // What the nodes cannot follow, in the frame where that is least: noise of the frame and of the reference.
@@ -226,10 +245,14 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
     for (std::size_t f : judged)
       least = std::min(least, (points.displacement[f] - points.N * nodal[f]).squaredNorm() /
                                   (2.0 * std::max(1.0, static_cast<double>(count) - followed)));
-    data.noise = std::sqrt(0.5 * least);
+    data.noise = std::sqrt(least / both);
   }
-  spdlog::info("fields: {} frames, points {:.3g} {} apart, noise of a displacement {:.3g} {}", judged.size(), distance,
-               test.units.length, data.noise * std::sqrt(2.0), test.units.length);
+  spdlog::info("fields: {} frames, points {:.3g} {} apart, noise of a displacement {:.3g} {}{}", judged.size(),
+               distance, test.units.length, data.noise * std::sqrt(both), test.units.length,
+               data.references == 1
+                   ? ""
+                   : fmt::format("; by the frames at rest the reference is the mean of {}{} images", data.references,
+                                 data.references == most_references ? " or more" : ""));
 
   const auto frames = static_cast<Eigen::Index>(judged.size());
   data.displacement.resize(2 * face.nodes.rows(), frames), data.time.resize(frames), data.force.setZero(frames);

@@ -53,17 +53,24 @@ nlohmann::json companions(const loop::Scene& scene, const Eigen::VectorXd& curve
   return json;
 }
 
+/// A node's place without the round-off of the mesh's coordinates.
+Eigen::Vector2d place_of(const mesh::Mesh& surface, Eigen::Index node) {
+  const Eigen::Vector2d at = surface.nodes.row(node).head<2>();
+  const double length = surface.nodes.leftCols<2>().cwiseAbs().maxCoeff();
+  return (at.array().abs() > 1e-6 * length).select(at, 0.0);
+}
+
 /// Where the remainder is largest.
 nlohmann::json place_of_largest(const loop::FieldExperiment& experiment, const loop::Remainder& remainder) {
   Eigen::Index node = 0, frame = 0;
   const double largest = remainder.map.maxCoeff(&node, &frame);
   const auto* face = experiment.measured().faces.data();
   for (; node >= face->surface.nodes.rows(); ++face) node -= face->surface.nodes.rows();
-  const auto& at = face->surface.nodes;
+  const Eigen::Vector2d at = place_of(face->surface, node);
   nlohmann::json map = {{"largest", largest},
                         {"limit", remainder.limit},
                         {"frame", experiment.measured().frames[static_cast<std::size_t>(frame)]},
-                        {"place", {at(node, 0), at(node, 1)}},
+                        {"place", {at[0], at[1]}},
                         {"share_beyond_limit", (remainder.map.array() > remainder.limit).cast<double>().mean()}};
   if (experiment.measured().faces.size() > 1) map["face"] = face->name;
   return map;
@@ -105,7 +112,7 @@ class SigmaMaps {
     const Eigen::VectorXd before = along(remainder.before), after = along(remainder.after),
                           left = remainder.map.col(frame_).segment(node, nodes);
     const bool added = report_.final.fit.values != report_.declared.fit.values;
-    const Eigen::Vector2d middle = face.surface.nodes.row(worst).head<2>();
+    const Eigen::Vector2d middle = place_of(face.surface, worst);
     const std::string of_frame =
                           fmt::format("frame {}", experiment_.measured().frames[static_cast<std::size_t>(frame_)]),
                       of_left = fmt::format(

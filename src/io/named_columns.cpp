@@ -7,6 +7,7 @@
 #include <fstream>
 
 #include "delimited.hpp"
+#include "utf8.hpp"
 
 namespace imic3d::io {
 
@@ -88,6 +89,7 @@ NamedColumns read_named_columns(const std::filesystem::path& file, const std::ve
     if (number == 1 && line.starts_with("\xEF\xBB\xBF")) line.erase(0, 3);
     if (number == 1 && (line.starts_with("\xFF\xFE") || line.starts_with("\xFE\xFF")))
       throw InputError(file.string(), "text in UTF-16", "UTF-8");
+    line = in_utf8(std::move(line));
     if (trimmed(line).empty() || trimmed(line).starts_with('#')) continue;
     const auto& named = header.fields();
     if (place.empty()) {

@@ -11,6 +11,8 @@
 #include <sstream>
 #include <string_view>
 
+#include "utf8.hpp"
+
 namespace imic3d::io {
 
 namespace {
@@ -157,28 +159,6 @@ bool several_documents(const std::string& text) {
   YAML::Parser parser(stream);
   Skip skip;
   return parser.HandleNextDocument(skip) && parser.HandleNextDocument(skip);
-}
-
-/// Place of the first byte that does not belong to UTF-8 (RFC 3629), or the end.
-std::size_t first_foreign_byte(std::string_view text) {
-  for (std::size_t i = 0; i < text.size();) {
-    const auto byte = [&](std::size_t k) { return i + k < text.size() ? static_cast<unsigned char>(text[i + k]) : 0U; };
-    const unsigned lead = byte(0), next = byte(1);
-    const std::size_t length = lead < 0x80                   ? 1
-                               : lead >= 0xC2 && lead < 0xE0 ? 2
-                               : lead >= 0xE0 && lead < 0xF0 ? 3
-                               : lead >= 0xF0 && lead < 0xF5 ? 4
-                                                             : 0;
-    if (length == 0) return i;
-    for (std::size_t k = 1; k < length; ++k)
-      if (byte(k) < 0x80 || byte(k) > 0xBF) return i;
-    // Longer than need be, surrogates, beyond U+10FFFF.
-    if ((lead == 0xE0 && next < 0xA0) || (lead == 0xED && next > 0x9F) || (lead == 0xF0 && next < 0x90) ||
-        (lead == 0xF4 && next > 0x8F))
-      return i;
-    i += length;
-  }
-  return text.size();
 }
 
 }  // namespace

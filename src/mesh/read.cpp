@@ -102,7 +102,10 @@ int cell_dimension(const FileContents& contents, const std::string& name) {
     found = found || element.shape != Shape::other;
     if (element.shape == Shape::other) ++others[element.name];
   }
-  if (dimension < 2 && others.empty()) throw InputError(name, "no quadrilaterals and no hexahedra", supported);
+  if (dimension < 2 && others.empty())
+    throw InputError(name, "no quadrilaterals and no hexahedra",
+                     std::string(supported) + " (of a geometry with physical groups it saves what is in one of them: "
+                                              "there must be a Physical Surface, or Volume, too)");
   if (others.empty() && found) return dimension;
   std::string list;
   for (const auto& [shape, count] : others) list += fmt::format("{}{} {}", list.empty() ? "" : ", ", count, shape);

@@ -6,6 +6,7 @@ measured wrongly is found where E is known, and not told from the gain of the lo
 Usage: fields.py EXECUTABLE [--ranks 2] [--pushes]      --pushes: instead, a camera that is pushed at any moment, twice each, with noise of its own every time
 """
 import json
+import re
 import shutil
 import sys
 
@@ -32,8 +33,8 @@ def write(folder, number, table):
     numpy.savetxt(folder / f"points_{number:02}.csv", table, delimiter=",", header="another program's words\nX,Y,U,V", comments="", fmt="%.8g")
 
 
-def tables(folder, scale, turn, y_down, origin, drift=0.0, seed=1, bump=0.0, pushed_after=0, rests=False):
-    """Points, every 1 mm of a strip 8 mm wide and 24 mm long. `rests`: the clock goes on between the reference, which is taken at 0 and has a field of its own, of zeros, and the last frame at rest."""
+def tables(folder, scale, turn, y_down, origin, drift=0.0, seed=1, bump=0.0, pushed_after=0, rests=False, averaged=1):
+    """Points, every 1 mm of a strip 8 mm wide and 24 mm long. `averaged`: images, of which the reference is the mean. `rests`: the clock goes on between the reference, which is taken at 0 and has a field of its own, of zeros, and the last frame at rest."""
     random = numpy.random.default_rng(seed)
     folder.mkdir(parents=True)
     x, y = numpy.meshgrid(numpy.linspace(-3.8, 3.8, 17), numpy.linspace(-11.9, 11.9, 49))
@@ -42,7 +43,7 @@ def tables(folder, scale, turn, y_down, origin, drift=0.0, seed=1, bump=0.0, pus
     seen = numpy.array([[numpy.cos(angle), -numpy.sin(angle)], [numpy.sin(angle), numpy.cos(angle)]]) / scale
     if y_down:
         seen = numpy.diag([1.0, -1.0]) @ seen
-    reference = random.normal(size=at.shape) * NOISE
+    reference = random.normal(size=at.shape) * NOISE / numpy.sqrt(averaged)
     rows = ["frame,time,force"]
     if rests:
         write(folder, 0, numpy.column_stack([at @ seen.T + origin, 0 * at]))
@@ -100,6 +101,12 @@ def main():
     for name, truth in (("E", E), ("nu", NU)):
         off = (found[name]["value"] - truth) / found[name]["standard_deviation"]
         require(abs(off) < 4, f"{name} {found[name]['value']:.5g} +- {found[name]['standard_deviation']:.2g}, true {truth:g}")
+
+    # Of a reference that is the mean of many images there is little noise that all frames share.
+    tables(folder / "averaged", 1.0, 0.0, False, (0.0, 0.0), seed=4, averaged=20)
+    result = loop("averaged", "")
+    said = re.search(r"the mean of (\d+) ", (folder / "averaged/run/log.txt").read_text())
+    require(result["verdict"] == "nothing found" and said and int(said[1]) > 10 and "the mean of" not in (folder / "nothing/run/log.txt").read_text(), f"a reference that is the mean of 20 images: {said and said[0]}, {result['sentence']}")
 
     # A file that is missing would put all behind it one frame too early.
     (folder / "gone").mkdir()

@@ -458,6 +458,19 @@ TEST_F(CaseFile, TheDrivingDisplacementMustBeThere) {
   EXPECT_EQ(read(driven).identify.driving, folder.path() / "other.h5");
 }
 
+TEST_F(CaseFile, AnEndThatLiesAcrossTheAxisIsDoubted) {
+  CaseChecks checks = all_checks;
+  checks.read_mesh = [](const fs::path& file) {
+    mesh::Mesh mesh = plate_mesh(file);
+    mesh.nodes.row(0) << 1.0, 20.0, 0.0;  // top
+    return mesh;
+  };
+  EXPECT_TRUE(read(good_case, checks).doubts.empty());
+  const auto doubts = read(changed(good_case, "axis: y", "axis: x"), checks).doubts;
+  ASSERT_EQ(doubts.size(), 1U);
+  EXPECT_THAT(doubts[0], HasSubstr("specimen.axis: x, but the middle of \"top\" lies along y from that of \"bottom\""));
+}
+
 TEST_F(CaseFile, WhatTheCommandNeedsMustBeThere) {
   EXPECT_EQ(mistakes("title: x\nspecimen: {mesh: plate.msh}\n",
                      {.parameters_of = {}, .read_mesh = {}, .sections = {"cameras", "loads"}}),

@@ -65,6 +65,18 @@ TEST(Loads, DecimalCommasAndARowOfUnits) {
             "\"time_s\": [s]; allowed: a finite number\nloads.csv:3 column \"force_N\": [N]; allowed: a finite number");
 }
 
+/// The case file is in UTF-8, whatever the machine writes.
+TEST(Loads, AHeaderInLatin1) {
+  const TemporaryFolder folder;
+  const LoadColumns columns{.image = "Bild", .time = "Zeit", .force = "L\xC3\xA4ngskraft"};
+  for (const std::string written : {"\xC3\xA4", "\xE4"}) {
+    const auto file = folder.write("loads.csv", "Bild;Zeit;L" + written + "ngskraft\n0;0;1,5\n");
+    EXPECT_EQ(read_loads(file, columns)[0].force, 1.5);
+  }
+  EXPECT_EQ(mistakes_in("frame;time_s;L\xE4ngskraft\n0;0;1\n"),
+            "loads.csv:1 column \"force_N\": not there; allowed: one of \"frame\", \"time_s\", \"L\xC3\xA4ngskraft\"");
+}
+
 TEST(Loads, FilesOfImagesMayBeNamedAndMayBeAbsent) {
   const TemporaryFolder folder;
   const auto file = folder.write("loads.csv", "frame,time_s,force_N,image_file\n0,0,1,\"a, \"\"b\"\".png\"\n4,0,2,\n");
