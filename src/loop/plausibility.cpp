@@ -78,10 +78,11 @@ Objection doubts_more_than_it_explains(const Comparison& c) {
   const double explained =
       std::max(0.0, mean_square(before, c.before.fit.residual) - mean_square(ground, c.model.fit.residual));
   if (grown <= explained) return {};
+  const bool of_record = c.effect.link == Link::record;  // which the simulation gives at the frames alone
   return fmt::format(
-      "what the mesh and the correlation err by in this model is in doubt by more ({:.2f} of the noise) than it "
-      "explains ({:.2f}); a finer mesh would tell",
-      std::sqrt(grown), std::sqrt(explained));
+      "what {} in this model is in doubt by more ({:.2f} of the noise) than it explains ({:.2f}); {} would tell",
+      of_record ? "is recorded between the frames" : "the mesh and the correlation err by", std::sqrt(grown),
+      std::sqrt(explained), of_record ? "frames that are closer in time" : "a finer mesh");
 }
 
 Objection explains_a_rig_worse(const Comparison& c) {

@@ -118,6 +118,12 @@ class Curves final : public Experiment {
     return *this;
   }
 
+  /// An effect is one of the record.
+  Curves& with_recorded(int effect) {
+    candidates_[static_cast<std::size_t>(effect)].link = Link::record;
+    return *this;
+  }
+
   /// An effect has a second size, which frames that are fitted hardly show.
   Curves& with_untold(int effect) {
     candidates_[static_cast<std::size_t>(effect)].parameters.push_back(static_cast<int>(parameters_.size()));

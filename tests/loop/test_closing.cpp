@@ -978,7 +978,6 @@ TEST(Fit, SecantsFindTheSameWithFewerSeries) {
   EXPECT_LT(series[1], series[0]);
 }
 
-/// A model of which the procedure's own error is in doubt by more than it explains would explain anything.
 TEST(Fit, EndsAtAWallBeyondWhichTheModelCannotFollow) {
   // The minimum, (10.6, 2.9), lies behind an oblique wall.
   Curves experiment(3);
@@ -996,6 +995,7 @@ TEST(Fit, EndsAtAWallBeyondWhichTheModelCannotFollow) {
   EXPECT_LT(experiment.series, 90);
 }
 
+/// A model of which the procedure's own error is in doubt by more than it explains would explain anything.
 TEST(Closing, AModelThatErrsByMoreThanItExplainsIsNotPlausible) {
   for (double bias : {0.1, 10.0}) {
     Curves experiment(4, {{Curves::kink, 4.0}});
@@ -1011,6 +1011,12 @@ TEST(Closing, AModelThatErrsByMoreThanItExplainsIsNotPlausible) {
     EXPECT_EQ(std::count(report.named.begin(), report.named.end(), static_cast<int>(Curves::kink)), bias < 1.0 ? 1 : 0)
         << report.sentence;
   }
+  Curves recorded(4, {{Curves::kink, 4.0}});
+  recorded.with_recorded(Curves::kink).bias_of_kink = 10.0;
+  const auto trials = close_loop(recorded, usual).rounds.front().trials;
+  EXPECT_TRUE(std::any_of(trials.begin(), trials.end(), [](const Trial& t) {
+    return t.candidate == Curves::kink && t.objection.find("frames that are closer in time would") != std::string::npos;
+  }));
 }
 
 /// What mesh and correlation err by is learned again of the kink, which leaves nothing, and of no rival of it.
