@@ -430,9 +430,8 @@ std::vector<Eigen::VectorXd> FieldExperiment::theory_in_doubt(const std::vector<
     std::vector<double> at = values;
     for (std::size_t j = 0; j < model_.values.size() + model_.lacking.size(); ++j) {
       const auto& info = parameters_[j].info;
-      const bool declared = j < model_.values.size(),
-                 flow = !info.shape && (info.effect == "hill" || info.effect == "pressure");
-      if (flow && (declared || of_flow)) {
+      const bool declared = j < model_.values.size();
+      if (info.turns_flow && (declared || of_flow)) {
         in_doubt.emplace_back(j, std::max(known_to, elastic_strain));
         if (!declared) at[j] += 1e-9;  // so that the law has it: all are derivatives of one series
       } else if (declared && values[j] != 0.0) {

@@ -22,6 +22,7 @@ struct ParameterInfo {
   bool shape = false;
   /// a usual size of it, for steps from 0; in units of E where `unit` holds stress (see usual_size)
   double scale = 0.0;
+  bool turns_flow = false;  ///< it changes the direction of plastic flow under a given stress
 };
 
 /// A usual size of a parameter of a material with Young's modulus E, in its own unit: the size of a step from 0. 0 if

@@ -30,7 +30,8 @@ struct Hill48 {
                            .upper = 3.0,
                            .null_value = 1.0,
                            .effect = name,
-                           .scale = 1.0};
+                           .scale = 1.0,
+                           .turns_flow = true};
     };
     return {ratio("R_22", "yield stress across material axis 1 over the one along it"),
             ratio("R_33", "yield stress through the thickness over the one along material axis 1"),

@@ -23,7 +23,8 @@ struct Pressure {
              .upper = 1.5,
              .null_value = 0.0,
              .effect = name,
-             .scale = 0.1},
+             .scale = 0.1,
+             .turns_flow = true},
             {.name = "dilatancy",
              .unit = "-",
              .description = "plastic volume strain per equivalent plastic strain",
@@ -31,7 +32,8 @@ struct Pressure {
              .upper = 1.5,
              .null_value = 0.0,
              .effect = name,
-             .scale = 0.1}};
+             .scale = 0.1,
+             .turns_flow = true}};
   }
   /// g: the part of the yield stress that is left under the mean stress.
   template <Scalar T>
