@@ -158,9 +158,17 @@ class VirtualIdentification {
     experiment_ =
         std::make_unique<loop::FieldExperiment>(world, data_, std::move(model), loop::FieldOptions{.modes = 10});
     for (const auto& p : experiment_->parameters()) declared_.push_back(p.value);
-    base_ = *identified(declared_);
-    spdlog::info("without any effect the first set comes back within {:.1e}",
-                 (base_ - of_free(truth_)).cwiseQuotient(of_free(truth_)).cwiseAbs().maxCoeff());
+    constexpr double comes_back = 1e-2;
+    const auto base = identified(declared_);
+    if (!base) throw ConvergenceError("without any effect the test cannot be identified");
+    base_ = *base;
+    const double off = (base_ - of_free(truth_)).cwiseQuotient(of_free(truth_)).cwiseAbs().maxCoeff();
+    spdlog::info("without any effect the first set comes back within {:.1e}", off);
+    if (!(off < comes_back))
+      throw ConvergenceError(
+          fmt::format("without any effect the first set comes back within {:.1e} only: the frames of the stages do not "
+                      "tell these parameters",
+                      off));
   }
 
   [[nodiscard]] const std::vector<int>& free() const { return free_; }
@@ -225,8 +233,11 @@ class VirtualIdentification {
       for (const auto& name : declared.free) stage.free.push_back(material_.index(name));
       for (const int frame : declared.frames)
         if (frame > 0) stage.frames.push_back(frame - 1);
-      if (stage.frames.empty())
-        throw InputError("identify.stages.frames", "no frame after the reference", "frames of simulate after 0");
+      const auto last = static_cast<int>(data_.frames.size());
+      if (stage.frames.empty() || stage.frames.back() >= last)
+        throw InputError(fmt::format("identify.stages[{}].frames", stages_.size()),
+                         stage.frames.empty() ? "no frame after the reference" : io::to_text(declared.frames),
+                         fmt::format("frames of simulate, 1-{}, for imic3d explain", last));
       for (const int j : stage.free)
         if (std::find(free_.begin(), free_.end(), j) == free_.end()) free_.push_back(j);
       stages_.push_back(std::move(stage));
@@ -271,7 +282,9 @@ class VirtualIdentification {
                 id::gauss_newton(world_, forward, images_, material_.information, stage, options, found);
             !result.message.empty())
           return std::nullopt;
-      return of_free(found);
+      Eigen::VectorXd result = of_free(found);
+      if (!result.allFinite()) return std::nullopt;
+      return result;
     } catch (const ConvergenceError&) {
       return std::nullopt;
     }
@@ -394,21 +407,24 @@ void explain(const Communicator& world, const CommandOptions& options) {
   });
   if (!world.is_root()) return;
 
-  std::string fitting;
-  for (const auto& [candidate, one] : found)
+  std::string fitting, failed;
+  for (const auto& [candidate, one] : found) {
     if (one.fits) fitting += (fitting.empty() ? "" : "; ") + candidate->name;
+    if (one.failed) failed += (failed.empty() ? "" : ", ") + candidate->name;
+  }
   const double alone = loop::chi_squared_tail(nothing, static_cast<int>(p));
   const std::string sentence =
       alone >= 0.01     ? fmt::format("the two sets do not differ (chi^2 {:.1f} with {} parameters)", nothing, p)
       : fitting.empty() ? "none fits: no effect that is known carries the first set into the second"
                         : fmt::format("a hypothesis, no more: {} would carry the first set into the second", fitting);
+  const std::string not_judged = failed.empty() || alone >= 0.01 ? "" : "; not judged: " + failed;
   nlohmann::json json;
   const auto by_name = [&](const Eigen::VectorXd& x) {
     nlohmann::json of;
     for (Eigen::Index i = 0; i < p; ++i) of[names[static_cast<std::size_t>(i)]] = x[i];
     return of;
   };
-  json["sentence"] = sentence;
+  json["sentence"] = sentence + not_judged;
   json["from"] = {{"file", options.from.string()}, {"title", from.title}, {"values", by_name(a)}};
   json["to"] = {{"file", options.to.string()}, {"title", to.title}, {"values", by_name(a + difference)}};
   json["difference_percent"] = by_name(percent(difference));
@@ -453,7 +469,7 @@ void explain(const Communicator& world, const CommandOptions& options) {
         sizes += fmt::format("{}{} {:+.4g} {}", sizes.empty() ? "" : ", ", info.name, one.size[place], info.unit);
     }
     json["effects"].push_back(of);
-    if (one.degrees > 0)
+    if (one.degrees > 0 && !one.failed)
       row(candidate->name, percent(one.explained),
           fmt::format("chi^2 {:.1f} with {}, p {:.1e}{}{}; {}", one.chi_squared, one.degrees, one.p,
                       one.fits ? ", FITS" : "", one.on_bound ? ", on its bound" : "", sizes));
@@ -464,7 +480,7 @@ void explain(const Communicator& world, const CommandOptions& options) {
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   json["time"] = io::quantity(seconds, "s");
   test_of.write(json);
-  fmt::print("\n\n  {}\n  {:.0f} s; {}\n", sentence, seconds, (folder / "result.json").string());
+  fmt::print("\n\n  {}\n  {:.0f} s; {}\n", sentence + not_judged, seconds, (folder / "result.json").string());
 }
 
 }  // namespace imic3d::app

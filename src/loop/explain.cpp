@@ -41,6 +41,7 @@ Explanation explain(const Eigen::VectorXd& difference, const Eigen::MatrixXd& co
     const auto shift = asked(size);
     if (!shift) {
       result.message = "the test with a small effect could not be identified";
+      result.failed = true;
       result.chi_squared = judge(result.explained);
       return result;
     }

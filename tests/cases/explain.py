@@ -109,6 +109,17 @@ def main():
     short = write("short", {"E": 178e3})
     said = run(program, "explain", folder / "case.yaml", 1, ["--from", str(truth), "--to", str(short)], status=2, errors=True)
     require("no parameter S_y" in said, "a set that lacks a parameter is refused")
+    # A measured test has more frames than are simulated.
+    (folder / "images").mkdir()
+    for frame in range(15):
+        (folder / f"images/{frame:02}.png").touch()
+    cameras = 'cameras: [{name: front, pixel_size: 0.1, place: {origin: [60, 170]}, images: "images/*.png"}]'
+    for frames, said_of in (('frames: "1-14"', "1-14"), (None, "0-14")):
+        text = CASE.replace("identify:", cameras + "\nidentify:")
+        text = text.replace(', frames: "1-11"', ", " + frames if frames else "")
+        (folder / "longer.yaml").write_text(text)
+        said = run(program, "explain", folder / "longer.yaml", 1, ["--from", str(truth), "--to", str(other)], status=2, errors=True)
+        require(f"identify.stages[1].frames: {said_of}; allowed: frames of simulate, 1-11, for imic3d explain" in said, f"frames that are not simulated are refused: {said.strip()}")
     end()
 
 

@@ -25,6 +25,7 @@ struct Explanation {
   int degrees = 0;            ///< p - k; not judged if none is left
   double p = 0.0;             ///< of chi_squared
   bool fits = false;          ///< not refused at 1 %
+  bool failed = false;        ///< not judged: the test with a small effect could not be identified
   bool on_bound = false;      ///< a size stopped at its bound
   int identifications = 0;    ///< that it took
   std::string message;        ///< why it could not be followed, if so
