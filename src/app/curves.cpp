@@ -388,6 +388,13 @@ void identify_curves(const Communicator& world, const CommandOptions& options, c
                           sum / static_cast<double>(members.size()), of_strain,
                           members.size() > 1 ? id::scatter(members) : std::nan(""), of(true), of(false)});
   }
+  constexpr double beyond_scatter = 3.0;
+  for (const auto& g : run.groups)
+    if (g.fitted.stress > beyond_scatter * g.floor)
+      doubt(fmt::format(
+          "experiments.{}: {:.3g} {} are left (rms), where its bars differ by {:.3g}: something is missing, "
+          "and the parameters make up for it (imic3d loop)",
+          g.name, g.fitted.stress, run.stress_unit, g.floor));
   for (const auto& curve : set.curves()) {
     const auto response = material::pull_bar(*material.law, material.values, curve.history);
     run.curves.push_back({curve.name, curve.group, curve.engineering, curve.history.time, curve.history.strain,

@@ -98,7 +98,8 @@ Common common_points(const io::FieldsCase& fields, const mesh::Mesh& face) {
   const auto lost = first.at.rows() - all.rows();
   spdlog::info("fields: {} points on the specimen; {} beside it, {} lost in some frame", inside.size(),
                all.rows() - static_cast<Eigen::Index>(inside.size()), lost);
-  if (static_cast<Eigen::Index>(inside.size()) < 3)
+  if (const Eigen::Index least = std::max<Eigen::Index>(3, face.nodes.rows() / 4);
+      static_cast<Eigen::Index>(inside.size()) < least)
     throw InputError(
         "fields",
         fmt::format("{} of {} points on the specimen: they lie from ({:.4g}, {:.4g}) to ({:.4g}, {:.4g}), the mesh "
@@ -106,7 +107,9 @@ Common common_points(const io::FieldsCase& fields, const mesh::Mesh& face) {
                     inside.size(), all.rows(), all.col(0).minCoeff(), all.col(1).minCoeff(), all.col(0).maxCoeff(),
                     all.col(1).maxCoeff(), face.nodes.col(0).minCoeff(), face.nodes.col(1).minCoeff(),
                     face.nodes.col(0).maxCoeff(), face.nodes.col(1).maxCoeff()),
-        "scale, origin, rotation, y_down that bring them onto it");
+        fmt::format(
+            "at least {}, a quarter of the mesh's nodes: scale, origin, rotation, y_down that bring them onto it",
+            least));
   Common result{all(inside, Eigen::all), {}, {}};
   Eigen::SparseMatrix<double, Eigen::RowMajor> by_row = N, chosen(static_cast<Eigen::Index>(inside.size()), N.cols());
   for (std::size_t i = 0; i < inside.size(); ++i)
@@ -228,7 +231,7 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
   Eigen::MatrixXd still(2 * face.nodes.rows(), data.at_rest);
   for (std::size_t k = 0; k < at_rest.size(); ++k)
     still.col(static_cast<Eigen::Index>(k)) = interleaved(nodal[at_rest[k]]);
-  data.references = averaged_references(still, variance_at_rest);
+  data.references = fields.references ? *fields.references : averaged_references(still, variance_at_rest);
   const double both = 1.0 + 1.0 / data.references;  // variances of frame and reference over the frame's
   if (fields.noise) {
     data.noise = *fields.noise * fields.scale / std::sqrt(both);
@@ -251,8 +254,9 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
                distance, test.units.length, data.noise * std::sqrt(both), test.units.length,
                data.references == 1
                    ? ""
-                   : fmt::format("; by the frames at rest the reference is the mean of {}{} images", data.references,
-                                 data.references == most_references ? " or more" : ""));
+                   : fmt::format("; {}the reference is the mean of {}{} images",
+                                 fields.references ? "" : "by the frames at rest ", data.references,
+                                 !fields.references && data.references == most_references ? " or more" : ""));
 
   const auto frames = static_cast<Eigen::Index>(judged.size());
   data.displacement.resize(2 * face.nodes.rows(), frames), data.time.resize(frames), data.force.setZero(frames);
@@ -276,7 +280,7 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
     std::transform(at_rest.begin(), at_rest.end(), force.begin(),
                    [&](std::size_t f) { return test.load(static_cast<int>(f)).force; });
     data.force_noise = test.loads.noise.value_or(force_noise(force, data.force.cwiseAbs().maxCoeff()));
-    if (test.loads.noise || force.size() >= tell_their_noise) data.force_at_rest = force;
+    data.force_at_rest = reading_at_rest(force, test.loads.noise);
     spdlog::info("fields: noise of the force {:.4g} {} ({})", data.force_noise, test.units.force,
                  test.loads.noise                                        ? "given"
                  : force.size() > 2 && (force.array() != force[0]).any() ? "of the frames at rest"

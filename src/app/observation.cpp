@@ -424,21 +424,62 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
   if (!observation.noise_is_measured) noise_of_best_frames(observation);
 }
 
+namespace {
+
+/// Frames of the reference that differ by more than frames under load do from their mean once their motion is known, or
+/// during which the record changes.
+std::vector<std::string> moving_references(const io::Case& test, const Observation& seen) {
+  constexpr double by_much = 1.4, loaded = 0.05;
+  std::vector<std::string> found;
+  std::size_t first = 0;
+  for (const auto& face : seen.faces) {
+    for (std::size_t c = 0; c < face.rig->cameras.size(); ++c) {
+      const auto& camera = test.cameras[static_cast<std::size_t>(face.rig->cameras[c])];
+      if (!face.rig->noise_is_measured[c] || face.rig->statics[c].size() < 2 || camera.noise) continue;
+      double left = INFINITY;
+      for (const auto& frame : seen.frames) left = std::min(left, frame.cameras[first + c].rms);
+      left /= residual_of_unit_noise(seen, face);
+      const double noise = face.rig->views[c].noise;
+      if (noise > by_much * left)
+        found.push_back(fmt::format(
+            "cameras.{}.reference: these frames differ by {:.3g} grey levels, where {:.2g} are left of a frame under "
+            "load: did the specimen move, was it loaded, or did the light change between them?",
+            camera.name, noise, left));
+    }
+    first += face.rig->cameras.size();
+  }
+  if (test.loads.records.empty()) return found;
+  double low = INFINITY, high = -INFINITY, largest = 0.0;
+  for (const int number : test.cameras.front().reference) {
+    const double force = test.load(test.index_of(number)).force;
+    low = std::min(low, force), high = std::max(high, force);
+  }
+  for (const int place : seen.places) largest = std::max(largest, std::abs(test.load(place).force));
+  if (high - low > loaded * largest)
+    found.push_back(fmt::format(
+        "cameras.{}.reference: the load record goes from {:.4g} to {:.4g} {} in these frames, of {:.4g}: the reference "
+        "is the mean of frames in which nothing moves",
+        test.cameras.front().name, low, high, test.units.force, largest));
+  return found;
+}
+
+}  // namespace
+
 std::vector<std::string> doubts_of(const io::Case& test, const Observation& seen) {
   auto doubts = test.doubts;
   for (const auto& face : seen.faces) doubts.insert(doubts.end(), face.rig->doubts.begin(), face.rig->doubts.end());
   if (!seen.left_out.empty()) doubts.push_back(seen.left_out);
   doubts.insert(doubts.end(), seen.doubts.begin(), seen.doubts.end());
-  if (const Eigen::VectorXd force = force_at_rest(test); force.size() > 0) {
-    constexpr double beyond_chance = 3.5;
-    const double noise = force_noise(seen, test) / std::sqrt(static_cast<double>(force.size()));
-    if (std::abs(force.mean()) > beyond_chance * noise) {
-      doubts.push_back(
-          fmt::format("the load record reads {:.4g} +- {:.2g} {} while the reference was taken, where displacement and "
-                      "simulated force are zero: a zero of the load cell, or a load that the specimen bore already",
-                      force.mean(), noise, test.units.force));
-      spdlog::warn("{}", doubts.back());
-    }
+  for (const std::string& one : moving_references(test, seen)) {
+    doubts.push_back(one);
+    spdlog::warn("{}", one);
+  }
+  if (const auto read = force_at_rest(test); read && std::abs(read->value) > off_zero * read->deviation) {
+    doubts.push_back(
+        fmt::format("the load record reads {:.4g} +- {:.2g} {} while the reference was taken, where displacement and "
+                    "simulated force are zero: a zero of the load cell, or a load that the specimen bore already",
+                    read->value, read->deviation, test.units.force));
+    spdlog::warn("{}", doubts.back());
   }
   return doubts;
 }

@@ -14,6 +14,7 @@
 #include "imic3d/core/median.hpp"
 #include "imic3d/correlation/smoothing.hpp"
 #include "imic3d/io/results_file.hpp"
+#include "imic3d/loop/statistics.hpp"
 #include "rig.hpp"
 
 namespace imic3d::app {
@@ -335,11 +336,18 @@ Eigen::VectorXd readings_of_reference(const io::Case& test) {
 
 }  // namespace
 
-Eigen::VectorXd force_at_rest(const io::Case& test) {
+std::optional<loop::FieldData::Reading> reading_at_rest(const Eigen::VectorXd& force,
+                                                        const std::optional<double>& noise) {
+  const auto readings = static_cast<double>(force.size());
+  if (noise && readings > 0) return loop::FieldData::Reading{force.mean(), *noise / std::sqrt(readings)};
+  if (readings < 3 || (force.array() == force[0]).all()) return {};
+  const double of_few = loop::normal_as_student(off_zero, readings - 1.0) / off_zero;
+  return loop::FieldData::Reading{force.mean(), of_few * force_noise(force, 0.0) / std::sqrt(readings)};
+}
+
+std::optional<loop::FieldData::Reading> force_at_rest(const io::Case& test) {
   if (test.loads.records.empty()) return {};
-  Eigen::VectorXd force = readings_of_reference(test);
-  if (!test.loads.noise && force.size() < tell_their_noise) return {};
-  return force;
+  return reading_at_rest(readings_of_reference(test), test.loads.noise);
 }
 
 double force_noise(const Eigen::VectorXd& at_rest, double largest) {

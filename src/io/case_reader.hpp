@@ -109,7 +109,7 @@ class CaseReader {
   void check_mesh(const Section& section);
   /// Every part of the mesh is held by one of the ends.
   void check_parts(const Section& section, const mesh::Mesh& mesh);
-  void doubt_axis(const mesh::Mesh& mesh, const std::vector<int>& held, const std::vector<int>& loaded);
+  void doubt_ends(const mesh::Mesh& mesh, const std::vector<int>& held, const std::vector<int>& loaded);
   void read_loads_section();
   /// Whether there is one way to tell them.
   bool read_frame_times(const Section& loads);

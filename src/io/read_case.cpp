@@ -157,19 +157,30 @@ void CaseReader::check_mesh(const Section& section) {
     mistake(section.path("thickness"), "given for a 3D mesh", "only with a 2D mesh");
 }
 
-/// Shear is meant by few; `axis` is forgotten by many.
-void CaseReader::doubt_axis(const mesh::Mesh& mesh, const std::vector<int>& held, const std::vector<int>& loaded) {
+/// Shear is meant by few, `axis` is forgotten by many; ends are neither points nor sides.
+void CaseReader::doubt_ends(const mesh::Mesh& mesh, const std::vector<int>& held, const std::vector<int>& loaded) {
   const auto middle = [&](const std::vector<int>& nodes) -> Eigen::RowVector3d {
     return mesh.nodes(nodes, Eigen::all).colwise().mean();
   };
   const Eigen::RowVector3d apart = (middle(loaded) - middle(held)).cwiseAbs();
   const int along = case_.specimen.axis == "x" ? 0 : 1;
-  if (apart[along] >= apart[1 - along]) return;
   const std::string found = along == 0 ? "x" : "y", likely = along == 0 ? "y" : "x";
-  case_.doubts.push_back(
-      fmt::format("specimen.axis: {0}, but the middle of \"{1}\" lies along {2} from that of \"{3}\": the load shears the "
-                  "specimen; if it pulls, axis: {2}",
-                  found, case_.specimen.loaded, likely, case_.specimen.held));
+  for (const auto& [key, nodes] : {std::pair("held", &held), {"loaded", &loaded}}) {
+    const Eigen::MatrixX3d at = mesh.nodes(*nodes, Eigen::all);
+    const Eigen::RowVector3d extent = at.colwise().maxCoeff() - at.colwise().minCoeff();
+    if (mesh.cells.rows() > 0 && !mesh::has_a_facet(mesh, *nodes))
+      case_.doubts.push_back(
+          fmt::format("specimen.{}: {} nodes, among which no whole side of an element: is a group of points meant?",
+                      key, nodes->size()));
+    else if (extent[1 - along] < 0.01 * extent[along])
+      case_.doubts.push_back(fmt::format(
+          "specimen.{}: its nodes lie on a line along {}, the axis of the load: a side, no end", key, found));
+  }
+  if (apart[along] >= apart[1 - along]) return;
+  case_.doubts.push_back(fmt::format(
+      "specimen.axis: {0}, but the middle of \"{1}\" lies along {2} from that of \"{3}\": the load shears the "
+      "specimen; if it pulls, axis: {2}",
+      found, case_.specimen.loaded, likely, case_.specimen.held));
 }
 
 void CaseReader::check_parts(const Section& section, const mesh::Mesh& mesh) {
@@ -178,7 +189,7 @@ void CaseReader::check_parts(const Section& section, const mesh::Mesh& mesh) {
   std::vector<char> at_end(static_cast<std::size_t>(mesh.nodes.rows()), 0);
   for (const auto* group : {&held->second, &loaded->second})
     for (const int node : *group) at_end[static_cast<std::size_t>(node)] = 1;
-  doubt_axis(mesh, held->second, loaded->second);
+  doubt_ends(mesh, held->second, loaded->second);
   const std::vector<int> parts = mesh::parts_of(mesh);
   std::map<int, std::pair<int, bool>> found;  // elements of a part, whether an end holds it
   for (Eigen::Index cell = 0; cell < mesh.cells.rows(); ++cell) {

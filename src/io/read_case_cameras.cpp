@@ -272,12 +272,23 @@ void CaseReader::read_fields() {
   section.get("y_down", fields.y_down);
   section.get("noise", fields.noise);
   section.get("subset", fields.subset);
+  section.get("references", fields.references);
   const auto columns = section.group("columns");
   columns.get("x", fields.columns.x);
   columns.get("y", fields.columns.y);
   columns.get("u", fields.columns.u);
   columns.get("v", fields.columns.v);
   columns.get("valid", fields.columns.valid);
+  const auto& [x, y, u, v, valid] = fields.columns;
+  for (const auto& [one, name, other, its_name] : {std::tuple(x, "x", y, "y"),
+                                                   {u, "u", v, "v"},
+                                                   {u, "u", x, "x"},
+                                                   {u, "u", y, "y"},
+                                                   {v, "v", x, "x"},
+                                                   {v, "v", y, "y"}})
+    if (one == other)
+      mistake(section.path("columns"), fmt::format("{}: {} and {}: {}", its_name, other, name, one),
+              "another column for each");
   if (!section.has("files")) return;
   const auto files = files_of(section, "files");
   for (const auto& file : files) {

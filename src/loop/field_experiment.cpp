@@ -140,9 +140,9 @@ void FieldExperiment::make_candidates() {
       }
       Parameter& its = parameters_.back();
       its.info.name = key_of(which) + q.name;
-      if (const Eigen::VectorXd& read = measured_.force_at_rest;
-          q.read_at_rest && read.size() > 0 && its.prior == 0.0 && (its.free || declared == nullptr))
-        its.reading = read.mean(), its.prior = measured_.force_noise / std::sqrt(static_cast<double>(read.size()));
+      if (const auto& read = measured_.force_at_rest;
+          q.read_at_rest && read && its.prior == 0.0 && (its.free || declared == nullptr))
+        its.reading = read->value, its.prior = read->deviation;
     }
     if (candidate.parameters.size() == description.quantities.size()) candidate.elsewhere = description.elsewhere;
     candidate.changes_path = description.changes_path;

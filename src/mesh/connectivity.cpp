@@ -4,6 +4,8 @@
 #include <map>
 #include <numeric>
 
+#include "facets.hpp"
+
 namespace imic3d::mesh {
 
 std::vector<std::pair<int, int>> nodes_at_one_place(const Mesh& mesh) {
@@ -21,6 +23,22 @@ std::vector<std::pair<int, int>> nodes_at_one_place(const Mesh& mesh) {
         pairs.emplace_back(std::min(*i, *j), std::max(*i, *j));
   std::sort(pairs.begin(), pairs.end());
   return pairs;
+}
+
+bool has_a_facet(const Mesh& mesh, const std::vector<int>& nodes) {
+  std::vector<char> chosen(static_cast<std::size_t>(mesh.nodes.rows()), 0);
+  for (const int node : nodes) chosen[static_cast<std::size_t>(node)] = 1;
+  const auto all_chosen = [&](Eigen::Index cell, const auto& corners) {
+    return std::all_of(corners.begin(), corners.end(),
+                       [&](int corner) { return chosen[static_cast<std::size_t>(mesh.cells(cell, corner))] != 0; });
+  };
+  const auto any_of_cell = [&](const auto& facets) {
+    for (Eigen::Index cell = 0; cell < mesh.cells.rows(); ++cell)
+      if (std::any_of(facets.begin(), facets.end(), [&](const auto& facet) { return all_chosen(cell, facet); }))
+        return true;
+    return false;
+  };
+  return is_hexahedron(mesh.type) ? any_of_cell(hex_faces) : any_of_cell(quad_edges);
 }
 
 std::vector<int> parts_of(const Mesh& mesh) {

@@ -73,6 +73,8 @@ def main():
         nu = declared["parameters"]["nu"]
         require(nu["value"] == 0.3 and nu["standard_deviation"] is None and any("nu is not determined" in doubt for doubt in declared["doubts"]), "what bars do not show stays as it is declared, and is doubted")
         rate = identify("rate", "rate", ", C_rate: {value: 0, lower: 0, upper: 0.1}, rate_0: 1e-3", ", C_rate", 2)
+        beyond = {name: [doubt for doubt in one.get("doubts", []) if "are left (rms), where its bars differ by" in doubt] for name, one in (("declared", declared), ("rate", rate))}
+        require(beyond["declared"] and not beyond["rate"], f"bars at two rates under a law without are doubted: {beyond}")
         # The same bars as force and extension, each with its own section; in a machine that records a pull as negative, too.
         sections, worst = [10.0, 12.5, 20.0], 0.0
         for sign, keys in ((1, "force_unit: kN, extension_unit: um"), (-1, "stress_scale: -1e3, strain_scale: -1e-3")):

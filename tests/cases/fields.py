@@ -108,6 +108,13 @@ def main():
     said = re.search(r"the mean of (\d+) ", (folder / "averaged/run/log.txt").read_text())
     require(result["verdict"] == "nothing found" and said and int(said[1]) > 10 and "the mean of" not in (folder / "nothing/run/log.txt").read_text(), f"a reference that is the mean of 20 images: {said and said[0]}, {result['sentence']}")
 
+    said = {}
+    for name, axes in (("twice", "columns: {x: X, y: Y, u: U, v: U}"), ("scaled", "columns: {x: X, y: Y, u: U, v: V}, scale: 20")):
+        (folder / f"{name}.yaml").write_text(case("nothing").replace("columns: {x: X, y: Y, u: U, v: V}", axes))
+        said[name] = run(program, "check", folder / f"{name}.yaml", status=2, errors=True)
+    require("fields.columns: v: U and u: U; allowed: another column for each" in said["twice"], f"one column for both components is refused: {said['twice']}")
+    require("points on the specimen" in said["scaled"] and "a quarter of the mesh's nodes" in said["scaled"], f"points of which few lie on the mesh are refused: {said['scaled']}")
+
     # A file that is missing would put all behind it one frame too early.
     (folder / "gone").mkdir()
     for number in range(REST + len(LEVELS)):

@@ -471,6 +471,28 @@ TEST_F(CaseFile, AnEndThatLiesAcrossTheAxisIsDoubted) {
   EXPECT_THAT(doubts[0], HasSubstr("specimen.axis: x, but the middle of \"top\" lies along y from that of \"bottom\""));
 }
 
+TEST_F(CaseFile, EndsThatArePointsOrSidesAreDoubted) {
+  CaseChecks checks = all_checks;
+  std::vector<int> top{6, 7, 8};
+  checks.read_mesh = [&](const fs::path&) {
+    mesh::Mesh mesh;  // 2 x 2 quadrilaterals, the nodes in rows
+    mesh.nodes.setZero(9, 3);
+    for (int node = 0; node < 9; ++node) mesh.nodes.row(node) << node % 3, 3.0 * (node / 3), 0.0;
+    mesh.cells.resize(4, 4);
+    mesh.cells << 0, 1, 4, 3, 1, 2, 5, 4, 3, 4, 7, 6, 4, 5, 8, 7;
+    mesh.node_groups = {{"top", top}, {"bottom", {0, 1, 2}}};
+    return mesh;
+  };
+  EXPECT_TRUE(read(good_case, checks).doubts.empty());
+  top = {6, 8};
+  EXPECT_THAT(
+      read(good_case, checks).doubts,
+      ElementsAre("specimen.loaded: 2 nodes, among which no whole side of an element: is a group of points meant?"));
+  top = {2, 5, 8};
+  EXPECT_THAT(read(good_case, checks).doubts,
+              ElementsAre("specimen.loaded: its nodes lie on a line along y, the axis of the load: a side, no end"));
+}
+
 TEST_F(CaseFile, WhatTheCommandNeedsMustBeThere) {
   EXPECT_EQ(mistakes("title: x\nspecimen: {mesh: plate.msh}\n",
                      {.parameters_of = {}, .read_mesh = {}, .sections = {"cameras", "loads"}}),

@@ -238,7 +238,7 @@ TEST(Declared, AFreeEffectIsIdentified) {
 /// What the load cell reads at rest is a reading of its zero, unless that is declared.
 TEST(Declared, TheRecordAtRestReadsTheZero) {
   Strip strip(120.0);
-  strip.data.force_noise = 5.0, strip.data.force_at_rest = Eigen::Vector4d(24.0, 26.0, 23.0, 27.0);
+  strip.data.force_at_rest = {.value = 25.0, .deviation = 2.5};
   const auto zero = [&]() -> Parameter {
     const FieldExperiment experiment = strip.experiment();
     return experiment.parameters()[static_cast<std::size_t>(place_of(experiment, "force_offset"))];

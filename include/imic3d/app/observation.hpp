@@ -2,6 +2,7 @@
 // What the cameras saw: their places, the references, and the correlation of every frame with them, face by face.
 
 #include <memory>
+#include <optional>
 #include <vector>
 
 #include "imic3d/app/setup.hpp"
@@ -9,6 +10,7 @@
 #include "imic3d/identification/forward_model.hpp"
 #include "imic3d/identification/gauss_newton.hpp"
 #include "imic3d/imaging/camera.hpp"
+#include "imic3d/loop/field_experiment.hpp"
 
 namespace imic3d::app {
 
@@ -111,14 +113,19 @@ void correlate(Observation& observation, const io::Case& test, const Communicato
 /// Noise of the displacement that drives the simulation in the frame of median smoothing [unknowns x draws, length].
 [[nodiscard]] Eigen::MatrixXd driving_noise(const Observation& observation, int draws = 64);
 
-/// What the load cell reads of the frames of the reference [frames, force]; empty where its noise is not known.
-[[nodiscard]] Eigen::VectorXd force_at_rest(const io::Case& test);
+/// A reading that is off zero by more of its standard deviations is none by chance.
+inline constexpr double off_zero = 3.5;
+/// The mean of what the load cell reads at rest [frames, force]. Its standard deviation is that of the `noise` that is
+/// given, or else of their scatter, which few of them hardly know: as far off zero as Student's t allows by chance is
+/// `off_zero` of it. Nothing where neither tells it: of less than three, or of equal ones.
+[[nodiscard]] std::optional<loop::FieldData::Reading> reading_at_rest(const Eigen::VectorXd& force,
+                                                                      const std::optional<double>& noise);
+/// That of the frames of the reference.
+[[nodiscard]] std::optional<loop::FieldData::Reading> force_at_rest(const io::Case& test);
 
 /// Standard deviation of the load cell [force]: given, else that of the static frames, else 0.1 % of the largest force.
 [[nodiscard]] double force_noise(const Observation& observation, const io::Case& test);
 /// Standard deviation of the force `at_rest` [readings], of three and more, else a thousandth of the `largest`.
 [[nodiscard]] double force_noise(const Eigen::VectorXd& at_rest, double largest);
-/// As many readings at rest tell their noise themselves.
-inline constexpr Eigen::Index tell_their_noise = 10;
 
 }  // namespace imic3d::app

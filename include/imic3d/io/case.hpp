@@ -119,6 +119,7 @@ struct FieldsCase {
   /// size of what one point is the mean of [their unit]: nearer points share their noise
   double subset = 0.0;
   Frames at_rest;                  ///< frames without load, which tell the noise and are not fitted
+  std::optional<int> references;   ///< images that the reference is the mean of; else as the frames at rest tell
   std::vector<PointTable> tables;  ///< one for each file
 };
 

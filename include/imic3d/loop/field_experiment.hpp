@@ -37,6 +37,9 @@ struct FieldFace {
 /// What was measured, whatever program correlated the images. Displacements are those of the faces one after the other,
 /// node by node [unknowns]: with one face and two components [2n].
 struct FieldData {
+  struct Reading {
+    double value, deviation;  ///< mean and its standard deviation [force]
+  };
   std::vector<FieldFace> faces;  ///< as Specimen::faces
   double noise = 1.0;            ///< of one frame, in the unit that goes with M
   int references = 1;            ///< images averaged to the reference, whose noise all frames have in common
@@ -54,8 +57,8 @@ struct FieldData {
   Eigen::VectorXd time, force;  ///< [frames]
   /// of the virgin state; of what the displacement counts from (Scene)
   double start_time = 0.0, reference_time = 0.0;
-  /// of frames in which nothing has moved yet, where the noise is known [any number of frames, force]
-  Eigen::VectorXd force_at_rest{};
+  /// what the load cell reads in frames in which nothing has moved yet, where it is known how well it does
+  std::optional<Reading> force_at_rest{};
   double force_noise = 1.0;  ///< standard deviation of the load record [force]; infinity: there is none
   bool images = true;        ///< this program correlated the images, and interpolated their grey levels
   /// What made `noise` of the displacement of the frames at rest [unknowns x at_rest]: few numbers of a coarse mesh
