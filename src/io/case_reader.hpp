@@ -157,6 +157,7 @@ class CaseReader {
   fs::path folder_;
   Section root_;
   Case case_;
+  std::vector<std::string> parameters_of_law_;  // where it is known
 };
 
 }  // namespace imic3d::io

@@ -96,17 +96,18 @@ void CaseReader::read_identify() {
   const auto is_held_out = [&](int frame) {
     return std::binary_search(identify.held_out.begin(), identify.held_out.end(), frame);
   };
-  std::vector<std::string> declared;
-  for (const auto& [name, parameter] : case_.material.parameters) declared.push_back(name);
+  std::vector<std::string> known = parameters_of_law_;
+  if (known.empty())
+    for (const auto& [name, parameter] : case_.material.parameters) known.push_back(name);
   for (const auto& stage_section : section.list("stages")) {
     auto& stage = identify.stages.emplace_back();
     stage_section.get("free", stage.free);
     for (std::size_t i = 0; i < stage.free.size(); ++i) {
       const auto path = item(stage_section.path("free"), i);
-      if (!case_.material.parameters.contains(stage.free[i])) {
-        const auto near = nearest(stage.free[i], declared);
+      if (std::find(known.begin(), known.end(), stage.free[i]) == known.end()) {
+        const auto near = nearest(stage.free[i], known);
         mistake(path, fmt::format("no parameter \"{}\"{}", stage.free[i], near.empty() ? "" : ", near to " + near),
-                fmt::format("{}", fmt::join(declared, ", ")));
+                fmt::format("{}", fmt::join(known, ", ")));
       } else if (std::count(stage.free.begin(), stage.free.begin() + static_cast<std::ptrdiff_t>(i), stage.free[i]) >
                  0) {
         mistake(path, fmt::format("\"{}\" twice", stage.free[i]), "each parameter once");

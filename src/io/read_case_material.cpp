@@ -65,7 +65,7 @@ void CaseReader::check_parameters(const Section& section) {
     for (const auto& one : error.mistakes()) mistake(one.place, one.found, one.allowed);  // its place is a key
     return;
   }
-  std::vector<std::string> names;
+  auto& names = parameters_of_law_;
   for (const auto& info : infos) names.push_back(info.name);
   for (const auto& info : infos) {
     const auto found = case_.material.parameters.find(info.name);

@@ -117,8 +117,9 @@ class Describer {
         std::vector<std::string> names;
         for (const auto& property : properties.items()) names.push_back(property.key());
         const auto near = nearest(key, names);
+        const bool decimals = key.find_first_not_of("0123456789") == std::string::npos;  // 1,0 is 1 and a key 0
         mistake(member(path, key), near.empty() ? "unknown key" : fmt::format("unknown key, near to {}", near),
-                fmt::format("{}", fmt::join(names, ", ")));
+                fmt::format("{}{}", fmt::join(names, ", "), decimals ? "; the decimal sign is the point" : ""));
       }
     }
   }

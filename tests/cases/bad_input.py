@@ -217,7 +217,7 @@ TABLE = [
     ("parameter_that_no_material_has", change("case.yaml", "nu: 0.25", "nu: 0.75"),
      [r"re:case\.yaml:14 material\.parameters\.nu: 0\.75; allowed: a number .*"]),
     ("unknown_parameter", change("case.yaml", "free: [E]", "free: [e_mod]"),
-     ['case.yaml:18 identify.stages[0].free[0]: no parameter "e_mod"; allowed: E, H, S_y, delta, nu']),
+     ['case.yaml:18 identify.stages[0].free[0]: no parameter "e_mod"; allowed: E, nu, S_y, H, delta']),
     ("frames_beyond_the_last", change("case.yaml", '"1-5"', '"1-50"'),
      ["case.yaml:19 identify.stages[1].frames: frames 1-50; allowed: among the frames 0-5"]),
     ("groups_that_are_no_number", change("case.yaml", "functional: force_driven", "groups: all"),
