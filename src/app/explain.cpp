@@ -370,6 +370,11 @@ void explain(const Communicator& world, const CommandOptions& options) {
         throw InputError(file->string(), "no parameter " + name, "all that the stages of the case file identify");
     a[i] = from.values.at(name), difference[i] = to.values.at(name) - a[i];
   }
+  for (const auto& [name, value] : to.values)
+    if (const auto before = from.values.find(name); std::find(names.begin(), names.end(), name) == names.end() &&
+                                                    (before == from.values.end() || before->second != value))
+      spdlog::warn("{} is not the same in both sets, and takes no part: the stages of the case file do not identify it",
+                   name);
   Eigen::MatrixXd covariance = covariance_of(from, names) + covariance_of(to, names);
   covariance.diagonal() += (options.tolerance * a).cwiseAbs2();
   if (covariance.llt().info() != Eigen::Success || covariance.diagonal().minCoeff() <= 0.0)

@@ -16,6 +16,7 @@
 #include "imic3d/core/error.hpp"
 #include "imic3d/core/linear.hpp"
 #include "imic3d/core/log.hpp"
+#include "imic3d/core/median.hpp"
 #include "imic3d/correlation/smoothing.hpp"
 
 namespace imic3d::app {
@@ -125,6 +126,28 @@ Common common_points(const io::FieldsCase& fields, const mesh::Mesh& face) {
   return result;
 }
 
+/// Points that are said not to have moved at all, though those about them have, were lost: some programs write 0.
+void refuse_zeros(const io::FieldsCase& fields, const Common& points, const std::vector<Points>& nodal) {
+  constexpr double beside = 8.0;
+  std::vector<Mistake> mistakes;
+  for (std::size_t f = 0; f < nodal.size(); ++f) {
+    const Eigen::VectorXd off = (points.displacement[f] - points.N * nodal[f]).rowwise().norm();
+    const double usual = median(std::vector<double>(off.begin(), off.end()));
+    int zeros = 0;
+    Eigen::Index first = 0;
+    for (Eigen::Index k = off.size() - 1; k >= 0; --k)
+      if (points.displacement[f].row(k).isZero(0.0) && off[k] > beside * usual) ++zeros, first = k;
+    if (zeros > 0)
+      mistakes.push_back(
+          {fields.files[f].string(),
+           fmt::format("{} point{} with a displacement of 0, 0, the first at ({:.4g}, {:.4g}), among others "
+                       "that move: were they lost?",
+                       zeros, zeros == 1 ? "" : "s", points.at(first, 0), points.at(first, 1)),
+           "nan, no row, or a column that says so (fields.columns.valid) where a point was lost"});
+  }
+  if (!mistakes.empty()) throw InputError(std::move(mistakes));
+}
+
 /// Where no points are near, the ends above all, the measured displacement would be an extrapolation.
 void check_cover(const Points& at, double distance, const identification::Specimen& specimen) {
   for (const char* end : {"held", "loaded"}) {
@@ -211,6 +234,7 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
     throw InputError("fields.at_rest", "every frame that has a displacement", "frames under load beside them");
   std::vector<Points> nodal;
   for (const auto& d : points.displacement) nodal.emplace_back((*squares)(d));
+  refuse_zeros(fields, points, nodal);
 
   loop::FieldData data;
   data.faces = {{.surface = face, .M = identification::of_components(squares->M)}};

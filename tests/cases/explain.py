@@ -109,6 +109,9 @@ def main():
     short = write("short", {"E": 178e3})
     said = run(program, "explain", folder / "case.yaml", 1, ["--from", str(truth), "--to", str(short)], status=2, errors=True)
     require("no parameter S_y" in said, "a set that lacks a parameter is refused")
+    other_law = write("other_law", {**TRUTH, "delta": 0.04})
+    said = run(program, "explain", folder / "case.yaml", 1, ["--from", str(truth), "--to", str(other_law), "--tolerance", "0.002"], errors=True)
+    require("delta is not the same in both sets, and takes no part" in said, "a parameter that the case does not identify is said to take no part")
     # A measured test has more frames than are simulated.
     (folder / "images").mkdir()
     for frame in range(15):

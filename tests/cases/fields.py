@@ -115,6 +115,15 @@ def main():
     require("fields.columns: v: U and u: U; allowed: another column for each" in said["twice"], f"one column for both components is refused: {said['twice']}")
     require("points on the specimen" in said["scaled"] and "a quarter of the mesh's nodes" in said["scaled"], f"points of which few lie on the mesh are refused: {said['scaled']}")
 
+    shutil.copytree(folder / "nothing", folder / "lost", ignore=shutil.ignore_patterns("run"))
+    lines = (folder / "lost/points_06.csv").read_text().splitlines()
+    for row in (78, 84):  # far from the middle, which does not move
+        lines[row] = ",".join(lines[row].split(",")[:2] + ["0", "0"])
+    (folder / "lost/points_06.csv").write_text("\n".join(lines) + "\n")
+    (folder / "lost.yaml").write_text(case("lost"))
+    said = run(program, "check", folder / "lost.yaml", status=2, errors=True)
+    require("points_06.csv: 2 points with a displacement of 0, 0" in said and said.count("were they lost?") == 1, f"points that were lost, and have 0, are refused: {said}")
+
     # A file that is missing would put all behind it one frame too early.
     (folder / "gone").mkdir()
     for number in range(REST + len(LEVELS)):
