@@ -479,7 +479,19 @@ bool beyond_limit(const Model& model, const Score& score) {
 
 bool stands_out(const Model& model, const Score& score) { return beyond_limit(model, score) && score.visible(); }
 
-bool omnibus_significant(const Model& model) { return model.scores.omnibus > model.scores.omnibus_threshold; }
+int frames_beyond(const Model& model) {
+  return static_cast<int>((model.misfit.frames.array() > model.misfit.null_frames.array()).count());
+}
+
+bool most_frames_beyond(const Model& model) {
+  constexpr int few = 3;  // what they share may put them beyond together
+  const int beyond = frames_beyond(model);
+  return beyond > few && 2 * beyond > static_cast<int>(model.misfit.frames.size());
+}
+
+bool omnibus_significant(const Model& model) {
+  return model.scores.omnibus > model.scores.omnibus_threshold || most_frames_beyond(model);
+}
 
 bool significant(const Model& model) {
   const auto& all = model.scores.candidates;

@@ -82,7 +82,12 @@ class Appraisal {
 [[nodiscard]] bool beyond_limit(const Model& model, const Score& score);
 /// Beyond the limit, and visible: what the free parameters leave of an invisible mark says nothing of its effect.
 [[nodiscard]] bool stands_out(const Model& model, const Score& score);
-/// Whether the energy is beyond its limit.
+/// Frames that have more left than noise leaves of each in 95 tests of 100.
+[[nodiscard]] int frames_beyond(const Model& model);
+/// Whether most frames have: where the null of one is large (a specimen that necks in it) the energy is that frame's,
+/// and says nothing of the others.
+[[nodiscard]] bool most_frames_beyond(const Model& model);
+/// Whether the energy is beyond its limit, or most frames are.
 [[nodiscard]] bool omnibus_significant(const Model& model);
 /// Whether the model leaves anything: energy, or a candidate that stands out and matters.
 [[nodiscard]] bool significant(const Model& model);

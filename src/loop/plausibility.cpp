@@ -228,6 +228,9 @@ void weigh(Trial& trial, const Model& at, const Experiment& experiment, const Ap
   const Comparison c{experiment,  appraisal, experiment.candidates()[static_cast<std::size_t>(trial.candidate)],
                      trial.model, at,        appraisal.fitted_rows()};
   trial.sufficient = !significant(trial.model);
+  if (most_frames_beyond(trial.model))
+    trial.objection = fmt::format("{} of {} frames have more left than noise leaves", frames_beyond(trial.model),
+                                  trial.model.misfit.frames.size());
   if (const auto untold = without_size(experiment, trial.model); untold && trial.sufficient) {
     trial.sufficient = false;
     trial.objection = fmt::format("nothing is left, but the size of {} is not told",

@@ -230,8 +230,11 @@ std::string verdict_in_words(const Experiment& experiment, const Report& report)
     }
     Eigen::Index worst = 0;
     (after.misfit.frames - after.misfit.null_frames).maxCoeff(&worst);
-    text += fmt::format(". It is largest in {}{}. ", experiment.frame_name(static_cast<int>(worst)),
-                        in_its_force(experiment, after, static_cast<int>(worst)) ? ", in its force" : "");
+    text += fmt::format(". It is largest in {}{}{}. ", experiment.frame_name(static_cast<int>(worst)),
+                        in_its_force(experiment, after, static_cast<int>(worst)) ? ", in its force" : "",
+                        most_frames_beyond(after) ? fmt::format(", and more than noise leaves in {} of {} frames",
+                                                                frames_beyond(after), after.misfit.frames.size())
+                                                  : "");
   }
   return text + change + changes(experiment, before, after) + by_chance;
 }

@@ -995,6 +995,22 @@ TEST(Fit, EndsAtAWallBeyondWhichTheModelCannotFollow) {
   EXPECT_LT(experiment.series, 90);
 }
 
+/// One frame with a large null must not hide what all others have left.
+TEST(Closing, FramesThatAreBeyondTheirNullAreLeftWhateverTheEnergySays) {
+  Model model;
+  model.scores.omnibus = 0.8, model.scores.omnibus_threshold = 2.3;
+  model.misfit.null_frames = Eigen::VectorXd::Constant(9, 1.2), model.misfit.null_frames[8] = 14.0;
+  model.misfit.frames = Eigen::VectorXd::Constant(9, 1.0), model.misfit.frames[8] = 7.0;
+  EXPECT_FALSE(significant(model));
+  model.misfit.frames.head(4).setConstant(1.5);
+  EXPECT_FALSE(significant(model));
+  model.misfit.frames[4] = 1.5;
+  EXPECT_TRUE(significant(model));
+  // Few frames are beyond together by what they share.
+  model.misfit.frames.conservativeResize(3), model.misfit.null_frames.conservativeResize(3);
+  EXPECT_FALSE(significant(model));
+}
+
 /// A model of which the procedure's own error is in doubt by more than it explains would explain anything.
 TEST(Closing, AModelThatErrsByMoreThanItExplainsIsNotPlausible) {
   for (double bias : {0.1, 10.0}) {
