@@ -200,7 +200,7 @@ class Scaling:
     def loop(self):
         import false_alarms
         rows = ["| test | command | ranks | verdict | simulations | processor time [s] | wall time [s] | of one identification, processor time | wall time |", "|---|---|---|---|---|---|---|---|---|"]
-        for test, offset in {"nothing missing": 0.0, "force 2 kN too large": 2000.0}.items():
+        for test, offset in {"nothing missing": 0.0, "force 200 N too large": 200.0}.items():
             folder = self.folder / test.replace(" ", "_")
             folder.mkdir(exist_ok=True)
             false_alarms.images(self.options.program)(folder, {}, 1)

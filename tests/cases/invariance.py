@@ -1,6 +1,6 @@
 #!/usr/bin/python3
 """One test, written in other units, on the other side of a mirror, turned, in negative, with more bits, elsewhere and at another hour: the measured displacement is the same, and so are its
-parameters where the noise that smooths the ends is drawn alike, as in a mirror it is not. With --loop, of more of them: of a load cell that reads 2 kN without load `imic3d loop` says the
+parameters where the noise that smooths the ends is drawn alike, as in a mirror it is not. With --loop, of more of them: of a load cell that reads 200 N without load `imic3d loop` says the
 same.
 
 invariance.py PROGRAM [--loop]"""
@@ -42,8 +42,8 @@ def same(x):
 VARIANTS = {
     "as it is": (same, same, (1, 1, 1), (0, 0, 0), {}, 1.0),
     "m and Pa": (lambda p: MILLI * p, same, (1, 1, 1), (0, 0, 0),
-                 {"thickness: 8.0": "thickness: 8e-3", "pixel_size: 0.09": "pixel_size: 9e-5", "190e3": "190e9", "278": "278e6", "1420": "1420e6", "title:": "units: {length: m, force: N, time: s}\ntitle:"}, MEGA),
-    "mm and kN": (same, same, (1, 1, MILLI), (0, 0, 0), {"190e3": "190", "278": "0.278", "1420": "1.42", "noise: 20": "noise: 0.02", "title:": "units: {length: mm, force: kN, time: s}\ntitle:"}, MILLI),
+                 {"thickness: 0.8": "thickness: 8e-4", "pixel_size: 0.09": "pixel_size: 9e-5", "190e3": "190e9", "278": "278e6", "1420": "1420e6", "title:": "units: {length: m, force: N, time: s}\ntitle:"}, MEGA),
+    "mm and kN": (same, same, (1, 1, MILLI), (0, 0, 0), {"190e3": "190", "278": "0.278", "1420": "1.42", "noise: 2}": "noise: 0.002}", "title:": "units: {length: mm, force: kN, time: s}\ntitle:"}, MILLI),
     "in a mirror": (lambda p: p * (-1, 1, 1), lambda grey: grey[:, ::-1], (1, 1, 1), (0, 0, 0), {str(list(PLACE)): str([SIZE[0] - 1 - PLACE[0], PLACE[1]])}, 1.0),
     "a quarter turn": (lambda p: p[[1, 0, 2]] * (1, -1, 1), lambda grey: np.rot90(grey, -1), (1, 1, 1), (0, 0, 0),
                        {str(list(PLACE)): str([SIZE[1] - 1 - PLACE[1], PLACE[0]]), "loaded: top": "loaded: top, axis: x"}, 1.0),
@@ -81,7 +81,7 @@ for name, variant in VARIANTS.items():
     if not loop and name not in ("as it is", "m and Pa", "in a mirror", "a quarter turn", "16 bits"):
         continue
     folder = work / name.replace(" ", "_")
-    write(made, folder, variant, 2000.0 if loop else 0.0, {} if loop else {"displacement_driven,": "displacement_driven, noise_draws: 0,"})
+    write(made, folder, variant, 200.0 if loop else 0.0, {} if loop else {"displacement_driven,": "displacement_driven, noise_draws: 0,"})
     run(program, "loop" if loop else "identify", folder / "case.yaml")
     result = json.loads((folder / "run/result.json").read_text())
     if loop:
