@@ -202,16 +202,22 @@ double residual_of_unit_noise(const Observation& seen, const ObservedFace& face)
   return face.dic->noise_response().level * std::sqrt(1.0 + 1.0 / seen.references);
 }
 
+/// What the DIC leaves in the best frame of camera `c` of a face, as noise of one image; `first`: cameras of the faces
+/// before it.
+double noise_of_best_frame(const Observation& seen, const ObservedFace& face, std::size_t first, std::size_t c) {
+  double smallest = INFINITY;
+  for (const auto& frame : seen.frames) smallest = std::min(smallest, frame.cameras[first + c].rms);
+  return smallest / residual_of_unit_noise(seen, face);
+}
+
 /// No static frames: what the DIC leaves in a camera's best frame is noise of that frame and of the reference.
 void noise_of_best_frames(Observation& observation) {
   std::size_t first = 0;
   for (const auto& face : observation.faces) {
     for (std::size_t c = 0; c < face.rig->cameras.size(); ++c) {
       if (face.rig->noise_is_measured[c]) continue;
-      double smallest = INFINITY;
-      for (const auto& frame : observation.frames) smallest = std::min(smallest, frame.cameras[first + c].rms);
       observation.camera_noise[static_cast<std::size_t>(face.rig->cameras[c])] =
-          smallest / residual_of_unit_noise(observation, face);
+          noise_of_best_frame(observation, face, first, c);
     }
     first += face.rig->cameras.size();
   }
@@ -436,10 +442,7 @@ std::vector<std::string> moving_references(const io::Case& test, const Observati
     for (std::size_t c = 0; c < face.rig->cameras.size(); ++c) {
       const auto& camera = test.cameras[static_cast<std::size_t>(face.rig->cameras[c])];
       if (!face.rig->noise_is_measured[c] || face.rig->statics[c].size() < 2 || camera.noise) continue;
-      double left = INFINITY;
-      for (const auto& frame : seen.frames) left = std::min(left, frame.cameras[first + c].rms);
-      left /= residual_of_unit_noise(seen, face);
-      const double noise = face.rig->views[c].noise;
+      const double left = noise_of_best_frame(seen, face, first, c), noise = face.rig->views[c].noise;
       if (noise > by_much * left)
         found.push_back(fmt::format(
             "cameras.{}.reference: these frames differ by {:.3g} grey levels, where {:.2g} are left of a frame under "

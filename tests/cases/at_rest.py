@@ -49,7 +49,7 @@ output: {name}
     found = doubts("zero", zero=400.0)
     read = re.search(r"the load record reads ([-.\d]+) \+- ([.\d]+) N while the reference was taken", " ".join(found))
     # Four readings with noise of 5 N: Student's t allows 17 standard deviations of their mean where 3.5 are allowed of a noise that is known.
-    require(len(found) == 1 and read and abs(float(read[1]) - 400) < 15 and float(read[2]) < 60, f"four readings of 400 N: {found}")
+    require(len(found) == 1 and read and abs(float(read[1]) - 400) < 15 and 6 < float(read[2]) < 60, f"four readings of 400 N: {found}")
     found = doubts("loaded", reference="0-5")
     require(any("the load record goes from" in doubt for doubt in found), f"frames under load in the reference: {found}")
     found = doubts("moves", reference="3-6")

@@ -108,6 +108,11 @@ def main():
     said = re.search(r"the mean of (\d+) ", (folder / "averaged/run/log.txt").read_text())
     require(result["verdict"] == "nothing found" and said and int(said[1]) > 10 and "the mean of" not in (folder / "nothing/run/log.txt").read_text(), f"a reference that is the mean of 20 images: {said and said[0]}, {result['sentence']}")
 
+    # No frame is said to be at rest: the case file says how many.
+    (folder / "told.yaml").write_text(case("averaged", ", references: 20").replace(f"at_rest: 1-{REST}, ", "").replace("averaged/run", "averaged/told"))
+    run(program, "loop", folder / "told.yaml", ranks)
+    result = json.loads((folder / "averaged/told/result.json").read_text())
+    require(result["verdict"] == "nothing found" and "; the reference is the mean of 20 images" in (folder / "averaged/told/log.txt").read_text(), f"a reference that is said to be the mean of 20 images: {result['sentence']}")
     said = {}
     for name, axes in (("twice", "columns: {x: X, y: Y, u: U, v: U}"), ("scaled", "columns: {x: X, y: Y, u: U, v: V}, scale: 20")):
         (folder / f"{name}.yaml").write_text(case("nothing").replace("columns: {x: X, y: Y, u: U, v: V}", axes))

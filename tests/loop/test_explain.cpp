@@ -93,6 +93,14 @@ TEST(Explain, GoesAsFarAsTheModelDoes) {
   EXPECT_GT(found.size[0], 0.4);
   EXPECT_LE(found.size[0], 0.6);
   EXPECT_FALSE(found.message.empty());
+  EXPECT_FALSE(found.failed);
+}
+
+TEST(Explain, WhatCannotBeIdentifiedIsNotJudged) {
+  const auto never = [](const Eigen::VectorXd&) -> std::optional<Eigen::VectorXd> { return std::nullopt; };
+  const auto found = explain(pattern, unit, {{0.0, 1e-3, -2.0, 2.0}}, never);
+  EXPECT_TRUE(found.failed);
+  EXPECT_FALSE(found.fits);
 }
 
 }  // namespace test_explain

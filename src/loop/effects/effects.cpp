@@ -62,8 +62,10 @@ void see_through(const Distortion& D, const Scene& scene, const Eigen::VectorXd&
   const auto from_axis = [&](Eigen::Index i) -> Eigen::Vector2d {
     return nodes.row(i).head<2>().transpose() - scene.axis_of_lens;
   };
+  for (Eigen::Index i = 0; i < d.rows(); ++i) d.row(i) = D(from_axis(i));
+  if (d.isZero(0.0)) return;  // as in all series but those of this effect
   for (Eigen::Index i = 0; i < d.rows(); ++i) {
-    Eigen::Vector2d beside = D(from_axis(i));
+    Eigen::Vector2d beside = d.row(i);
     for (int k = 0; k < 3; ++k) beside = D(from_axis(i) - beside);
     d.row(i) = beside;
   }
