@@ -19,6 +19,7 @@
 #include "imic3d/app/simulation.hpp"
 #include "imic3d/core/log.hpp"
 #include "imic3d/identification/gauss_newton.hpp"
+#include "imic3d/io/explain_page.hpp"
 #include "imic3d/io/run_results.hpp"
 #include "imic3d/loop/field_experiment.hpp"
 #include "imic3d/loop/statistics.hpp"
@@ -175,8 +176,8 @@ class VirtualIdentification {
   [[nodiscard]] const loop::FieldExperiment& experiment() const { return *experiment_; }
   [[nodiscard]] const std::vector<double>& declared() const { return declared_; }
   [[nodiscard]] const Eigen::VectorXd& forces() const { return data_.force; }
-  /// The test as it was simulated, and what was found.
-  void write(const nlohmann::json& found) { output_->finish(found); }
+  /// Writes the test as it was simulated, and what was found: result.json, which is returned.
+  nlohmann::json write(const nlohmann::json& found) { return output_->finish(found); }
 
   /// Shift of the identified parameters by an effect that the model does not have; `values` are those of all
   /// parameters. Collective.
@@ -430,6 +431,7 @@ void explain(const Communicator& world, const CommandOptions& options) {
     return of;
   };
   json["sentence"] = sentence + not_judged;
+  json["identified"] = names;
   json["from"] = {{"file", options.from.string()}, {"title", from.title}, {"values", by_name(a)}};
   json["to"] = {{"file", options.to.string()}, {"title", to.title}, {"values", by_name(a + difference)}};
   json["difference_percent"] = by_name(percent(difference));
@@ -460,6 +462,7 @@ void explain(const Communicator& world, const CommandOptions& options) {
                          {"degrees", one.degrees},
                          {"p", one.p},
                          {"fits", one.fits},
+                         {"failed", one.failed},
                          {"on_bound", one.on_bound},
                          {"identifications", one.identifications},
                          {"message", one.message}};
@@ -484,8 +487,8 @@ void explain(const Communicator& world, const CommandOptions& options) {
   }
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
   json["time"] = io::quantity(seconds, "s");
-  test_of.write(json);
-  fmt::print("\n\n  {}\n  {:.0f} s; {}\n", sentence + not_judged, seconds, (folder / "result.json").string());
+  io::write_explain_page(folder / "report.html", test_of.write(json));
+  fmt::print("\n\n  {}\n  {:.0f} s; report: {}\n", sentence + not_judged, seconds, (folder / "report.html").string());
 }
 
 }  // namespace imic3d::app

@@ -198,6 +198,17 @@ loop::LoopOptions how(const io::Case& test, std::vector<int> held_out) {
           .held_out = std::move(held_out)};
 }
 
+/// What is doubted of displacement fields, and of their load record.
+std::vector<std::string> doubts_of_fields(const io::Case& test, const loop::FieldData& data, loop::Verdict verdict) {
+  std::vector<std::string> doubts;
+  if (auto zero = doubt_of_zero(data.force_at_rest, test.units); !zero.empty()) doubts.push_back(std::move(zero));
+  if (verdict == loop::Verdict::unexplained && !test.fields->references && data.at_rest < 2)
+    doubts.emplace_back(
+        "fields: without two frames at rest nothing tells whether the reference is one image or the mean of several, "
+        "whose noise is less: fields.references says it, and what is left unexplained may be that");
+  return doubts;
+}
+
 class FieldTest final : public LoopTest {
  public:
   FieldTest(const Communicator& world, const io::Case& test, const std::function<void(const std::string&)>& say)
@@ -234,6 +245,11 @@ class FieldTest final : public LoopTest {
     const GroupTimes groups = group_times();
     app::say(groups);
     if (seen_) test_.doubts = doubts_of(test_, *seen_);
+    if (test_.fields)
+      for (auto& doubt : doubts_of_fields(test_, experiment_->measured(), report.verdict)) {
+        spdlog::warn("{}", doubt);
+        test_.doubts.push_back(std::move(doubt));
+      }
     for (auto& doubt : unlikely_values(test_, material_, report.final.fit.values))
       test_.doubts.push_back(std::move(doubt));
     if (auto doubt = taken_off_plane_stress(*experiment_, report.final, test_.specimen.plane_stress());

@@ -477,12 +477,9 @@ std::vector<std::string> doubts_of(const io::Case& test, const Observation& seen
     doubts.push_back(one);
     spdlog::warn("{}", one);
   }
-  if (const auto read = force_at_rest(test); read && std::abs(read->value) > off_zero * read->deviation) {
-    doubts.push_back(
-        fmt::format("the load record reads {:.4g} +- {:.2g} {} while the reference was taken, where displacement and "
-                    "simulated force are zero: a zero of the load cell, or a load that the specimen bore already",
-                    read->value, read->deviation, test.units.force));
-    spdlog::warn("{}", doubts.back());
+  if (auto doubt = doubt_of_zero(force_at_rest(test), test.units); !doubt.empty()) {
+    spdlog::warn("{}", doubt);
+    doubts.push_back(std::move(doubt));
   }
   return doubts;
 }

@@ -486,11 +486,12 @@ void SimulationOutput::frame(int frame, const mechanics::FrameState& state, doub
 
 void SimulationOutput::finish() { finish(nlohmann::json::object()); }
 
-void SimulationOutput::finish(const nlohmann::json& more) {
-  if (!file_) return;
+nlohmann::json SimulationOutput::finish(const nlohmann::json& more) {
+  if (!file_) return {};
   auto json = io::summary(*file_);
   json.update(more);
   io::write_json(folder_ / "result.json", json);
+  return json;
 }
 
 }  // namespace imic3d::app

@@ -8,6 +8,7 @@
 #include <fstream>
 
 #include "imic3d/app/program.hpp"
+#include "imic3d/io/explain_page.hpp"
 #include "imic3d/io/loop_page.hpp"
 #include "imic3d/io/pictures.hpp"
 #include "imic3d/io/results_file.hpp"
@@ -23,13 +24,19 @@ void null_is_nan(nlohmann::json& json) {
     for (auto& one : json) null_is_nan(one);
 }
 
+/// The result.json beside a results.h5; nothing, if it cannot be read.
+nlohmann::json result_in(const std::filesystem::path& folder) {
+  auto summary = nlohmann::json::parse(std::ifstream(folder / "result.json"), nullptr, false);
+  null_is_nan(summary);
+  return summary.is_object() ? summary : nlohmann::json::object();
+}
+
 /// The page of a loop is made of its result.json and of the pictures beside it.
 void report_loop(const std::filesystem::path& page, const std::filesystem::path& folder) {
-  const auto file = folder / "result.json";
-  auto summary = nlohmann::json::parse(std::ifstream(file), nullptr, false);
-  if (!summary.is_object() || !summary.contains("verdict"))
-    throw InputError(file.string(), "cannot be read", "the result.json that imic3d loop left beside results.h5");
-  null_is_nan(summary);
+  const auto summary = result_in(folder);
+  if (!summary.contains("verdict"))
+    throw InputError((folder / "result.json").string(), "cannot be read",
+                     "the result.json that imic3d loop left beside results.h5");
   std::vector<io::ReportPicture> pictures;
   if (summary.contains("pictures"))
     for (const auto& picture : summary["pictures"])
@@ -38,9 +45,10 @@ void report_loop(const std::filesystem::path& page, const std::filesystem::path&
 }
 
 void report_run(const std::filesystem::path& page, const io::ResultsFile& file) {
-  const auto summary = nlohmann::json::parse(std::ifstream(file.path().parent_path() / "result.json"), nullptr, false);
+  const auto summary = result_in(file.path().parent_path());
   std::vector<std::string> doubts;
-  if (summary.is_object() && summary.contains("doubts")) doubts = summary["doubts"].get<std::vector<std::string>>();
+  if (summary.contains("doubts")) doubts = summary["doubts"].get<std::vector<std::string>>();
+  if (summary.contains("difference_percent")) return io::write_explain_page(page, summary);
   io::draw_pictures(file, page.parent_path());
   io::write_report(page, file, io::pictures_in(page.parent_path()), doubts);
 }

@@ -27,11 +27,16 @@ Case CaseReader::read() {
     read_tests();
     return finished();
   }
-  const bool on_fields = root_.has("fields"),
-             on_bars = root_.has("experiments") &&
-                       std::count(checks_.sections.begin(), checks_.sections.end(), "identify") > 0;
+  const auto needs = [&](const char* section) {
+    return std::count(checks_.sections.begin(), checks_.sections.end(), section) > 0;
+  };
+  const bool on_fields = root_.has("fields"), on_bars = root_.has("experiments") && needs("identify"),
+             lacks_mesh = on_curves() && !root_.has("specimen") && needs("specimen");
+  if (lacks_mesh)
+    mistake("experiments", "bars, which have no mesh",
+            "a section specimen for this command; bars are identified (imic3d identify, imic3d loop)");
   for (const auto& section : checks_.sections)
-    if (!root_.has(section) && !(on_fields && (section == "cameras" || section == "loads")) &&
+    if (!lacks_mesh && !root_.has(section) && !(on_fields && (section == "cameras" || section == "loads")) &&
         !(on_bars && (section == "cameras" || section == "loads")))
       mistake(section, "not given", "a section " + section);
 

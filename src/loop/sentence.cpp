@@ -135,6 +135,14 @@ bool in_its_force(const Experiment& experiment, const Model& model, int frame) {
   return others > 0 && force > 0.0 && force > other;
 }
 
+/// Where nothing is found although chi, in which all numbers count alike, is beyond the null's.
+std::string energy_decides(const Model& model) {
+  if (!(model.misfit.fitted > model.misfit.null_fitted)) return "";
+  return fmt::format(
+      "; what decides is the energy, which counts what is in doubt for less: {:+.1f} standard deviations, limit {:.1f}",
+      model.scores.omnibus, model.scores.omnibus_threshold);
+}
+
 std::string verdict_in_words(const Experiment& experiment, const Report& report) {
   const Model &before = report.declared, &after = report.final;
   const bool is_held_out =
@@ -161,8 +169,8 @@ std::string verdict_in_words(const Experiment& experiment, const Report& report)
                     candidate(after.others[i]).name;
   if (!by_formula.empty()) by_chance += by_formula + ".";
   if (report.verdict == Verdict::nothing_found)
-    return fmt::format("Nothing is missing that this test could show (chi {:.2f}, null up to {:.2f}).{}",
-                       before.misfit.fitted, before.misfit.null_fitted, by_chance);
+    return fmt::format("Nothing is missing that this test could show (chi {:.2f}, null up to {:.2f}{}).{}",
+                       before.misfit.fitted, before.misfit.null_fitted, energy_decides(before), by_chance);
   std::string by_score;  // where the residual as a whole is no larger than noise makes it
   if (!omnibus_significant(before)) {
     std::size_t largest = before.others.size();

@@ -11,7 +11,7 @@ import sys
 import numpy
 from scipy.optimize import least_squares
 
-from runs import SOURCE, end, left_behind, require, run, workspace
+from runs import SOURCE, end, left_behind, require, run, same_page, workspace
 
 # nu near 0.5, so that the driven ends contract as they should whatever share of the strain is plastic: the stress stays uniform.
 TRUTH = {"E": 198e3, "nu": 0.49, "S_y": 284.0, "H": 1480.0}
@@ -101,6 +101,9 @@ def main():
             require(abs(straight / found["explained_percent"]["E"] - 1) > 0.02, f"its tangent alone would say {straight:.2f} % of E")
 
     left_behind(folder / "out/explain", folder / "case.yaml", "explain", ("fields/displacement", "frames/force_predicted"))
+    page = (folder / "out/explain/report.html").read_text()
+    require(result["sentence"] in page and "<strong>fits</strong>" in page and f"{result['difference_percent']['S_y']:+.2f}" in page, "the page has the answer and the differences")
+    same_page(program, folder / "out/explain")
 
     # E down, S_y up, H twice as large: no effect does that.
     other = write("other", {"E": 178e3, "S_y": 320.0, "H": 2960.0})

@@ -113,6 +113,12 @@ def main():
     run(program, "loop", folder / "told.yaml", ranks)
     result = json.loads((folder / "averaged/told/result.json").read_text())
     require(result["verdict"] == "nothing found" and "; the reference is the mean of 20 images" in (folder / "averaged/told/log.txt").read_text(), f"a reference that is said to be the mean of 20 images: {result['sentence']}")
+    untold = "nothing tells whether the reference is one image or the mean of several"
+    (folder / "untold.yaml").write_text(case("averaged").replace(f"at_rest: 1-{REST}, ", "").replace("averaged/run", "averaged/untold"))
+    run(program, "loop", folder / "untold.yaml", ranks)
+    of_one = json.loads((folder / "averaged/untold/result.json").read_text())
+    require(of_one["verdict"] == "unexplained" and any(untold in doubt for doubt in of_one["doubts"]) and untold in (folder / "averaged/untold/report.html").read_text(),
+            f"a reference of which nothing is said: {of_one['sentence']} {of_one.get('doubts')}")
     said = {}
     for name, axes in (("twice", "columns: {x: X, y: Y, u: U, v: U}"), ("scaled", "columns: {x: X, y: Y, u: U, v: V}, scale: 20")):
         (folder / f"{name}.yaml").write_text(case("nothing").replace("columns: {x: X, y: Y, u: U, v: V}", axes))
@@ -168,6 +174,7 @@ def main():
     result = loop("zero", "")
     found = result["after"]["parameters"].get("force_offset", {"value": 0.0, "standard_deviation": 1.0})
     require(result["set"] == ["force zero"] and abs(found["value"] - 40) < 4 * found["standard_deviation"], f"a load cell that reads 40 N without load: {result['sentence']}")
+    require(any("the load record reads" in doubt for doubt in result["doubts"]), f"and that is doubted beforehand: {result['doubts']}")
     with_force("under_load", 1.0, 120.0, REST + 1)
     result = loop("under_load", "")
     require("force zero" not in result["named"], f"one that reads nothing at rest, and 120 N too much under load, is not off at zero: {result['sentence']}")

@@ -498,6 +498,11 @@ TEST_F(CaseFile, WhatTheCommandNeedsMustBeThere) {
                      {.parameters_of = {}, .read_mesh = {}, .sections = {"cameras", "loads"}}),
             "case.yaml:1 cameras: not given; allowed: a section cameras\n"
             "case.yaml:1 loads: not given; allowed: a section loads");
+  // One message where bars are given to a command that simulates a mesh.
+  EXPECT_THAT(mistakes("title: x\nexperiments:\n  - {name: a, file: a.csv, strain: e, stress: s}\n",
+                       {.parameters_of = {}, .read_mesh = {}, .sections = {"specimen", "material", "simulate"}}),
+              testing::AllOf(HasSubstr("experiments: bars, which have no mesh"),
+                             testing::Not(HasSubstr("a section simulate"))));
 }
 
 TEST_F(CaseFile, WhatIsNotACaseFile) {

@@ -83,8 +83,9 @@ class SimulationOutput {
   SimulationOutput(const Communicator& world, std::filesystem::path folder, const io::Case& test,
                    const identification::Specimen& specimen);
   void frame(int frame, const mechanics::FrameState& state, double force);
-  void finish();                            ///< result.json
-  void finish(const nlohmann::json& more);  ///< the same with `more` in it
+  void finish();  ///< result.json
+  /// The same with `more` in it; returns it, nothing on other ranks than the root.
+  nlohmann::json finish(const nlohmann::json& more);
 
  private:
   std::filesystem::path folder_;
