@@ -11,6 +11,18 @@
 
 namespace imic3d::loop {
 
+namespace {
+
+/// Ratio of two variances that `draws` of numbers that may all go together tell: its logarithm, of variance 4/draws by
+/// chance, drawn towards 0 by as much (James and Stein's positive part).
+double told_ratio(double squares, double of_other, double draws) {
+  if (squares == 0.0) return 0.0;
+  const double logarithm = std::log(squares / of_other);
+  return std::exp(logarithm * std::max(0.0, 1.0 - 4.0 / (draws * std::max(1e-12, logarithm * logarithm))));
+}
+
+}  // namespace
+
 Weight::Weight(const std::vector<Datum>& data, const Eigen::MatrixXd& null, int window, bool apart) {
   std::vector<std::pair<Eigen::Index, Eigen::Index>> frames;  // first row, rows; apart: of a channel in a frame
   int each = 0;                                               // of these a frame
@@ -22,20 +34,23 @@ Weight::Weight(const std::vector<Datum>& data, const Eigen::MatrixXd& null, int 
     ++frames.back().second;
   }
   if (null.cols() == 0) return;
+  const auto draws_of = [&](std::size_t t) { return null.middleRows(frames[t].first, frames[t].second); };
   for (std::size_t t = 0; t < frames.size(); ++t) {
     const auto [first, rows] = frames[t];
+    const double squares = draws_of(t).squaredNorm();
     Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(rows, rows);
     double count = 0.0;
     for (int k = -window; k <= window; ++k) {
-      const auto other = static_cast<std::ptrdiff_t>(t) + k * each;
-      if (other < 0 || other >= static_cast<std::ptrdiff_t>(frames.size()) ||
-          frames[static_cast<std::size_t>(other)].second != rows)
-        continue;
-      const auto block = null.middleRows(frames[static_cast<std::size_t>(other)].first, rows);
-      sum += block * block.transpose();
+      const auto place = static_cast<std::ptrdiff_t>(t) + k * each;
+      if (place < 0 || place >= static_cast<std::ptrdiff_t>(frames.size())) continue;
+      const auto other = static_cast<std::size_t>(place);
+      const double of_other = draws_of(other).squaredNorm();
+      if (frames[other].second != rows || of_other == 0.0) continue;
+      sum += told_ratio(squares, of_other, static_cast<double>(null.cols())) * draws_of(other) *
+             draws_of(other).transpose();
       count += static_cast<double>(null.cols());
     }
-    if (sum.isZero(0.0)) sum = count * Eigen::MatrixXd::Identity(rows, rows);
+    if (sum.isZero(0.0)) sum = Eigen::MatrixXd::Identity(rows, rows), count = 1.0;
     const double share = static_cast<double>(rows) / (static_cast<double>(rows) + count);
     const Eigen::MatrixXd covariance = (1.0 - share) * sum / count + share * Eigen::MatrixXd::Identity(rows, rows);
     blocks_.emplace_back(first, inverse_cholesky(covariance));

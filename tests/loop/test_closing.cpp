@@ -132,6 +132,32 @@ TEST(Scores, ASizeThatIsLeftOutShowsNothing) {
   EXPECT_TRUE(scores.candidates[1].visible());
 }
 
+/// A frame whose noise is ten times that of its neighbours is weighted by its own, and its neighbours are by theirs;
+/// what the numbers of a frame have in common is pooled; what has no noise of its own (it is white already) stays.
+TEST(Weight, FramesOfUnequalNoise) {
+  std::mt19937_64 random(4);
+  std::normal_distribution<double> normal;
+  const std::array<double, 6> noise{1.0, 1.0, 10.0, 1.0, 3.0, 0.0};
+  constexpr int rows = 5, draws = 60;
+  std::vector<Datum> data;
+  Eigen::MatrixXd null(rows * noise.size(), 2 * draws);
+  for (std::size_t t = 0; t < noise.size(); ++t)
+    for (int d = 0; d < 2 * draws; ++d) {
+      const double shared = normal(random);
+      for (int i = 0; i < rows; ++i)
+        null(static_cast<Eigen::Index>(t) * rows + i, d) = noise[t] * (2.0 * shared + normal(random));
+    }
+  for (std::size_t t = 0; t < noise.size(); ++t)
+    for (int i = 0; i < rows; ++i) data.push_back({static_cast<int>(t), 0});
+  const Weight weight(data, null.leftCols(draws));
+  const Eigen::MatrixXd white = weight(null.rightCols(draws));
+  for (std::size_t t = 0; t + 1 < noise.size(); ++t)
+    EXPECT_NEAR(white.middleRows(static_cast<Eigen::Index>(t) * rows, rows).norm() / std::sqrt(rows * draws), 1.0, 0.2)
+        << "frame " << t;
+  const Eigen::MatrixXd one = Eigen::MatrixXd::Ones(null.rows(), 1);
+  EXPECT_TRUE(weight(one).bottomRows(rows).isOnes(1e-12));
+}
+
 /// 200 tests in which nothing is missing: 4 % false alarms asked of the scores and 1 % of the omnibus test.
 TEST(Closing, FalseAlarmsStayAtTheirLevel) {
   int alarms = 0, contradicted = 0, more_chi = 0;
