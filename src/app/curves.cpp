@@ -21,6 +21,16 @@ namespace id = identification;
 
 namespace {
 
+/// The rows of a record but those that repeat the one before, its time included.
+std::vector<Eigen::Index> rows_once(const io::CurveTable& table) {
+  std::vector<Eigen::Index> rows;
+  for (Eigen::Index row = 0; row < table.stress.size(); ++row)
+    if (row == 0 || table.time.size() == 0 || table.time[row] != table.time[row - 1] ||
+        table.strain[row] != table.strain[row - 1] || table.stress[row] != table.stress[row - 1])
+      rows.push_back(row);
+  return rows;
+}
+
 id::Curve make_curve(const io::ExperimentCase& experiment, std::size_t file) {
   const io::CurveTable& table = experiment.tables[file];
   const auto place = [&](Eigen::Index row) { return fmt::format("{} row {}", experiment.files[file].string(), row); };
@@ -39,6 +49,12 @@ id::Curve make_curve(const io::ExperimentCase& experiment, std::size_t file) {
   }
   curve.stress = experiment.stress_scale * table.stress;
 
+  const std::vector<Eigen::Index> row_of = rows_once(table);  // of the file
+  curve.repeated_rows = table.stress.size() - std::ssize(row_of);
+  if (curve.repeated_rows > 0) {
+    curve.stress = Eigen::VectorXd(curve.stress(row_of));
+    curve.history.strain = Eigen::VectorXd(curve.history.strain(row_of));
+  }
   Eigen::Index rows = curve.stress.size(), largest = 0;
   if (experiment.until_maximum) {
     const Eigen::VectorXd force = curve.engineering
@@ -50,7 +66,7 @@ id::Curve make_curve(const io::ExperimentCase& experiment, std::size_t file) {
     curve.history.strain.conservativeResize(rows);
   }
   curve.history.time = Eigen::VectorXd::LinSpaced(rows, 0.0, static_cast<double>(rows - 1));
-  if (table.time.size() > 0) curve.history.time = table.time.head(rows);
+  if (table.time.size() > 0) curve.history.time = experiment.time_scale * table.time(row_of).head(rows);
   if (experiment.rate)
     for (Eigen::Index row = 1; row < rows; ++row)
       curve.history.time[row] = curve.history.time[row - 1] +
@@ -75,8 +91,9 @@ id::Curve make_curve(const io::ExperimentCase& experiment, std::size_t file) {
     if (turned_back) strain = largest_strain;
     largest_strain = std::max(largest_strain, strain);
     reached = reached || std::abs(strain) >= experiment.from;
-    const bool held = experiment.held_out || std::binary_search(experiment.held_out_rows.begin(),
-                                                                experiment.held_out_rows.end(), static_cast<int>(row));
+    const bool held =
+        experiment.held_out || std::binary_search(experiment.held_out_rows.begin(), experiment.held_out_rows.end(),
+                                                  static_cast<int>(row_of[static_cast<std::size_t>(row)]));
     curve.use.push_back(!reached || turned_back ? id::Curve::not_judged
                         : held                  ? id::Curve::held_out
                                                 : id::Curve::fitted);
@@ -108,13 +125,6 @@ void leave_out_what_broke(id::Curve& curve, double E) {
   if (back / (fallen / E) >= 1.0 / 3.0) return;
   curve.broken_from = carried + 1;
   std::fill(curve.use.begin() + carried + 1, curve.use.end(), id::Curve::not_judged);
-}
-
-std::vector<const id::Curve*> of_group(const std::vector<id::Curve>& curves, const std::string& group) {
-  std::vector<const id::Curve*> list;
-  for (const auto& curve : curves)
-    if (curve.group == group) list.push_back(&curve);
-  return list;
 }
 
 /// results.h5: parameters, and what was measured and predicted of each curve.
@@ -161,19 +171,6 @@ std::string deviation_from(const io::ExperimentCase& experiment) {
   return experiment.noise ? "given" : experiment.files.size() > 1 ? "repetitions" : "points";
 }
 
-namespace {
-/// Whether most changes of the stress are against those of the strain, by their products: elastic loading and unloading
-/// go together, whatever flow does.
-bool falls_with_strain(const id::Curve& curve) {
-  const Eigen::Index last = curve.stress.size() - 1;
-  const auto steps = [last](const Eigen::VectorXd& values) -> Eigen::ArrayXd {
-    return values.tail(last).array() - values.head(last).array();
-  };
-  const Eigen::ArrayXd products = steps(curve.history.strain) * steps(curve.stress);
-  return products.sum() < -0.5 * products.abs().sum();
-}
-}  // namespace
-
 std::vector<id::Curve> make_curves(const io::Case& test) {
   std::vector<id::Curve> curves;
   std::vector<Mistake> mistakes;
@@ -201,7 +198,7 @@ std::vector<id::Curve> make_curves(const io::Case& test) {
     if (k > 0 && curves[k].group != curves[k - 1].group) file = 0;
     const auto& own = curves[k];
     const auto place = fmt::format("experiments.{} {}", own.group, own.name);
-    if (falls_with_strain(own))
+    if (falls_with_strain(own, E != test.material.parameters.end() ? E->second.value : 0.0))
       mistakes.push_back({place, "a stress that falls where the strain grows",
                           "stress and strain of one sign, both positive in tension; a negative strain_scale or "
                           "stress_scale turns one"});
@@ -223,61 +220,6 @@ std::vector<id::Curve> make_curves(const io::Case& test) {
     throw InputError("experiments", fmt::format("{} rows to fit, {} free parameters", fitted, most_free),
                      "more rows than free parameters");
   return curves;
-}
-
-namespace {
-/// Stress over strain in the rows below 30 % of the largest stress that come before it, by least squares with an
-/// offset; NaN if there are too few.
-double first_slope(const id::Curve& curve) {
-  const double largest = curve.stress.cwiseAbs().maxCoeff();
-  double n = 0.0, x = 0.0, y = 0.0, xx = 0.0, xy = 0.0;
-  for (Eigen::Index row = 0; row < curve.stress.size() && std::abs(curve.stress[row]) < 0.3 * largest; ++row) {
-    const double strain = curve.history.strain[row], stress = curve.stress[row];
-    n += 1.0, x += strain, y += stress, xx += strain * strain, xy += strain * stress;
-  }
-  const double variance = xx - x * x / n;
-  return n >= 2.0 && variance > 0.0 ? (xy - x * y / n) / variance : std::nan("");
-}
-}  // namespace
-
-std::vector<std::string> doubts_of_curves(const io::Case& test, const std::vector<id::Curve>& curves) {
-  std::vector<std::string> doubts;
-  const auto& effects = test.material.effects;
-  for (const char* effect : {"rate", "viscosity"})
-    for (const auto& experiment : test.experiments)
-      if (std::find(effects.begin(), effects.end(), effect) != effects.end() && experiment.columns.time.empty() &&
-          !experiment.rate) {
-        doubts.push_back(
-            fmt::format("experiments.{}: neither time nor rate is given, and a row is taken for one unit of time: the "
-                        "parameters of material.effects: {} are in that unit",
-                        experiment.name, effect));
-        spdlog::warn("{}", doubts.back());
-      }
-  const auto declared = test.material.parameters.find("E");
-  if (declared == test.material.parameters.end()) return doubts;
-  for (const auto& curve : curves)
-    if (curve.broken_from) {
-      doubts.push_back(
-          fmt::format("experiments.{} {}: the stress falls to nothing and the strain does not go back with it, as of a "
-                      "bar that has broken: from row {} on it is not judged (until: maximum_force says where it ends)",
-                      curve.group, curve.name, *curve.broken_from));
-      spdlog::warn("{}", doubts.back());
-    }
-  constexpr double far = 20.0;
-  for (const auto& experiment : test.experiments) {
-    std::vector<double> slopes;
-    for (const auto* curve : of_group(curves, experiment.name))
-      if (const double slope = first_slope(*curve); std::isfinite(slope)) slopes.push_back(slope);
-    if (slopes.empty()) continue;
-    const double slope = median(std::move(slopes)), ratio = slope / declared->second.value;
-    if (ratio > 1.0 / far && ratio < far) continue;
-    doubts.push_back(fmt::format(
-        "experiments.{}: the stress first rises by {:.3g} {} for a strain of 1, where E was declared as {:.4g}: is the "
-        "strain in percent (strain_scale: 0.01), or the stress in another unit than {} (stress_unit)?",
-        experiment.name, slope, io::stress_unit(test.units), declared->second.value, io::stress_unit(test.units)));
-    spdlog::warn("{}", doubts.back());
-  }
-  return doubts;
 }
 
 namespace {

@@ -12,8 +12,18 @@ namespace imic3d::app {
 /// given, else the scatter of the repetitions, else that of the points. Throws InputError.
 [[nodiscard]] std::vector<identification::Curve> make_curves(const io::Case& test);
 
-/// Experiments whose stress first rises with the strain by far more or less than the declared E: units that were
-/// forgotten; those without a clock under a law that depends on the rate. Said in the log, too.
+/// The curves of an experiment.
+[[nodiscard]] std::vector<const identification::Curve*> of_group(const std::vector<identification::Curve>& curves,
+                                                                 const std::string& group);
+
+/// Whether the stress goes against the strain: most of its changes do, by their products (elastic loading and unloading
+/// go together, whatever flow does), or it falls first as E would let it rise.
+[[nodiscard]] bool falls_with_strain(const identification::Curve& curve, double E);
+
+/// What records say of themselves that is unlikely: units that were forgotten (the stress first rises with the strain
+/// by far more or less than the declared E), no clock under a law that depends on the rate, a bar that broke, a stress
+/// that is not zero where the record begins, a strain that jumps once, a largest stress that stands, rows that are
+/// written twice. Said in the log, too.
 [[nodiscard]] std::vector<std::string> doubts_of_curves(const io::Case& test,
                                                         const std::vector<identification::Curve>& curves);
 

@@ -153,15 +153,18 @@ void check_cover(const Points& at, double distance, const identification::Specim
   for (const char* end : {"held", "loaded"}) {
     const auto& nodes = std::string(end) == "held" ? specimen.held : specimen.loaded;
     double furthest = 0.0;
+    Eigen::RowVector2d there = Eigen::RowVector2d::Zero();
     for (int node : nodes) {
       const Eigen::RowVector2d place = specimen.volume.nodes.row(node).head<2>();
-      furthest = std::max(furthest, std::sqrt((at.rowwise() - place).rowwise().squaredNorm().minCoeff()));
+      const double off = std::sqrt((at.rowwise() - place).rowwise().squaredNorm().minCoeff());
+      if (off > furthest) furthest = off, there = place;
     }
     if (furthest > 3.0 * distance)
       throw InputError(
           "specimen.mesh",
-          fmt::format("its end `{}` is {:.3g} from the nearest point of the fields, which are {:.3g} apart", end,
-                      furthest, distance),
+          fmt::format("its end `{}` is {:.3g} from the nearest point of the fields, which are {:.3g} apart, at its "
+                      "node ({:.4g}, {:.4g})",
+                      end, furthest, distance, there[0], there[1]),
           "a mesh whose ends, which the measured displacement drives, lie within the points");
   }
 }

@@ -48,9 +48,27 @@ std::vector<std::vector<Eigen::Vector2d>> contours_of(const mesh::Mesh& surface)
   return contours;
 }
 
+/// The place that the outline alone tells, of the image as it is declared and mirrored: the one with which more edge
+/// points agree; nothing where it tells none.
+std::optional<std::pair<bool, imaging::Placement>> by_outline(const io::CameraCase& declared, const mesh::Mesh& surface,
+                                                              const imaging::Image& reference, bool flip) {
+  std::optional<std::pair<bool, imaging::Placement>> best;
+  for (const bool mirrored : {false, true}) try {
+      imaging::OutlineOptions options;
+      options.rotation = declared.place.rotation, options.flip = flip != mirrored;
+      const auto found = imaging::place_by_outline(reference, contours_of(surface), options);
+      if (!best || found.agreeing > 1.1 * best->second.agreeing) best = {mirrored, found};
+    } catch (const InputError&) {
+    }
+  return best;
+}
+
+std::string turned_by(double rotation) { return rotation == 0.0 ? "" : fmt::format(", rotation: {:g}", rotation); }
+
 /// A place that was declared, where the image shows the specimen's outline elsewhere.
 std::vector<std::string> doubts_of(const io::CameraCase& declared, const mesh::Mesh& surface,
-                                   const imaging::Image& reference, const imaging::TelecentricCamera& camera) {
+                                   const imaging::Image& reference, const imaging::TelecentricCamera& camera,
+                                   bool flip) {
   // of the mesh's longer side: where the outline is looked for, what is doubted
   constexpr double farthest = 0.1, far = 0.01, px = 2.5;
   const auto positions = [&](const imaging::TelecentricCamera& eye) {
@@ -64,13 +82,23 @@ std::vector<std::string> doubts_of(const io::CameraCase& declared, const mesh::M
   if (!found) return {};
   const double largest = (positions(found->camera) - here).rowwise().norm().maxCoeff();
   if (largest < std::max(px, far * longer)) return {};
-  const Eigen::Vector2d origin = found->camera.project(Eigen::Vector3d::Zero());
+  std::string tells =
+      "alone does not tell where the mesh belongs (place.points does): is the image mirrored, upside down "
+      "or turned (place.flip, place.rotation)?";
+  if (const auto best = by_outline(declared, surface, reference, flip)) {
+    const auto& [mirrored, placement] = *best;
+    const Eigen::Vector2d origin = placement.camera.project(Eigen::Vector3d::Zero());
+    const bool other_scale = std::abs(declared.pixel_size / placement.pixel_size - 1.0) > 2e-3;
+    tells = fmt::format(
+        "tells another place{}: {:.5g} is the length of a pixel, the origin lies at ({:.1f}, {:.1f}), turned by {:.2f} "
+        "degrees. place: {{auto: outline{}{}}}{} takes these ({} of {} edge points agree, rms {:.2f} px)",
+        mirrored ? " in the mirrored image" : "", placement.pixel_size, origin.x(), origin.y(), placement.rotation,
+        turned_by(declared.place.rotation), mirrored != declared.place.flip ? ", flip: true" : "",
+        other_scale ? " without pixel_size" : "", placement.agreeing, placement.visible, placement.rms);
+  }
   std::vector<std::string> doubts = {
-      fmt::format("cameras.{}.place: the outline in the reference lies up to {:.1f} px beside the mesh's. By it {:.5g} "
-                  "is the length of a pixel, the origin lies at ({:.1f}, {:.1f}), turned by {:.2f} degrees: place: "
-                  "{{auto: outline}} would take these ({} of {} edge points agree, rms {:.2f} px)",
-                  declared.name, largest, found->pixel_size, origin.x(), origin.y(), found->rotation, found->agreeing,
-                  found->visible, found->rms)};
+      fmt::format("cameras.{}.place: the outline in the reference lies up to {:.1f} px beside the mesh's, and {}",
+                  declared.name, largest, tells)};
   spdlog::warn("{}", doubts.front());
   return doubts;
 }
@@ -120,7 +148,7 @@ PlacedCamera place_camera(const io::CameraCase& declared, const mesh::Mesh& surf
   if (auto mistakes = imaging::check_on_image(camera, nodes, reference.header(), "cameras.place"); !mistakes.empty())
     throw InputError(std::move(mistakes));
   if (place.automatic.empty())
-    for (auto& doubt : doubts_of(declared, surface, reference, camera)) doubts.push_back(std::move(doubt));
+    for (auto& doubt : doubts_of(declared, surface, reference, camera, flip)) doubts.push_back(std::move(doubt));
   return {camera, std::move(doubts)};
 }
 

@@ -295,17 +295,22 @@ PointNoise point_noise(const Eigen::VectorXd& strain, const Eigen::VectorXd& res
 }
 
 double scatter(const std::vector<const Curve*>& repetitions) {
-  // Each curve's judged rows of ascending strain.
+  constexpr double turned = 1e-3;  // of the strain: unloading, not noise
+  // Each curve's judged rows of ascending strain, in compression of descending one: |strain|, stress the way it goes.
   std::vector<std::vector<std::pair<double, double>>> ascending;
   for (const Curve* curve : repetitions) {
     auto& rows = ascending.emplace_back();
+    double way = 0.0;
+    for (const double strain : curve->history.strain)
+      if (way == 0.0 && std::abs(strain - curve->history.strain[0]) > turned)
+        way = std::copysign(1.0, strain - curve->history.strain[0]);
     for (Eigen::Index i = 0; i < curve->stress.size(); ++i) {
       if (curve->use[static_cast<std::size_t>(i)] == Curve::not_judged) continue;
-      const double strain = curve->history.strain[i];
+      const double strain = way * curve->history.strain[i];
       if (rows.empty() || strain > rows.back().first)
-        rows.emplace_back(strain, curve->stress[i]);
-      else if (strain < rows.back().first - 1e-3)
-        break;  // unloading, not noise
+        rows.emplace_back(strain, way * curve->stress[i]);
+      else if (strain < rows.back().first - turned)
+        break;
     }
   }
   const auto at = [](const auto& rows, double strain) {

@@ -126,6 +126,7 @@ class CaseReader {
   void check_number_of_images(const Section& section, const CameraCase& camera);
   void read_fields();
   void read_material();
+  void doubt_units();
   void check_table(const Section& section);
   void check_parameters(const Section& section);
   static std::string range_of(const ParameterInfo& info);

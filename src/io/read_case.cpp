@@ -228,10 +228,14 @@ void CaseReader::read_loads_section() {
     if (section.has("force_scale")) mistake(section.path("force_scale"), "given beside force_unit", "one of the two");
     loads.force_scale = newtons(unit) / newtons(case_.units.force);
   }
+  for (const auto& [key, column] : {std::pair("image", loads.columns.image), {"time", loads.columns.time}})
+    if (column == loads.columns.force)
+      return mistake(section.path("force"), fmt::format("{}, which is {}, too", column, key),
+                     "another column for each");
   if (section.has("frame_times") && !read_frame_times(section)) return;
   if (loads.file.empty()) return;
   if (!exists(loads.file)) {
-    mistake(section.path("file"), fmt::format("no such file: {}", loads.file.string()), "a .csv file");
+    mistake(section.path("file"), fmt::format("no such file: {}", loads.file.string()), "a table, e.g. a .csv file");
     return;
   }
   try {

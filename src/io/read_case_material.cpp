@@ -8,6 +8,7 @@
 #include <map>
 #include <set>
 #include <stdexcept>
+#include <tuple>
 
 #include "case_reader.hpp"
 #include "units.hpp"
@@ -41,6 +42,25 @@ void CaseReader::read_material() {
                         !is_refused(section.path("effects"));
   if (checks_.parameters_of && is_known) check_parameters(parameters);
   for (const auto& [name, parameter] : material.parameters) check_bounds(parameters.path(name), parameter);
+  doubt_units();
+}
+
+/// What no solid has: a unit that is another one.
+void CaseReader::doubt_units() {
+  constexpr double softest = 1e6, stiffest = 2e12, most = 0.5;  // [Pa]; of the strain at which it yields
+  const auto E = case_.material.parameters.find("E"), S_y = case_.material.parameters.find("S_y");
+  if (E == case_.material.parameters.end()) return;
+  const std::string unit = stress_unit(case_.units);
+  const double in_pascals = E->second.value * newtons(case_.units.force) / std::pow(metres(case_.units.length), 2);
+  if (!(in_pascals >= softest && in_pascals <= stiffest))
+    case_.doubts.push_back(
+        fmt::format("material.parameters.E: {:.4g} {}, {}: are length and force in {} and {} (units), and E in {}?",
+                    E->second.value, unit, in_pascals < softest ? "softer than rubber" : "stiffer than diamond",
+                    case_.units.length, case_.units.force, unit));
+  else if (S_y != case_.material.parameters.end() && S_y->second.value > most * E->second.value)
+    case_.doubts.push_back(fmt::format(
+        "material.parameters.S_y: {:.4g} where E is {:.4g}: it would yield at a strain of {:.2g}; are both in {}?",
+        S_y->second.value, E->second.value, S_y->second.value / E->second.value, unit));
 }
 
 void CaseReader::check_table(const Section& section) {
@@ -143,10 +163,20 @@ void CaseReader::read_experiments() {
     section.get("stress_scale", experiment.stress_scale);
     experiment.strain_scale = extension ? metres(extension_unit) / metres(case_.units.length) : 1.0;
     section.get("strain_scale", experiment.strain_scale);
+    section.get("time_scale", experiment.time_scale);
+    if (section.has("time_scale") && !section.has("time"))
+      mistake(section.path("time_scale"), "given without time", "only with it");
     for (const auto& [scale, key] :
          {std::pair("stress_scale", force ? "force_unit" : "stress_unit"), std::pair("strain_scale", "extension_unit")})
       if (section.has(scale) && section.has(key))
         mistake(section.path(scale), fmt::format("given beside {}", key), "one of the two");
+    const auto& columns = experiment.columns;
+    for (const auto& [one, key, other, its_key] :
+         {std::tuple(columns.strain, extension ? "extension" : "strain", columns.stress, force ? "force" : "stress"),
+          {columns.time, "time", columns.stress, force ? "force" : "stress"},
+          {columns.time, "time", columns.strain, extension ? "extension" : "strain"}})
+      if (one == other)
+        mistake(section.path(its_key), fmt::format("{}, which is {}, too", other, key), "another column for each");
     if (!experiment.columns.time.empty() && experiment.rate)
       mistake(section.path("rate"), "given beside time", "one of the two");
     if (!experiment.name.empty() && std::any_of(case_.experiments.begin(), case_.experiments.end() - 1,

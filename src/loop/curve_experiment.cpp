@@ -309,8 +309,11 @@ CurveExperiment::Law CurveExperiment::law_of(const std::vector<double>& values) 
 Eigen::VectorXd CurveExperiment::true_strain(std::size_t curve, const std::vector<double>& values) const {
   Eigen::VectorXd strain = curves_[curve].history.strain;
   for_effects(curve, values, [&](const Effect& effect, Effect::Values its) { effect.gauge(its, strain); });
-  // The record begins in the virgin state, whatever a gauge shows then.
-  if (const double first = curves_[curve].history.strain[0]; std::abs(first) < std::abs(strain[0])) strain[0] = first;
+  // Whatever a gauge shows then, the record begins in the virgin state, if that is nearer to the stress that it begins
+  // with: a gauge that was set to zero under load has another one.
+  const double first = curves_[curve].history.strain[0], E = values.front(), stress = curves_[curve].stress[0];
+  if (std::abs(first) < std::abs(strain[0]) && std::abs(E * first - stress) < std::abs(E * strain[0] - stress))
+    strain[0] = first;
   return strain;
 }
 

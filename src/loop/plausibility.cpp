@@ -108,12 +108,25 @@ Objection is_checked_by_no_frame(const Comparison& c) {
       now.null_held_out, was.null_held_out);
 }
 
+/// Whether the held-out frames' chi^2 grows from one model to the other by no more than chance lets it where the other
+/// is right: they say what differs by d (in standard deviations, of all numbers together), then it is less by d^2 in
+/// the mean, with a standard deviation of 2 d.
+bool held_out_frames_cannot_tell(const Comparison& c) {
+  const auto& held = c.appraisal.held_out_rows();
+  const Eigen::VectorXd was = c.before.fit.residual(held),
+                        now = Eigen::VectorXd(
+                            c.before.ground->weight(c.model.ground->weight.undone(c.model.fit.residual)))(held);
+  const double d = (now - was).norm();
+  return now.squaredNorm() - was.squaredNorm() < d * (4.0 - d);  // two of them
+}
+
 /// What leaves nothing of the fitted frames, but no less of held-out ones of which noise does not explain all, is not
-/// what is missing; one that helps may leave a little more of these.
+/// what is missing, if they can tell; one that helps may leave a little more of these.
 Objection explains_held_out_frames_worse(const Comparison& c, bool sufficient) {
   const Misfit &now = c.model.misfit, &was = c.before.misfit;
   const bool all_noise = now.held_out <= now.null_held_out && was.held_out <= was.null_held_out;
-  if (all_noise || now.held_out <= (sufficient ? 1.0 : 1.02) * was.held_out) return {};
+  if (all_noise || now.held_out <= (sufficient ? 1.0 : 1.02) * was.held_out || held_out_frames_cannot_tell(c))
+    return {};
   return fmt::format("the held-out frames are explained worse: chi {:.3f} (null {:.3f}) after {:.3f}", now.held_out,
                      now.null_held_out, was.held_out);
 }

@@ -73,6 +73,23 @@ std::string bounds(const Experiment& experiment, const Model& declared, const Mo
   return text;
 }
 
+/// The declared model's parameters that stand far from what was known of them.
+std::string unlike_known(const Experiment& experiment, const Model& model) {
+  constexpr double far = 3.5;
+  std::string text;
+  for (const int j : model.fit.free) {
+    const auto& parameter = experiment.parameters()[static_cast<std::size_t>(j)];
+    const double value = model.fit.values[static_cast<std::size_t>(j)];
+    if (parameter.info.null_value || parameter.prior <= 0.0 ||
+        std::abs(value - parameter.expected()) < far * parameter.prior)
+      continue;
+    text +=
+        fmt::format(" {} = {:.4g}{}, where {:.4g} +- {:.2g} was known.", parameter.info.name, value,
+                    parameter.info.unit == "-" ? "" : " " + parameter.info.unit, parameter.expected(), parameter.prior);
+  }
+  return text;
+}
+
 /// The declared parameters that leave nothing beyond the bounds that hold them.
 std::string beyond_bounds(const Experiment& experiment, const Report& report) {
   std::vector<std::string> values;
@@ -135,11 +152,13 @@ bool in_its_force(const Experiment& experiment, const Model& model, int frame) {
   return others > 0 && force > 0.0 && force > other;
 }
 
-/// Where nothing is found although chi, in which all numbers count alike, is beyond the null's.
+/// Where chi, in which all numbers count alike, and what was known of parameters not at all, says otherwise.
 std::string energy_decides(const Model& model) {
-  if (!(model.misfit.fitted > model.misfit.null_fitted)) return "";
+  const bool beyond = model.scores.omnibus > model.scores.omnibus_threshold;
+  if ((model.misfit.fitted > model.misfit.null_fitted) == beyond) return "";
   return fmt::format(
-      "; what decides is the energy, which counts what is in doubt for less: {:+.1f} standard deviations, limit {:.1f}",
+      "; what decides is the energy, which counts what is in doubt for less and what was known of the parameters, too: "
+      "{:+.1f} standard deviations, limit {:.1f}",
       model.scores.omnibus, model.scores.omnibus_threshold);
 }
 
@@ -184,7 +203,7 @@ std::string verdict_in_words(const Experiment& experiment, const Report& report)
                              before.scores.candidates[largest].z, before.scores.threshold);
   }
   std::string text = fmt::format("Something is missing (chi {:.2f}, null up to {:.2f}{}). ", before.misfit.fitted,
-                                 before.misfit.null_fitted, by_score);
+                                 before.misfit.null_fitted, by_score.empty() ? energy_decides(before) : by_score);
   const auto list = [&](const std::vector<int>& which) {
     std::string all;
     for (int k : which) {
@@ -251,7 +270,8 @@ std::string verdict_in_words(const Experiment& experiment, const Report& report)
 
 std::string sentence_of(const Experiment& experiment, const Report& report) {
   return verdict_in_words(experiment, report) + told_by_one_frame(experiment, report) +
-         left_in_held_out(experiment, report) + bounds(experiment, report.declared, report.final);
+         left_in_held_out(experiment, report) + bounds(experiment, report.declared, report.final) +
+         unlike_known(experiment, report.final);
 }
 
 }  // namespace imic3d::loop

@@ -493,6 +493,16 @@ TEST_F(CaseFile, EndsThatArePointsOrSidesAreDoubted) {
               ElementsAre("specimen.loaded: its nodes lie on a line along y, the axis of the load: a side, no end"));
 }
 
+TEST_F(CaseFile, UnitsOfNoSolidAreDoubted) {
+  const auto doubts = [&](const std::string& from, const std::string& to) {
+    return read(changed(good_case, from, to), all_checks).doubts;
+  };
+  const auto units = testing::Contains(HasSubstr("material.parameters."));
+  EXPECT_THAT(doubts("length: mm", "length: m"), testing::Contains(HasSubstr("softer than rubber")));
+  EXPECT_THAT(doubts("E: 198e3", "E: 198"), testing::Contains(HasSubstr("it would yield at a strain of")));
+  EXPECT_THAT(read(good_case).doubts, testing::Not(units));
+}
+
 TEST_F(CaseFile, WhatTheCommandNeedsMustBeThere) {
   EXPECT_EQ(mistakes("title: x\nspecimen: {mesh: plate.msh}\n",
                      {.parameters_of = {}, .read_mesh = {}, .sections = {"cameras", "loads"}}),

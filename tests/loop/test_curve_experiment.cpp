@@ -534,6 +534,23 @@ TEST(CurveExperiment, ABarBeginsUnloadedWhateverItsGaugeShows) {
   }
 }
 
+/// An extensometer that was set to zero under load: the bar carries that load where it shows nothing.
+TEST(CurveExperiment, AGaugeThatWasSetToZeroUnderLoad) {
+  auto curves = dense_bars(1, 0.0, 1);
+  const double zero = curves[0].history.strain[3];
+  auto [strain, time] = std::tie(curves[0].history.strain, curves[0].history.time);
+  const auto rows = strain.size() - 3;
+  strain = Eigen::VectorXd(strain.tail(rows).array() - zero), time = Eigen::VectorXd(time.tail(rows));
+  curves[0].stress = Eigen::VectorXd(curves[0].stress.tail(rows));
+  curves[0].use.resize(static_cast<std::size_t>(rows));
+  ASSERT_GT(curves[0].stress[0], 50.0);
+  CurveExperiment experiment(Communicator(), curves, model(truth));
+  std::vector<double> values;
+  for (const auto& p : experiment.parameters()) values.push_back(p.info.name == "strain_offset" ? -zero : p.value);
+  const auto predicted = experiment.predict(values);
+  for (const Eigen::Index row : {0, 5}) EXPECT_NEAR(predicted[0][row], curves[0].stress[row], 8.0) << row;
+}
+
 /// Two load cells' zeros together are what the bars of one group begin with.
 TEST(CurveExperiment, ZerosOfAllAndOfOneGroupAreReadTogether) {
   auto curves = dense_bars(3, -40.0, 1);

@@ -28,6 +28,7 @@ struct Curve {
   double strain_noise = 0.0;
   std::vector<char> use;  ///< of each row: not_judged, fitted, held_out
   enum Use : char { not_judged, fitted, held_out };
+  Eigen::Index repeated_rows = 0;             ///< of the record that repeated the row before, and are left out
   std::optional<Eigen::Index> broken_from{};  ///< the row from which on it is not judged because it broke
 };
 
@@ -132,7 +133,8 @@ struct PointNoise {
 }
 
 /// Standard deviation between repetitions [stress]: of their stresses at the same strain, rms over the strains that at
-/// least two of them reach; each curve up to where its strain first turns back. Rows that are not judged do not count.
+/// least two of them reach; each curve up to where its strain first turns back, one in compression turned round. Rows
+/// that are not judged do not count.
 /// 0 if there is only one.
 [[nodiscard]] double scatter(const std::vector<const Curve*>& repetitions);
 

@@ -166,6 +166,7 @@ struct ExperimentCase {
   bool engineering_strain = true, engineering_stress = true;  ///< else true: ln(1+e), s (1+e)
   /// multiply the columns; the stress then is in the case's unit. Negative where tension is recorded as negative.
   double strain_scale = 1.0, stress_scale = 1.0;
+  double time_scale = 1.0;  ///< multiplies the column
   /// standard deviation [stress]; the scatter of the repetitions, or of the points, if not given
   std::optional<double> noise;
   std::optional<double> rate;  ///< strain rate where there is no time column [1/time]

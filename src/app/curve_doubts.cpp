@@ -1,0 +1,188 @@
+// What records of bars say of themselves that is unlikely.
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <cmath>
+#include <map>
+
+#include "curves.hpp"
+#include "imic3d/core/log.hpp"
+#include "imic3d/core/median.hpp"
+
+namespace imic3d::app {
+
+namespace id = identification;
+
+namespace {
+
+constexpr double far_from_declared = 20.0;  // a slope over E, or the reverse
+
+/// Stress over strain in the rows below 30 % of the largest stress that come before it, by least squares with an
+/// offset; NaN if there are too few.
+double first_slope(const id::Curve& curve) {
+  const double largest = curve.stress.cwiseAbs().maxCoeff();
+  double n = 0.0, x = 0.0, y = 0.0, xx = 0.0, xy = 0.0;
+  for (Eigen::Index row = 0; row < curve.stress.size() && std::abs(curve.stress[row]) < 0.3 * largest; ++row) {
+    const double strain = curve.history.strain[row], stress = curve.stress[row];
+    n += 1.0, x += strain, y += stress, xx += strain * strain, xy += strain * stress;
+  }
+  const double variance = xx - x * x / n;
+  return n >= 2.0 && variance > 0.0 ? (xy - x * y / n) / variance : std::nan("");
+}
+
+/// The stress that the record begins with beyond what E makes of its strain, where an elastic bar could have that
+/// strain; 0 where noise, or what E is off by, may be it.
+double begins_with(const id::Curve& curve, double E) {
+  constexpr double noises = 6.0, of_largest = 0.02, of_E = 0.3;
+  const double largest = curve.stress.cwiseAbs().maxCoeff(), elastic = E * curve.history.strain[0],
+               beyond = curve.stress[0] - elastic;
+  if (std::abs(elastic) > 0.3 * largest) return 0.0;
+  const double by_chance = std::hypot(noises * id::point_noise(curve), noises * E * curve.strain_noise);
+  return std::abs(beyond) > std::max({by_chance, of_largest * largest, of_E * std::abs(elastic)}) ? beyond : 0.0;
+}
+
+/// A row before which the strain goes at once as far as it goes in many rows otherwise, and stays.
+struct Jump {
+  Eigen::Index row;
+  double strain, times;  ///< by how much; over that of the rows beside it
+};
+
+/// The largest one; nothing without recorded times, and where the strain is not as steady as that.
+std::optional<Jump> jump_of(const id::Curve& curve) {
+  constexpr Eigen::Index beside = 5;
+  constexpr double many = 8.0, steady = 3.0;
+  const auto &time = curve.history.time, &strain = curve.history.strain;
+  const Eigen::Index rows = strain.size();
+  std::optional<Jump> largest;
+  for (Eigen::Index row = 1 + beside; row + beside < rows; ++row) {
+    const auto rate = [&](Eigen::Index i) { return (strain[i] - strain[i - 1]) / (time[i] - time[i - 1]); };
+    std::vector<double> others;
+    for (Eigen::Index i = row - beside; i <= row + beside; ++i)
+      if (i != row) others.push_back(std::abs(rate(i)));
+    const double most = *std::max_element(others.begin(), others.end()), usual = median(others), its = rate(row);
+    const double jump = strain[row] - strain[row - 1];
+    if (!std::isfinite(its) || !(usual > 0.0) || !(std::abs(its) > many * usual) || !(most < steady * usual) ||
+        !(std::abs(jump) > many * curve.strain_noise))
+      continue;
+    if (!largest || std::abs(jump) > std::abs(largest->strain)) largest = Jump{row, jump, std::abs(its) / usual};
+  }
+  return largest;
+}
+
+/// Rows on end in which the largest stress, or the lowest, stands to the last digit while the strain goes on; 0: few.
+Eigen::Index rows_at_the_end_of_scale(const id::Curve& curve) {
+  constexpr Eigen::Index few = 10;
+  Eigen::Index most = 0;
+  for (const double end : {curve.stress.maxCoeff(), curve.stress.minCoeff()}) {
+    Eigen::Index first = -1;
+    for (Eigen::Index row = 0; row < curve.stress.size(); ++row) {
+      if (curve.stress[row] != end || end == 0.0) {
+        first = -1;
+        continue;
+      }
+      if (first < 0) first = row;
+      if (curve.history.strain[row] != curve.history.strain[first]) most = std::max(most, row - first + 1);
+    }
+  }
+  return most >= few ? most : 0;
+}
+
+}  // namespace
+
+std::vector<const id::Curve*> of_group(const std::vector<id::Curve>& curves, const std::string& group) {
+  std::vector<const id::Curve*> list;
+  for (const auto& curve : curves)
+    if (curve.group == group) list.push_back(&curve);
+  return list;
+}
+
+bool falls_with_strain(const id::Curve& curve, double E) {
+  const Eigen::Index last = curve.stress.size() - 1;
+  const auto steps = [last](const Eigen::VectorXd& values) -> Eigen::ArrayXd {
+    return values.tail(last).array() - values.head(last).array();
+  };
+  const Eigen::ArrayXd products = steps(curve.history.strain) * steps(curve.stress);
+  return products.sum() < -0.5 * products.abs().sum() || (E > 0.0 && first_slope(curve) < -E / far_from_declared);
+}
+
+std::vector<std::string> doubts_of_curves(const io::Case& test, const std::vector<id::Curve>& curves) {
+  std::vector<std::string> doubts;
+  const auto doubt = [&doubts](std::string text) {
+    spdlog::warn("{}", text);
+    doubts.push_back(std::move(text));
+  };
+  const auto place = [](const id::Curve& curve) { return fmt::format("experiments.{} {}", curve.group, curve.name); };
+  const std::string unit = io::stress_unit(test.units);
+  const auto& effects = test.material.effects;
+  for (const char* effect : {"rate", "viscosity"})
+    for (const auto& experiment : test.experiments)
+      if (std::find(effects.begin(), effects.end(), effect) != effects.end() && experiment.columns.time.empty() &&
+          !experiment.rate)
+        doubt(
+            fmt::format("experiments.{}: neither time nor rate is given, and a row is taken for one unit of time: the "
+                        "parameters of material.effects: {} are in that unit",
+                        experiment.name, effect));
+  for (const auto& curve : curves) {
+    if (static_cast<double>(curve.repeated_rows) > 0.02 * static_cast<double>(curve.stress.size()))
+      doubt(fmt::format("{}: {} rows repeat the row before, time included: they are left out", place(curve),
+                        curve.repeated_rows));
+    if (const auto rows = rows_at_the_end_of_scale(curve); rows > 0)
+      doubt(
+          fmt::format("{}: its largest stress stands to the last digit in {} rows on end while the strain goes on: was "
+                      "the load cell at the end of its range?",
+                      place(curve), rows));
+  }
+  for (const auto& experiment : test.experiments) {
+    if (experiment.columns.time.empty()) continue;
+    for (const auto* curve : of_group(curves, experiment.name))
+      if (const auto jump = jump_of(*curve))
+        doubt(
+            fmt::format("{}: before row {} the strain jumps by {:.2g}, {:.0f} times as fast as in the rows beside: did "
+                        "the extensometer slip, or change its range? What follows is off by that",
+                        place(*curve), jump->row, jump->strain, jump->times));
+  }
+  const auto declared = test.material.parameters.find("E");
+  if (declared == test.material.parameters.end()) return doubts;
+  const double E = declared->second.value;
+  for (const auto& curve : curves)
+    if (curve.broken_from)
+      doubt(fmt::format(
+          "{}: the stress falls to nothing and the strain does not go back with it, as of a bar that has broken: from "
+          "row {} on it is not judged (until: maximum_force says where it ends)",
+          place(curve), *curve.broken_from));
+  for (const auto& experiment : test.experiments) {
+    std::vector<double> slopes;
+    for (const auto* curve : of_group(curves, experiment.name))
+      if (const double slope = first_slope(*curve); std::isfinite(slope)) slopes.push_back(slope);
+    const double slope = slopes.empty() ? E : median(std::move(slopes)), ratio = slope / E;
+    if (!(ratio > 1.0 / far_from_declared && ratio < far_from_declared)) {
+      doubt(fmt::format(
+          "experiments.{}: the stress first rises by {:.3g} {} for a strain of 1, where E was declared as {:.4g}: is "
+          "the "
+          "strain in percent (strain_scale: 0.01), or the stress in another unit than {} (stress_unit, of a force "
+          "force_unit)?",
+          experiment.name, slope, unit, E, unit));
+      continue;
+    }
+    const auto bars = of_group(curves, experiment.name);
+    int off = 0;
+    std::pair<double, std::string> most;
+    for (const auto* curve : bars)
+      if (const double beyond = begins_with(*curve, E); beyond != 0.0) {
+        ++off;
+        if (std::abs(beyond) > std::abs(most.first)) most = {beyond, curve->name};
+      }
+    if (off > 0)
+      doubt(fmt::format(
+          "experiments.{}: {} of {} records begin with a stress that their strain does not explain, {} by {:+.3g} {}: "
+          "a "
+          "zero of the load cell, a load that the bar bore when the extensometer was set to zero, or rows that are "
+          "missing before (imic3d loop looks for force zero and strain zero)",
+          experiment.name, off, bars.size(), most.second, most.first, unit));
+  }
+  return doubts;
+}
+
+}  // namespace imic3d::app
