@@ -124,24 +124,42 @@ std::vector<std::string> doubts_of_curves(const io::Case& test, const std::vecto
             fmt::format("experiments.{}: neither time nor rate is given, and a row is taken for one unit of time: the "
                         "parameters of material.effects: {} are in that unit",
                         experiment.name, effect));
-  for (const auto& curve : curves) {
-    if (static_cast<double>(curve.repeated_rows) > 0.02 * static_cast<double>(curve.stress.size()))
-      doubt(fmt::format("{}: {} rows repeat the row before, time included: they are left out", place(curve),
-                        curve.repeated_rows));
-    if (const auto rows = rows_at_the_end_of_scale(curve); rows > 0)
-      doubt(
-          fmt::format("{}: its largest stress stands to the last digit in {} rows on end while the strain goes on: was "
-                      "the load cell at the end of its range?",
-                      place(curve), rows));
-  }
   for (const auto& experiment : test.experiments) {
-    if (experiment.columns.time.empty()) continue;
-    for (const auto* curve : of_group(curves, experiment.name))
-      if (const auto jump = jump_of(*curve))
+    const auto bars = of_group(curves, experiment.name);
+    // Once of all bars; words for the first one of which something is to be said.
+    const auto doubt_records = [&](const char* what, const auto& words) {
+      std::string first;
+      int count = 0;
+      for (const auto* curve : bars)
+        if (const std::string said = words(*curve); !said.empty() && count++ == 0) first = curve->name + ": " + said;
+      if (count > 0)
         doubt(
-            fmt::format("{}: before row {} the strain jumps by {:.2g}, {:.0f} times as fast as in the rows beside: did "
-                        "the extensometer slip, or change its range? What follows is off by that",
-                        place(*curve), jump->row, jump->strain, jump->times));
+            fmt::format("experiments.{}: {} of {} records {} ({})", experiment.name, count, bars.size(), what, first));
+    };
+    doubt_records("have rows that repeat the row before, time included: these are left out",
+                  [](const id::Curve& curve) {
+                    constexpr double few = 0.02;
+                    return static_cast<double>(curve.repeated_rows) > few * static_cast<double>(curve.stress.size())
+                               ? fmt::format("{} rows", curve.repeated_rows)
+                               : std::string();
+                  });
+    doubt_records(
+        "have a largest stress that stands to the last digit while the strain goes on: was the load cell at the end of "
+        "its range?",
+        [](const id::Curve& curve) {
+          const auto rows = rows_at_the_end_of_scale(curve);
+          return rows > 0 ? fmt::format("in {} rows on end", rows) : std::string();
+        });
+    if (!experiment.columns.time.empty())
+      doubt_records(
+          "have a strain that jumps once: did the extensometer slip, or change its range? What follows is off "
+          "by that",
+          [](const id::Curve& curve) {
+            const auto jump = jump_of(curve);
+            return jump ? fmt::format("before row {} by {:.2g}, {:.0f} times as fast as in the rows beside", jump->row,
+                                      jump->strain, jump->times)
+                        : std::string();
+          });
   }
   const auto declared = test.material.parameters.find("E");
   if (declared == test.material.parameters.end()) return doubts;

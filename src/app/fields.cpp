@@ -18,6 +18,7 @@
 #include "imic3d/core/log.hpp"
 #include "imic3d/core/median.hpp"
 #include "imic3d/correlation/smoothing.hpp"
+#include "imic3d/loop/surface_modes.hpp"
 
 namespace imic3d::app {
 
@@ -183,6 +184,33 @@ double time_of_field_reference(const io::Case& test, std::optional<std::size_t> 
   return std::min(reference, start);
 }
 
+/// Correlation between what a point and its nearest neighbour err by at rest, about a uniform motion of all, and how
+/// far apart they are; 0 where it is none beyond chance.
+std::pair<double, double> correlation_at_rest(const Common& points, const std::vector<std::size_t>& at_rest) {
+  const Eigen::Index count = points.at.rows(), every = std::max<Eigen::Index>(1, count / 1000);
+  Eigen::MatrixXd affine(count, 3);
+  affine << Eigen::VectorXd::Ones(count), points.at;
+  std::vector<std::pair<Eigen::Index, Eigen::Index>> pairs;
+  std::vector<double> apart;
+  for (Eigen::Index k = 0; k < count; k += every) {
+    Eigen::VectorXd squares = (points.at.rowwise() - points.at.row(k)).rowwise().squaredNorm();
+    squares[k] = INFINITY;
+    Eigen::Index nearest = 0;
+    apart.push_back(std::sqrt(squares.minCoeff(&nearest)));
+    pairs.emplace_back(k, nearest);
+  }
+  double product = 0.0, square = 0.0;
+  for (const std::size_t frame : at_rest) {
+    const Points& d = points.displacement[frame];
+    const Points rest = d - affine * affine.colPivHouseholderQr().solve(Eigen::MatrixXd(d));
+    for (const auto& [one, other] : pairs)
+      product += rest.row(one).dot(rest.row(other)),
+          square += 0.5 * (rest.row(one).squaredNorm() + rest.row(other).squaredNorm());
+  }
+  const double correlation = square > 0.0 ? product / square : 0.0;
+  return {correlation > 4.0 / std::sqrt(static_cast<double>(pairs.size())) ? correlation : 0.0, median(apart)};
+}
+
 constexpr int most_references = 100;
 
 /// Images that were averaged to the reference, as the frames at rest tell: its noise is what they have in common,
@@ -209,15 +237,6 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
   const double area = mesh::plane_area(face), distance = std::sqrt(area / static_cast<double>(count));
   check_cover(points.at, distance, specimen);
 
-  auto squares = std::make_shared<LeastSquares>();
-  squares->N = points.N;
-  squares->inflation = std::pow(std::max(1.0, fields.subset * fields.scale / distance), 2);
-  const double density = static_cast<double>(count) / area / squares->inflation;  // of M, per area
-  const auto weight = [density](double wave) { return density * std::pow(wave / (2.0 * std::numbers::pi), 4); };
-  squares->M = Eigen::SparseMatrix<double>(points.N.transpose() * points.N) / squares->inflation +
-               weight(2.0 * distance) * correlation::curvature_energy(face, 1);
-  squares->factor.compute(squares->M);
-
   // Frames: a field of zeros was not measured, it is the reference's own; those at rest tell the noise, the others are
   // judged.
   std::vector<std::size_t> judged, at_rest;
@@ -235,21 +254,41 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
   }
   if (judged.empty())
     throw InputError("fields.at_rest", "every frame that has a displacement", "frames under load beside them");
+  const auto [together, apart] = correlation_at_rest(points, at_rest);
+  double shared = fields.subset * fields.scale;  // length over which points err together
+  if (together > 0.1) {
+    shared = std::max(shared, apart / (1.0 - together));  // as means over squares do
+    spdlog::info("fields: points that are {:.3g} {} apart err together (correlation {:.2f} at rest)", apart,
+                 test.units.length, together);
+  }
+  auto squares = std::make_shared<LeastSquares>();
+  squares->N = points.N;
+  squares->inflation = std::pow(std::max(1.0, shared / distance), 2);
+  const double density = static_cast<double>(count) / area / squares->inflation;  // of M, per area
+  const auto weight = [density](double wave) { return density * std::pow(wave / (2.0 * std::numbers::pi), 4); };
+  const Eigen::SparseMatrix<double> NtN = points.N.transpose() * points.N / squares->inflation,
+                                    curvature = correlation::curvature_energy(face, 1);
+  squares->M = NtN + weight(2.0 * distance) * curvature;
+  squares->factor.compute(squares->M);
+  // What a mean over a square of a side w leaves of the noise of a wave falls to half at 2.26 w.
+  const Eigen::SparseMatrix<double> M =
+      NtN + weight(std::max(2.0 * distance, together > 0.1 ? 2.26 * shared : 0.0)) * curvature;
+
   std::vector<Points> nodal;
   for (const auto& d : points.displacement) nodal.emplace_back((*squares)(d));
   refuse_zeros(fields, points, nodal);
 
   loop::FieldData data;
-  data.faces = {{.surface = face, .M = identification::of_components(squares->M)}};
+  data.faces = {{.surface = face, .M = identification::of_components(M)}};
   // Numbers of a component that the nodes take from the points; what holds the shortest waves takes the others.
-  const double followed =
-      squares->factor.solve(Eigen::MatrixXd(points.N.transpose() * points.N / squares->inflation)).trace();
+  const double followed = squares->factor.solve(Eigen::MatrixXd(NtN)).trace();
   // Less what a clamped specimen does between two pictures: it moves and strains uniformly.
   Eigen::MatrixXd affine(face.nodes.rows(), 3);
   affine << Eigen::VectorXd::Ones(face.nodes.rows()), face.nodes.leftCols<2>();
   const Eigen::MatrixXd weighted = squares->M * affine,
                         motion = solve_symmetric(affine.transpose() * weighted, weighted.transpose());
-  const auto variance_at_rest = [squares, affine, motion, followed](const Eigen::VectorXd& frame) {
+  std::function<double(const Eigen::VectorXd&)> variance_at_rest = [squares, affine, motion,
+                                                                    followed](const Eigen::VectorXd& frame) {
     const Points u = columns_of(frame);
     const Eigen::MatrixXd rest = u - affine * (motion * u);
     return rest.cwiseProduct(squares->M * rest).sum() / (2.0 * std::max(1.0, followed - 3.0));
@@ -258,6 +297,15 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
   Eigen::MatrixXd still(2 * face.nodes.rows(), data.at_rest);
   for (std::size_t k = 0; k < at_rest.size(); ++k)
     still.col(static_cast<Eigen::Index>(k)) = interleaved(nodal[at_rest[k]]);
+  // Points that share pixels, or that another program smoothed, err together: less from one to the next, more in the
+  // smooth modes that are judged. Where frames at rest show that, these tell the noise.
+  const auto modes = std::make_shared<loop::SurfaceModes>(face, data.faces.front().M, test.loop.modes);
+  const auto variance_of_modes = [affine, motion, modes](const Eigen::VectorXd& frame) {
+    const Points u = columns_of(frame), rest = u - affine * (motion * u);
+    const Eigen::VectorXd numbers = modes->numbers(interleaved(rest));
+    return numbers.squaredNorm() / std::max(1.0, static_cast<double>(numbers.size()) - 6.0);
+  };
+  if (together > 0.1) variance_at_rest = variance_of_modes;
   data.references = fields.references ? *fields.references : averaged_references(still, variance_at_rest);
   const double both = 1.0 + 1.0 / data.references;  // variances of frame and reference over the frame's
   if (fields.noise) {

@@ -204,7 +204,9 @@ class Identification {
   void doubt_the_model() {
     if (solver_.functional != id::Functional::displacement_driven || solver_.noise_model.draws == 0) return;
     using Finer = RunOutput::Finer;
+    output_.before_checks();
     const auto say = [&](Finer finer, const char* what, const auto& moved) {
+      spdlog::info("what {} would change is computed", what);
       try {
         if (const Eigen::VectorXd by = moved(); by.size() > 0)
           output_.moved_by(finer, material_, declared_.back().free, by, covariance_);

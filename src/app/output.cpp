@@ -338,6 +338,17 @@ void RunOutput::moved_by(Finer finer, const Material& material, const std::vecto
   spdlog::warn("{}", doubts_.back());
 }
 
+void RunOutput::before_checks() {
+  if (!file_) return;
+  const std::vector<std::string> doubts{
+      "the run was not finished when this was written: other doubts, and what a finer mesh or a simulation in space "
+      "would change, are missing"};
+  auto json = io::summary(*file_);
+  json["doubts"] = doubts;
+  io::write_json(folder_ / "result.json", json);
+  io::write_report(folder_ / "report.html", *file_, io::pictures_in(folder_), doubts);
+}
+
 void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covariance,
                        const std::vector<StageSummary>& stages, double force_left, double seconds,
                        const GroupTimes& groups) {

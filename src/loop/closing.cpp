@@ -166,6 +166,7 @@ class Loop {
       if (const auto known = experiment_.learned(); known && !known->at.empty() && !moved_far(known->at, best))
         break;  // scatter of bars, which is put back with no model, is learned again
       const std::vector<double> at = best.values;
+      say("  synthetic tests, made by finer models: what mesh, correlation and scatter err by");
       try {
         experiment_.learn_bias(at);
       } catch (const ConvergenceError& error) {

@@ -6,6 +6,7 @@ Usage: at_rest.py EXECUTABLE
 import csv
 import json
 import re
+import subprocess
 import sys
 
 from runs import end, gmsh, require, run, workspace
@@ -46,6 +47,12 @@ output: {name}
 
     found = doubts("rests")
     require(not found, f"at rest: {found}")
+    # The parameters are there before the checks that take longest, should these be stopped.
+    with subprocess.Popen([program, "identify", str(folder / "rests.yaml"), "--output", str(folder / "stopped")], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
+        line = next((line for line in process.stdout if "what a finer mesh would change is computed" in line), None)
+        process.kill()
+    stopped, whole = (json.loads((folder / name / "result.json").read_text()) for name in ("stopped", "rests"))
+    require(line and stopped["parameters"]["E"]["value"] == whole["parameters"]["E"]["value"] and "was not finished" in stopped["doubts"][0] and (folder / "stopped/report.html").exists(), f"a run that is stopped in its checks has its parameters: {stopped['doubts']}")
     found = doubts("zero", zero=400.0)
     read = re.search(r"the load record reads ([-.\d]+) \+- ([.\d]+) N while the reference was taken", " ".join(found))
     # Four readings with noise of 5 N: Student's t allows 17 standard deviations of their mean where 3.5 are allowed of a noise that is known.

@@ -33,8 +33,8 @@ def write(folder, number, table):
     numpy.savetxt(folder / f"points_{number:02}.csv", table, delimiter=",", header="another program's words\nX,Y,U,V", comments="", fmt="%.8g")
 
 
-def tables(folder, scale, turn, y_down, origin, drift=0.0, seed=1, bump=0.0, pushed_after=0, rests=False, averaged=1):
-    """Points, every 1 mm of a strip 8 mm wide and 24 mm long. `averaged`: images, of which the reference is the mean. `rests`: the clock goes on between the reference, which is taken at 0 and has a field of its own, of zeros, and the last frame at rest."""
+def tables(folder, scale, turn, y_down, origin, drift=0.0, seed=1, bump=0.0, pushed_after=0, rests=False, averaged=1, together=1):
+    """Points, every 1 mm of a strip 8 mm wide and 24 mm long. `averaged`: images, of which the reference is the mean. `together`: points in a row and rows over which the noise is a mean, as of squares that overlap. `rests`: the clock goes on between the reference, which is taken at 0 and has a field of its own, of zeros, and the last frame at rest."""
     random = numpy.random.default_rng(seed)
     folder.mkdir(parents=True)
     x, y = numpy.meshgrid(numpy.linspace(-3.8, 3.8, 17), numpy.linspace(-11.9, 11.9, 49))
@@ -43,7 +43,12 @@ def tables(folder, scale, turn, y_down, origin, drift=0.0, seed=1, bump=0.0, pus
     seen = numpy.array([[numpy.cos(angle), -numpy.sin(angle)], [numpy.sin(angle), numpy.cos(angle)]]) / scale
     if y_down:
         seen = numpy.diag([1.0, -1.0]) @ seen
-    reference = random.normal(size=at.shape) * NOISE / numpy.sqrt(averaged)
+
+    def noise():
+        grid = numpy.pad(random.normal(size=at.shape).reshape(*x.shape, 2), ((0, together - 1), (0, together - 1), (0, 0)), mode="wrap")
+        return NOISE / together * sum(grid[i:i + x.shape[0], k:k + x.shape[1]] for i in range(together) for k in range(together)).reshape(at.shape)
+
+    reference = noise() / numpy.sqrt(averaged)
     rows = ["frame,time,force"]
     if rests:
         write(folder, 0, numpy.column_stack([at @ seen.T + origin, 0 * at]))
@@ -53,7 +58,7 @@ def tables(folder, scale, turn, y_down, origin, drift=0.0, seed=1, bump=0.0, pus
         clock = number + 1 if rests else max(0, number - REST + 1)
         e = strain[number - REST] if number >= REST else 0.0
         u = at * [-NU * e, e]
-        u = u + (drift * clock / (len(LEVELS) + REST * rests) + bump * (clock > pushed_after)) * (at + u) + reference + random.normal(size=at.shape) * NOISE
+        u = u + (drift * clock / (len(LEVELS) + REST * rests) + bump * (clock > pushed_after)) * (at + u) + reference + noise()
         write(folder, number + rests, numpy.column_stack([at @ seen.T + origin, u @ seen.T]))
         rows.append(f"{number + rests + 1},{clock},{E * e * 16 + random.normal() * LOAD_NOISE:.3f}")
     (folder / "loads.csv").write_text("\n".join(rows) + "\n")
@@ -107,6 +112,12 @@ def main():
     result = loop("averaged", "")
     said = re.search(r"the mean of (\d+) ", (folder / "averaged/run/log.txt").read_text())
     require(result["verdict"] == "nothing found" and said and int(said[1]) > 10 and "the mean of" not in (folder / "nothing/run/log.txt").read_text(), f"a reference that is the mean of 20 images: {said and said[0]}, {result['sentence']}")
+
+    # Points that share pixels err together: smooth motions, which are judged, have more of the noise than single points say.
+    together = "apart err together"
+    tables(folder / "together", 1.0, 0.0, False, (0.0, 0.0), seed=5, together=3)
+    result = loop("together", "")
+    require(result["verdict"] == "nothing found" and together in (folder / "together/run/log.txt").read_text() and together not in (folder / "nothing/run/log.txt").read_text(), f"points that err together: {result['sentence']}")
 
     # No frame is said to be at rest: the case file says how many.
     (folder / "told.yaml").write_text(case("averaged", ", references: 20").replace(f"at_rest: 1-{REST}, ", "").replace("averaged/run", "averaged/told"))

@@ -55,12 +55,12 @@ def main():
     for name, change, words in (
         ("tared_under_load", lambda t, e, s: (t[first:], e[first:] - e[first], s[first:]), ("3 of 3 records begin with a stress", "by +30", "strain zero")),
         ("zero", lambda t, e, s: (t, e, s + 20), ("3 of 3 records begin with a stress", "by +2", "force zero")),
-        ("slipped", slipped, ("before row 200 the strain jumps by 0.003", "slip")),
-        ("saturated", lambda t, e, s: (t, e, numpy.minimum(s, 330.0)), ("largest stress stands to the last digit", "end of its range")),
-        ("twice", lambda t, e, s: (numpy.repeat(t, 2), numpy.repeat(e, 2), numpy.repeat(s, 2)), ("295 rows repeat the row before",)),
+        ("slipped", slipped, ("3 of 3 records have a strain that jumps once", "before row 200 by 0.003")),
+        ("saturated", lambda t, e, s: (t, e, numpy.minimum(s, 330.0)), ("3 of 3 records have a largest stress that stands", "end of its range")),
+        ("twice", lambda t, e, s: (numpy.repeat(t, 2), numpy.repeat(e, 2), numpy.repeat(s, 2)), ("3 of 3 records have rows that repeat", "295 rows")),
     ):
         said = warned(write(name, change))
-        require(said and all(any(word in line for line in said) for word in words) and len(said) in (1, 3), f"{name}: {said}")
+        require(said and all(any(word in line for line in said) for word in words) and len(said) == 1, f"{name}: {said}")
     refused = run(program, "check", write("turned", lambda t, e, s: (t, e + numpy.random.default_rng(9).normal(size=e.size) * 2e-5, -s)), status=2, errors=True)
     require("a stress that falls where the strain grows" in refused, f"turned round: {refused}")
     said = warned(write("gigapascal", lambda t, e, s: (t, e, s), values=(190, 280)))

@@ -941,6 +941,37 @@ TEST(Closing, WhatDoubtsItselfWhereTheMisfitIsExplainsNothing) {
   }
 }
 
+/// Held-out frames of which two models say nearly the same refuse none; those that can tell do.
+TEST(Closing, HeldOutFramesThatCannotTellRefuseNothing) {
+  Curves experiment(5);
+  std::vector<char> held(Curves::frames, 0);
+  for (std::size_t frame = 20; frame < 30; ++frame) held[frame] = 1;
+  const Appraisal appraisal(experiment, held, {});
+  const auto count = std::ssize(experiment.data());
+  const auto model = [&](double fitted, double moved) {
+    auto ground = std::make_shared<Ground>();
+    ground->weight = Weight(experiment.data(), {});
+    ground->null = experiment.noise({}, 100);
+    Model its;
+    its.fit.values.assign(experiment.parameters().size(), 0.0);
+    its.fit.residual = Eigen::VectorXd::Constant(count, fitted);
+    for (const auto row : appraisal.held_out_rows()) its.fit.residual[row] = 1.0;
+    its.fit.residual[appraisal.held_out_rows().front()] += moved;
+    its.fit.cost = Eigen::VectorXd(its.fit.residual(appraisal.fitted_rows())).squaredNorm();
+    its.misfit.held_out = 1.0 + 0.1 * moved, its.misfit.null_held_out = 0.9;  // the model is held to be in doubt there
+    its.ground = ground;
+    return its;
+  };
+  const Model before = model(3.0, 0.0);
+  for (const double moved : {0.2, 3.0}) {
+    Trial trial{.candidate = Curves::kink, .model = model(0.5, moved), .objection = {}};
+    trial.model.added = {Curves::kink};
+    trial.model.fit.values[2 + Curves::kink] = 1.0;
+    weigh(trial, before, experiment, appraisal);
+    EXPECT_EQ(trial.objection.starts_with("the held-out frames are explained worse"), moved > 1.0) << trial.objection;
+  }
+}
+
 /// A moment between two frames that are fitted, between which a held-out frame lies: that one tells where, though the
 /// others would have it elsewhere by more than chance.
 TEST(Closing, WhatBeginsBesideAHeldOutFrameIsFoundThere) {

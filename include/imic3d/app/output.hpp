@@ -59,6 +59,9 @@ class RunOutput {
   /// residual at a few frames.
   void model(const Communicator& world, const identification::ImageData& images, const identification::Record& record,
              const identification::Path& shown, const identification::Path& driven);
+  /// The parameters in result.json and report.html before it is asked what a finer mesh, or a simulation in space,
+  /// would change: that may take longer than all before.
+  void before_checks();
   /// result.json, pictures and report.html; prints the table of the parameters. `force_left`: measured force less the
   /// reaction of the DIC-driven simulation, rms in units of its noise; `seconds`: time of the run; `groups`: what
   /// groups of ranks did with theirs, by what they did.
