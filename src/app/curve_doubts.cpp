@@ -1,11 +1,11 @@
 // What records of bars say of themselves that is unlikely.
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cmath>
-#include <map>
+#include <optional>
+#include <utility>
 
 #include "curves.hpp"
 #include "imic3d/core/log.hpp"
@@ -178,8 +178,7 @@ std::vector<std::string> doubts_of_curves(const io::Case& test, const std::vecto
     if (!(ratio > 1.0 / far_from_declared && ratio < far_from_declared)) {
       doubt(fmt::format(
           "experiments.{}: the stress first rises by {:.3g} {} for a strain of 1, where E was declared as {:.4g}: is "
-          "the "
-          "strain in percent (strain_scale: 0.01), or the stress in another unit than {} (stress_unit, of a force "
+          "the strain in percent (strain_scale: 0.01), or the stress in another unit than {} (stress_unit, of a force "
           "force_unit)?",
           experiment.name, slope, unit, E, unit));
       continue;
@@ -195,8 +194,7 @@ std::vector<std::string> doubts_of_curves(const io::Case& test, const std::vecto
     if (off > 0)
       doubt(fmt::format(
           "experiments.{}: {} of {} records begin with a stress that their strain does not explain, {} by {:+.3g} {}: "
-          "a "
-          "zero of the load cell, a load that the bar bore when the extensometer was set to zero, or rows that are "
+          "a zero of the load cell, a load that the bar bore when the extensometer was set to zero, or rows that are "
           "missing before (imic3d loop looks for force zero and strain zero)",
           experiment.name, off, bars.size(), most.second, most.first, unit));
   }

@@ -199,10 +199,14 @@ loop::LoopOptions how(const io::Case& test, std::vector<int> held_out) {
 }
 
 /// What is doubted of displacement fields, and of their load record.
-std::vector<std::string> doubts_of_fields(const io::Case& test, const loop::FieldData& data, loop::Verdict verdict) {
+std::vector<std::string> doubts_of_fields(const io::Case& test, const loop::FieldData& data,
+                                          const loop::Report& report) {
+  constexpr double most = 1.5;  // that half of the variance, which references share, makes of chi
   std::vector<std::string> doubts;
   if (auto zero = doubt_of_zero(data.force_at_rest, test.units); !zero.empty()) doubts.push_back(std::move(zero));
-  if (verdict == loop::Verdict::unexplained && !test.fields->references && data.at_rest < 2)
+  const auto& misfit = report.final.misfit;
+  if (report.verdict == loop::Verdict::unexplained && misfit.fitted < most * misfit.null_fitted &&
+      !test.fields->references && data.at_rest < 2)
     doubts.emplace_back(
         "fields: without two frames at rest nothing tells whether the reference is one image or the mean of several, "
         "whose noise is less: fields.references says it, and what is left unexplained may be that");
@@ -246,7 +250,7 @@ class FieldTest final : public LoopTest {
     app::say(groups);
     if (seen_) test_.doubts = doubts_of(test_, *seen_);
     if (test_.fields)
-      for (auto& doubt : doubts_of_fields(test_, experiment_->measured(), report.verdict)) {
+      for (auto& doubt : doubts_of_fields(test_, experiment_->measured(), report)) {
         spdlog::warn("{}", doubt);
         test_.doubts.push_back(std::move(doubt));
       }

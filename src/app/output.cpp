@@ -362,19 +362,22 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
   }
   for (auto& doubt : unlikely_values(test_, material, material.values)) doubts.push_back(std::move(doubt));
   if (force_left > unlikely_force) {
+    const std::string of_the_record =
+        force_left > wrong_force ? " So much is left where images belong to other forces (their order, the clocks, a "
+                                   "frame that is missing), the mesh lies elsewhere on the image, or a unit is another "
+                                   "one."
+                                 : "";
     doubts.push_back(fmt::format(
-        "the model leaves {:.3g} {} of the force (rms of the fitted frames), {:.1f} times its noise: what it lacks (a "
+        "the model leaves {:.3g} {} of the force (rms of the fitted frames), {:.1f} times its noise.{} What it lacks "
+        "(a "
         "finer mesh{}, an effect that imic3d loop finds{}) may move the parameters by more than their standard "
-        "deviations, which are those of noise alone{}",
+        "deviations, which are those of noise alone",
         json["/fitted/force_rms_difference/value"_json_pointer].get<double>(), test_.units.force, force_left,
+        of_the_record,
         test_.identify.steps_per_frame > 0 ? ", more load increments between frames: identify.steps_per_frame: auto"
                                            : "",
         test_.identify.functional != "force_driven"
             ? "; or a mesh that is turned against the specimen by a tenth of a degree, which driven ends take for shear"
-            : "",
-        force_left > wrong_force
-            ? ". So much is left where images belong to other forces (their order, the clocks, a frame that is "
-              "missing), the mesh lies elsewhere on the image, or a unit is another one"
             : ""));
     spdlog::warn("{}", doubts.back());
   }

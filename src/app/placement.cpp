@@ -115,7 +115,15 @@ PlacedCamera place_camera(const io::CameraCase& declared, const mesh::Mesh& surf
     if (declared.pixel_size > 0.0) options.pixel_size = declared.pixel_size;
     options.rotation = place.rotation;
     options.flip = flip;
-    const auto found = imaging::place_by_outline(reference, contours_of(surface), options);
+    const auto found = [&] {
+      try {
+        return imaging::place_by_outline(reference, contours_of(surface), options);
+      } catch (const InputError& error) {
+        auto mistakes = error.mistakes();
+        for (auto& one : mistakes) one.place = fmt::format("cameras.{}.{}", declared.name, one.place);
+        throw InputError(std::move(mistakes));
+      }
+    }();
     spdlog::info(
         "placed by the outline: {} of {} edge points agree, rms {:.2f} px; {:.6g} per pixel, turned by {:.3f} degrees",
         found.agreeing, found.visible, found.rms, found.pixel_size, found.rotation);
@@ -145,7 +153,9 @@ PlacedCamera place_camera(const io::CameraCase& declared, const mesh::Mesh& surf
                     reference.width, reference.height),
         fmt::format("{:g} px and more on its longer side: are the mesh and pixel_size in the units of the case file?",
                     least_extent));
-  if (auto mistakes = imaging::check_on_image(camera, nodes, reference.header(), "cameras.place"); !mistakes.empty())
+  if (auto mistakes =
+          imaging::check_on_image(camera, nodes, reference.header(), fmt::format("cameras.{}.place", declared.name));
+      !mistakes.empty())
     throw InputError(std::move(mistakes));
   if (place.automatic.empty())
     for (auto& doubt : doubts_of(declared, surface, reference, camera, flip)) doubts.push_back(std::move(doubt));

@@ -61,7 +61,7 @@ void NamedColumns::mistake(const Row& row, std::size_t column, std::string allow
 }
 
 void NamedColumns::refuse() const {
-  constexpr std::size_t most = 20;
+  constexpr std::size_t most = 5;
   auto first = mistakes;
   if (mistakes.size() > most) {
     first.resize(most);

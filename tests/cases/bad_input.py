@@ -174,7 +174,7 @@ TABLE = [
     ("loads_of_another_day", change("case.yaml", "image: frame, time: t_s", "time: t_s, frame_times: {interval: 1, start: 86400}"),
      ["loads.csv: a record from 0 to 5; allowed: one that runs while images are taken (frame_times)"]),
     ("loads_missing", change("case.yaml", "loads.csv", "load.csv"),
-     ["case.yaml:10 loads.file: no such file: load.csv; allowed: a .csv file"]),
+     ["case.yaml:10 loads.file: no such file: load.csv; allowed: a table, e.g. a .csv file"]),
     ("mesh_missing", change("case.yaml", "strip.msh", "stripe.msh"),
      ["case.yaml:4 specimen.mesh: no such file: stripe.msh; allowed: a .msh or .inp file"]),
     ("mesh_with_an_inverted_element", mesh(moved={13: (0.9, 0.9)}),
@@ -189,7 +189,7 @@ TABLE = [
       "quadrilateral"]),
     ("mesh_not_on_the_image", both(change("case.yaml", "[0, -3, 70, 170]", "[0, -3, 130, 170]"),
                                    change("case.yaml", "[0, 3, 70, 20]", "[0, 3, 130, 20]")),
-     ["cameras.place: a mesh that does not lie on the image: 14 of 35 nodes are outside; columns 80.0 to 180.0, rows 20.0 to 170.0; "
+     ["cameras.left.place: a mesh that does not lie on the image: 14 of 35 nodes are outside; columns 80.0 to 180.0, rows 20.0 to 170.0; "
       "allowed: columns 0 to 139, rows 0 to 189"]),
     ("unknown_group", change("case.yaml", "held: bottom", "held: botom"),
      ['case.yaml:4 specimen.held: no group "botom", near to bottom; allowed: bottom, top']),
