@@ -108,7 +108,7 @@ bool falls_with_strain(const id::Curve& curve, double E) {
 }
 
 std::vector<std::string> doubts_of_curves(const io::Case& test, const std::vector<id::Curve>& curves) {
-  std::vector<std::string> doubts;
+  std::vector<std::string> doubts = test.doubts;
   const auto doubt = [&doubts](std::string text) {
     spdlog::warn("{}", text);
     doubts.push_back(std::move(text));

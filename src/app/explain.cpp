@@ -431,7 +431,7 @@ void explain(const Communicator& world, const CommandOptions& options) {
     return of;
   };
   json["sentence"] = sentence + not_judged;
-  json["identified"] = names;
+  json["identified"] = names, json["differ"] = alone < 0.01;
   json["from"] = {{"file", options.from.string()}, {"title", from.title}, {"values", by_name(a)}};
   json["to"] = {{"file", options.to.string()}, {"title", to.title}, {"values", by_name(a + difference)}};
   json["difference_percent"] = by_name(percent(difference));

@@ -369,8 +369,7 @@ void RunOutput::finish(const Material& material, const Eigen::MatrixXd& covarian
                                  : "";
     doubts.push_back(fmt::format(
         "the model leaves {:.3g} {} of the force (rms of the fitted frames), {:.1f} times its noise.{} What it lacks "
-        "(a "
-        "finer mesh{}, an effect that imic3d loop finds{}) may move the parameters by more than their standard "
+        "(a finer mesh{}, an effect that imic3d loop finds{}) may move the parameters by more than their standard "
         "deviations, which are those of noise alone",
         json["/fitted/force_rms_difference/value"_json_pointer].get<double>(), test_.units.force, force_left,
         of_the_record,

@@ -44,8 +44,8 @@ std::string sets(const json& found, const json& names) {
 std::string size_of(const json& effect) {
   std::string out;
   for (const auto& size : effect["sizes"])
-    out += fmt::format("{}{} {:+.4g} {}", out.empty() ? "" : ", ", escaped(size, "quantity"),
-                       size["size"].get<double>(), escaped(size, "unit"));
+    out += fmt::format("{}{} {:+.4g}{}", out.empty() ? "" : ", ", escaped(size, "quantity"), size["size"].get<double>(),
+                       size["unit"] == "-" ? "" : " " + escaped(size, "unit"));
   return out;
 }
 
@@ -66,10 +66,10 @@ std::string effects(const json& found, const json& names) {
       out += fmt::format("<td>{:+.2f}</td><td>{:+.2f}</td>", one["explained_percent"][key].get<double>(),
                          one["left_percent"][key].get<double>());
     }
-    out += fmt::format("<td>{:.3g}</td><td>{:.1e}</td><td>{}</td><td class=\"left\">{}{}{}</td></tr>\n",
+    out += fmt::format("<td>{:.3g}</td><td>{:.1e}</td><td>{}</td><td class=\"words\">{}{}{}</td></tr>\n",
                        one["chi_squared"].get<double>(), one["p"].get<double>(),
-                       one["fits"].get<bool>() ? "<strong>fits</strong>" : "", size_of(one),
-                       one["on_bound"].get<bool>() ? ", on its bound" : "", message);
+                       found["differ"].get<bool>() && one["fits"].get<bool>() ? "<strong>fits</strong>" : "",
+                       size_of(one), one["on_bound"].get<bool>() ? ", on its bound" : "", message);
   }
   return out + fmt::format(
                    "</table>\n<p class=\"note\">An effect fits where what it leaves is not refused at {:g} %. "
@@ -82,7 +82,7 @@ std::string effects(const json& found, const json& names) {
 std::string hypotheses(const json& found) {
   std::string out;
   for (const auto& one : found["effects"])
-    if (one["fits"].get<bool>())
+    if (found["differ"].get<bool>() && one["fits"].get<bool>())
       out += fmt::format("<li><strong>{}</strong>: {}.{}</li>\n", escaped(one, "name"), escaped(one, "sentence"),
                          one["separated_by"] == "" ? "" : " What would tell it: " + escaped(one, "separated_by") + ".");
   return out.empty() ? "" : "<h2>Hypotheses</h2>\n<ul>\n" + out + "</ul>\n";

@@ -114,6 +114,7 @@ def main():
     require("no parameter S_y" in said, "a set that lacks a parameter is refused")
     other_law = write("other_law", {**TRUTH, "delta": 0.04})
     said = run(program, "explain", folder / "case.yaml", 1, ["--from", str(truth), "--to", str(other_law), "--tolerance", "0.002"], errors=True)
+    require("fits</strong>" not in (folder / "out/explain/report.html").read_text(), "of sets that do not differ the page says of no effect that it fits")
     require("delta is not the same in both sets, and takes no part" in said, "a parameter that the case does not identify is said to take no part")
     # A measured test has more frames than are simulated.
     (folder / "images").mkdir()

@@ -65,6 +65,8 @@ def main():
     require("a stress that falls where the strain grows" in refused, f"turned round: {refused}")
     said = warned(write("gigapascal", lambda t, e, s: (t, e, s), values=(190, 280)))
     require(any("it would yield at a strain of 1.5" in line for line in said), f"E in GPa: {said}")
+    run(program, "identify", folder / "gigapascal.yaml")
+    require("it would yield at a strain of 1.5" in (folder / "gigapascal/run/report.html").read_text(), "and on the page")
     refused = run(program, "check", write("one_column", lambda t, e, s: (t, e, s), ", stress: strain"), status=2, errors=True)
     require("stress: strain, which is strain, too; allowed: another column for each" in refused, f"one column for two: {refused}")
 
