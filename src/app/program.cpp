@@ -3,6 +3,7 @@
 #include <fmt/chrono.h>
 #include <fmt/format.h>
 #include <petscsys.h>
+#include <unistd.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -13,8 +14,11 @@
 #include <cstdlib>
 #include <cstring>
 #include <ctime>
+#include <filesystem>
 #include <functional>
 #include <map>
+#include <optional>
+#include <system_error>
 #include <vector>
 
 #include "imic3d/core/interrupt.hpp"
@@ -69,6 +73,28 @@ bool is_alone() {
                       [](const char* name) { return std::getenv(name) != nullptr; });
 }
 
+/// A folder of its own for what Open MPI writes of a process that is alone: in one that all of a user's share, one that
+/// ends may take it away while another begins.
+class SessionFolder {
+ public:
+  SessionFolder() {
+    std::error_code error;
+    const auto folder = std::filesystem::temp_directory_path(error) / fmt::format("imic3d.{}", getpid());
+    if (error || !std::filesystem::create_directory(folder, error)) return;
+    folder_ = folder;
+    setenv("OMPI_MCA_orte_tmpdir_base", folder_.c_str(), 0);
+  }
+  ~SessionFolder() {
+    std::error_code error;
+    if (!folder_.empty()) std::filesystem::remove_all(folder_, error);
+  }
+  SessionFolder(const SessionFolder&) = delete;
+  SessionFolder& operator=(const SessionFolder&) = delete;
+
+ private:
+  std::filesystem::path folder_;
+};
+
 int said(const Communicator& world, ExitStatus status, const std::string& text) {
   if (world.is_root()) fmt::print(stderr, "{}\n", text);
   note_in_log_file(text);
@@ -90,9 +116,11 @@ int printed(const Communicator& world, int status) {
 int run(int argc, char** argv) {
   static std::array<char, 1 << 20> output;  // of all that a command prints: none is lost with what it prints
   std::setvbuf(stdout, output.data(), _IOFBF, output.size());
+  std::optional<SessionFolder> session;
   if (is_alone()) {  // needs no daemon beside it, nor a network, which take Open MPI 0.2 s each to look for
     setenv("OMPI_MCA_ess_singleton_isolated", "1", 0);
     setenv("OMPI_MCA_pml", "ob1", 0);
+    session.emplace();
   }
   int provided = 0;
   MPI_Init_thread(&argc, &argv, MPI_THREAD_FUNNELED, &provided);
