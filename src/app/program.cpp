@@ -73,8 +73,8 @@ bool is_alone() {
                       [](const char* name) { return std::getenv(name) != nullptr; });
 }
 
-/// A folder of its own for what Open MPI writes of a process that is alone: in one that all of a user's share, one that
-/// ends may take it away while another begins.
+/// A folder of its own for what Open MPI writes when a process begins that is alone: in one that all of a user's share
+/// another one that ends may take it away meanwhile.
 class SessionFolder {
  public:
   SessionFolder() {
@@ -124,6 +124,7 @@ int run(int argc, char** argv) {
   }
   int provided = 0;
   MPI_Init_thread(&argc, &argv, MPI_THREAD_FUNNELED, &provided);
+  session.reset();  // nothing is written there later, and a process that is killed leaves none behind
   const Communicator world;
   int status = 0;
   {
