@@ -53,6 +53,20 @@ Objection at_a_bound(const Comparison& c) {
   return {};
 }
 
+/// Behaviour that no material has: what takes that much of it stands for something else.
+Objection is_many_times_the_usual_size(const Comparison& c) {
+  constexpr double many = 20.0;
+  if (c.effect.link != Link::material) return {};
+  for (int j : c.effect.parameters) {
+    const auto& info = c.parameter(j).info;
+    const double times = std::abs(c.value(j) - info.null_value.value_or(0.0)) / info.scale;
+    if (!info.shape && info.scale > 0.0 && times > many)
+      return fmt::format("{} = {:.4g} is {:.0f} times what is usual of it ({:.2g})", info.name, c.value(j), times,
+                         info.scale);
+  }
+  return {};
+}
+
 Objection contradicted_by_the_record(const Comparison& c, int candidate) {
   const std::string reason = c.experiment.contradiction(candidate, c.model.fit.values);
   return reason.empty() ? Objection() : reason;
@@ -254,6 +268,7 @@ void weigh(Trial& trial, const Model& at, const Experiment& experiment, const Ap
   };
   object(explains_no_more_than_chance(c));
   object(at_a_bound(c));
+  object(is_many_times_the_usual_size(c));
   object(contradicted_by_the_record(c, trial.candidate));
   object(explains_half_of_the_surface_worse(c));
   object(doubts_more_than_it_explains(c));

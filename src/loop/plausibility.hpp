@@ -23,9 +23,9 @@ struct LoneFrame {
 
 /// Sets `sufficient`, `plausible`, `disagrees` and `objection` of a trial whose model has been judged, beside the model
 /// `at` that its effect was added to: something is left, or a size is not told; it explains no more than chance does,
-/// is at a bound, is contradicted by the record, explains worse what was held out (frames, half of the surface, a rig
-/// of cameras), cannot be checked, is asked for by one frame against all others, or thirds of the frames disagree about
-/// its size (docs/loop.md, Verdict).
+/// is at a bound, is behaviour of the material at 20 times its usual size, is contradicted by the record, explains
+/// worse what was held out (frames, half of the surface, a rig of cameras), cannot be checked, is asked for by one
+/// frame against all others, or thirds of the frames disagree about its size (docs/loop.md, Verdict).
 void weigh(Trial& trial, const Model& at, const Experiment& experiment, const Appraisal& appraisal);
 
 }  // namespace imic3d::loop

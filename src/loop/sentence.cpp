@@ -90,22 +90,6 @@ std::string unlike_known(const Experiment& experiment, const Model& model) {
   return text;
 }
 
-/// Sizes of named effects that are many times what is usual of them: something else may act like that.
-std::string unusual_sizes(const Experiment& experiment, const Report& report) {
-  constexpr double many = 20.0;
-  std::string text;
-  for (const int k : report.named)
-    for (const int j : experiment.candidates()[static_cast<std::size_t>(k)].parameters) {
-      const auto& info = experiment.parameters()[static_cast<std::size_t>(j)].info;
-      const double size =
-          std::abs(report.final.fit.values[static_cast<std::size_t>(j)] - info.null_value.value_or(0.0));
-      if (info.shape || !(info.scale > 0.0) || size < many * info.scale) continue;
-      text += fmt::format(" {} is {:.0f} times what is usual of it ({:.2g}): something else may act like it.",
-                          info.name, size / info.scale, info.scale);
-    }
-  return text;
-}
-
 /// The declared parameters that leave nothing beyond the bounds that hold them.
 std::string beyond_bounds(const Experiment& experiment, const Report& report) {
   std::vector<std::string> values;
@@ -287,7 +271,7 @@ std::string verdict_in_words(const Experiment& experiment, const Report& report)
 std::string sentence_of(const Experiment& experiment, const Report& report) {
   return verdict_in_words(experiment, report) + told_by_one_frame(experiment, report) +
          left_in_held_out(experiment, report) + bounds(experiment, report.declared, report.final) +
-         unlike_known(experiment, report.final) + unusual_sizes(experiment, report);
+         unlike_known(experiment, report.final);
 }
 
 }  // namespace imic3d::loop

@@ -551,6 +551,23 @@ TEST(CurveExperiment, AGaugeThatWasSetToZeroUnderLoad) {
   for (const Eigen::Index row : {0, 5}) EXPECT_NEAR(predicted[0][row], curves[0].stress[row], 8.0) << row;
 }
 
+/// Plastic work that softens by eight times what it usually does is heat; by thirty times it is something else,
+/// whatever it leaves.
+TEST(CurveExperiment, WhatIsManyTimesTheUsualSizeIsSomethingElse) {
+  for (const double times : {8.0, 30.0}) {
+    CurveExperiment experiment(Communicator(), bars(2, {{"heating", times * 50.0 / 200e3}, {"cooling", 0.05}}, 4), model(truth));
+    const Report report = loop_on(experiment);
+    const auto is_it = [&](int k) { return experiment.candidates()[static_cast<std::size_t>(k)].name == "heating"; };
+    EXPECT_EQ(std::any_of(report.set.begin(), report.set.end(), is_it), times < 20.0) << report.sentence;
+    bool said = false;
+    for (const auto& round : report.rounds)
+      for (const auto& trial : round.trials)
+        said =
+            said || (is_it(trial.candidate) && trial.objection.find("times what is usual of it") != std::string::npos);
+    EXPECT_EQ(said, times > 20.0);
+  }
+}
+
 /// Two load cells' zeros together are what the bars of one group begin with.
 TEST(CurveExperiment, ZerosOfAllAndOfOneGroupAreReadTogether) {
   auto curves = dense_bars(3, -40.0, 1);
