@@ -257,7 +257,9 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
   const auto [together, apart] = correlation_at_rest(points, at_rest);
   double shared = fields.subset * fields.scale;  // length over which points err together
   if (together > 0.1) {
-    shared = std::max(shared, apart / (1.0 - together));  // as means over squares do
+    // As means over squares do, or a Gaussian filter of the same sum, whichever is less.
+    shared =
+        std::max(shared, apart * std::min(1.0 / (1.0 - together), std::sqrt(-std::numbers::pi / std::log(together))));
     spdlog::info("fields: points that are {:.3g} {} apart err together (correlation {:.2f} at rest)", apart,
                  test.units.length, together);
   }
