@@ -49,7 +49,7 @@ struct Jump {
   double strain, times;  ///< by how much; over that of the rows beside it
 };
 
-/// The largest one; nothing without recorded times, and where the strain is not as steady as that.
+/// The largest one, of a record with times; nothing where the strain is not as steady as that.
 std::optional<Jump> jump_of(const id::Curve& curve) {
   constexpr Eigen::Index beside = 5;
   constexpr double many = 8.0, steady = 3.0;

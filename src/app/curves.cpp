@@ -73,7 +73,7 @@ id::Curve make_curve(const io::ExperimentCase& experiment, std::size_t file) {
                                 std::abs(curve.history.strain[row] - curve.history.strain[row - 1]) / *experiment.rate;
   for (Eigen::Index row = 1; row < rows; ++row)
     if (curve.history.time[row] < curve.history.time[row - 1])
-      throw InputError(place(row),
+      throw InputError(place(row_of[static_cast<std::size_t>(row)]),
                        fmt::format("time {} after {}", curve.history.time[row], curve.history.time[row - 1]),
                        "a time that does not decrease");
   if (table.time.size() > 0 && !experiment.rate)

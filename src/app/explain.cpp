@@ -419,11 +419,13 @@ void explain(const Communicator& world, const CommandOptions& options) {
     if (one.failed) failed += (failed.empty() ? "" : ", ") + candidate->name;
   }
   const double alone = loop::chi_squared_tail(nothing, static_cast<int>(p));
+  constexpr double level = 0.01;
+  const bool differ = alone < level;
   const std::string sentence =
-      alone >= 0.01     ? fmt::format("the two sets do not differ (chi^2 {:.1f} with {} parameters)", nothing, p)
+      !differ           ? fmt::format("the two sets do not differ (chi^2 {:.1f} with {} parameters)", nothing, p)
       : fitting.empty() ? "none fits: no effect that is known carries the first set into the second"
                         : fmt::format("a hypothesis, no more: {} would carry the first set into the second", fitting);
-  const std::string not_judged = failed.empty() || alone >= 0.01 ? "" : "; not judged: " + failed;
+  const std::string not_judged = failed.empty() || !differ ? "" : "; not judged: " + failed;
   nlohmann::json json;
   const auto by_name = [&](const Eigen::VectorXd& x) {
     nlohmann::json of;
@@ -431,13 +433,13 @@ void explain(const Communicator& world, const CommandOptions& options) {
     return of;
   };
   json["sentence"] = sentence + not_judged;
-  json["identified"] = names, json["differ"] = alone < 0.01;
+  json["identified"] = names, json["differ"] = differ;
   json["from"] = {{"file", options.from.string()}, {"title", from.title}, {"values", by_name(a)}};
   json["to"] = {{"file", options.to.string()}, {"title", to.title}, {"values", by_name(a + difference)}};
   json["difference_percent"] = by_name(percent(difference));
   json["standard_deviation_percent"] = by_name(percent(covariance.diagonal().cwiseSqrt()));
   json["chi_squared_of_the_difference"] = nothing;
-  json["tolerance"] = options.tolerance, json["level"] = 0.01;
+  json["tolerance"] = options.tolerance, json["level"] = level;
   json["forces"] = std::vector<double>(test_of.forces().begin(), test_of.forces().end());
   fmt::print("\n{}\n  {} -> {}\n\n  {:26}", test.title, from.title.empty() ? options.from.string() : from.title,
              to.title.empty() ? options.to.string() : to.title, "[%]");

@@ -185,7 +185,7 @@ double time_of_field_reference(const io::Case& test, std::optional<std::size_t> 
 }
 
 /// Correlation between what a point and its nearest neighbour err by at rest, about a uniform motion of all, and how
-/// far apart they are; 0 where it is none beyond chance.
+/// far apart they are; 0 where it is less than a tenth, or none beyond chance.
 std::pair<double, double> correlation_at_rest(const Common& points, const std::vector<std::size_t>& at_rest) {
   const Eigen::Index count = points.at.rows(), every = std::max<Eigen::Index>(1, count / 1000);
   Eigen::MatrixXd affine(count, 3);
@@ -208,7 +208,8 @@ std::pair<double, double> correlation_at_rest(const Common& points, const std::v
           square += 0.5 * (rest.row(one).squaredNorm() + rest.row(other).squaredNorm());
   }
   const double correlation = square > 0.0 ? product / square : 0.0;
-  return {correlation > 4.0 / std::sqrt(static_cast<double>(pairs.size())) ? correlation : 0.0, median(apart)};
+  const double least = std::max(0.1, 4.0 / std::sqrt(static_cast<double>(pairs.size())));
+  return {correlation > least ? correlation : 0.0, median(apart)};
 }
 
 constexpr int most_references = 100;
@@ -256,7 +257,7 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
     throw InputError("fields.at_rest", "every frame that has a displacement", "frames under load beside them");
   const auto [together, apart] = correlation_at_rest(points, at_rest);
   double shared = fields.subset * fields.scale;  // length over which points err together
-  if (together > 0.1) {
+  if (together > 0.0) {
     // As means over squares do, or a Gaussian filter of the same sum, whichever is less.
     shared =
         std::max(shared, apart * std::min(1.0 / (1.0 - together), std::sqrt(-std::numbers::pi / std::log(together))));
@@ -274,7 +275,7 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
   squares->factor.compute(squares->M);
   // What a mean over a square of a side w leaves of the noise of a wave falls to half at 2.26 w.
   const Eigen::SparseMatrix<double> M =
-      NtN + weight(std::max(2.0 * distance, together > 0.1 ? 2.26 * shared : 0.0)) * curvature;
+      NtN + weight(std::max(2.0 * distance, together > 0.0 ? 2.26 * shared : 0.0)) * curvature;
 
   std::vector<Points> nodal;
   for (const auto& d : points.displacement) nodal.emplace_back((*squares)(d));
@@ -301,13 +302,13 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
     still.col(static_cast<Eigen::Index>(k)) = interleaved(nodal[at_rest[k]]);
   // Points that share pixels, or that another program smoothed, err together: less from one to the next, more in the
   // smooth modes that are judged. Where frames at rest show that, these tell the noise.
-  const auto modes = std::make_shared<loop::SurfaceModes>(face, data.faces.front().M, test.loop.modes);
-  const auto variance_of_modes = [affine, motion, modes](const Eigen::VectorXd& frame) {
-    const Points u = columns_of(frame), rest = u - affine * (motion * u);
-    const Eigen::VectorXd numbers = modes->numbers(interleaved(rest));
-    return numbers.squaredNorm() / std::max(1.0, static_cast<double>(numbers.size()) - 6.0);
-  };
-  if (together > 0.1) variance_at_rest = variance_of_modes;
+  if (together > 0.0)
+    variance_at_rest = [affine, motion, modes = loop::SurfaceModes(face, data.faces.front().M, test.loop.modes)](
+                           const Eigen::VectorXd& frame) {
+      const Points u = columns_of(frame), rest = u - affine * (motion * u);
+      const Eigen::VectorXd numbers = modes.numbers(interleaved(rest));
+      return numbers.squaredNorm() / std::max(1.0, static_cast<double>(numbers.size()) - 6.0);
+    };
   data.references = fields.references ? *fields.references : averaged_references(still, variance_at_rest);
   const double both = 1.0 + 1.0 / data.references;  // variances of frame and reference over the frame's
   if (fields.noise) {

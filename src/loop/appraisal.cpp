@@ -158,8 +158,12 @@ Eigen::MatrixXd Appraisal::left_of_null(const Model& model) const {
   return left_by_fit(model.ground->null, model, pull_of(model, prior), prior);
 }
 
+Eigen::VectorXd residual_in_weights_of(const Model& from, const Model& to) {
+  return from.ground->weight(to.ground->weight.undone(to.fit.residual));
+}
+
 double Appraisal::drop(const Model& from, const Model& to) const {
-  const Eigen::VectorXd now = from.ground->weight(to.ground->weight.undone(to.fit.residual));
+  const Eigen::VectorXd now = residual_in_weights_of(from, to);
   return from.fit.residual(rows_).squaredNorm() - now(rows_).squaredNorm();
 }
 

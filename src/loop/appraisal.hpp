@@ -22,6 +22,9 @@ struct Known {
 };
 [[nodiscard]] Known known_of(const Experiment& experiment, const Model& model);
 
+/// The residual of the model `to`, whitened as that of `from` is [N].
+[[nodiscard]] Eigen::VectorXd residual_in_weights_of(const Model& from, const Model& to);
+
 class Appraisal {
  public:
   /// `held_out`: per frame, whether it is never fitted. `leave_out`: names of candidates that are not considered;

@@ -127,9 +127,7 @@ Objection is_checked_by_no_frame(const Comparison& c) {
 /// the mean, with a standard deviation of 2 d.
 bool held_out_frames_cannot_tell(const Comparison& c) {
   const auto& held = c.appraisal.held_out_rows();
-  const Eigen::VectorXd was = c.before.fit.residual(held),
-                        now = Eigen::VectorXd(
-                            c.before.ground->weight(c.model.ground->weight.undone(c.model.fit.residual)))(held);
+  const Eigen::VectorXd was = c.before.fit.residual(held), now = residual_in_weights_of(c.before, c.model)(held);
   const double d = (now - was).norm();
   return now.squaredNorm() - was.squaredNorm() < d * (4.0 - d);  // two of them
 }

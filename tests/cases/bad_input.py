@@ -155,6 +155,8 @@ TABLE = [
      ['loads.csv:5 column "F_N": nan; allowed: a finite number']),
     ("loads_with_a_text", change("loads.csv", "3,3.0,300", "3,3.0,three"),
      ['loads.csv:5 column "F_N": three; allowed: a finite number']),
+    ("loads_of_one_column", change("case.yaml", "force: F_N", "force: t_s"),
+     ["case.yaml:10 loads.force: t_s, which is time, too; allowed: another column for each"]),
     ("loads_without_the_column", change("case.yaml", "force: F_N", "force: F_kN"),
      ['loads.csv:1 column "F_kN": not there; allowed: one of "frame", "t_s", "F_N"']),
     ("loads_with_unsorted_time", change("loads.csv", "3,3.0,300", "3,1.5,300"),

@@ -995,6 +995,19 @@ TEST(Closing, ADeclaredParameterOnItsBoundIsSaid) {
   EXPECT_EQ(sentence.find("bound"), std::string::npos) << sentence;
 }
 
+TEST(Closing, AParameterFarFromWhatWasKnownIsSaid) {
+  for (const double known : {10.6, 12.0}) {
+    Curves experiment(5);
+    experiment.know(0, known, 0.12);
+    LoopOptions alone = usual;
+    for (const auto& candidate : experiment.candidates()) alone.leave_out.push_back(candidate.name);
+    const std::string sentence = close_loop(experiment, alone).sentence;
+    EXPECT_EQ(sentence.find("where 12 +- 0.12 was known") != std::string::npos, known > 11.0) << sentence;
+    // chi knows nothing of that.
+    EXPECT_EQ(sentence.find("what decides is the energy") != std::string::npos, known > 11.0) << sentence;
+  }
+}
+
 /// Alone the kink takes 1.9 of its 4, with the other effect 4.6: beyond what it may be.
 TEST(Closing, AnEffectAddedEarlierStaysWithinItsBounds) {
   Curves experiment(5, {{Curves::kink, 4.0}, {Curves::curved, 6.0}});

@@ -134,8 +134,7 @@ struct PointNoise {
 
 /// Standard deviation between repetitions [stress]: of their stresses at the same strain, rms over the strains that at
 /// least two of them reach; each curve up to where its strain first turns back, one in compression turned round. Rows
-/// that are not judged do not count.
-/// 0 if there is only one.
+/// that are not judged do not count. 0 if there is only one.
 [[nodiscard]] double scatter(const std::vector<const Curve*>& repetitions);
 
 struct CurveFitOptions {

@@ -16,9 +16,8 @@ class Weight {
  public:
   /// Blocks from draws of null residuals [N x draws]: the covariance within a frame, pooled over `window` frames to
   /// each side, each scaled to the frame's own variance, and drawn towards the identity as far as the number of draws
-  /// asks for. Without draws, and in frames
-  /// where all are zero: the identity. `apart`: a block for each channel of a frame, so that no number of one tells of
-  /// another.
+  /// asks for. Without draws, and in frames where all are zero: the identity. `apart`: a block for each channel of a
+  /// frame, so that no number of one tells of another.
   Weight(const std::vector<Datum>& data, const Eigen::MatrixXd& null, int window = 2, bool apart = false);
   /// Residuals or sensitivities [N x any], whitened; still [N x any].
   [[nodiscard]] Eigen::MatrixXd operator()(const Eigen::MatrixXd& rows) const;
