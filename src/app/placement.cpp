@@ -48,22 +48,55 @@ std::vector<std::vector<Eigen::Vector2d>> contours_of(const mesh::Mesh& surface)
   return contours;
 }
 
-/// The place that the outline alone tells, of the image as it is declared and mirrored: the one with which more edge
-/// points agree; nothing where it tells none.
-std::optional<std::pair<bool, imaging::Placement>> by_outline(const io::CameraCase& declared, const mesh::Mesh& surface,
-                                                              const imaging::Image& reference, bool flip) {
-  std::optional<std::pair<bool, imaging::Placement>> best;
-  for (const bool mirrored : {false, true}) try {
-      imaging::OutlineOptions options;
-      options.rotation = declared.place.rotation, options.flip = flip != mirrored;
-      const auto found = imaging::place_by_outline(reference, contours_of(surface), options);
-      if (!best || found.agreeing > 1.1 * best->second.agreeing) best = {mirrored, found};
-    } catch (const InputError&) {
-    }
+/// A place that the outline alone tells, of an image that may be turned by quarters and mirrored.
+struct OutlinePlace {
+  double rotation;  ///< that the search began with [degree]
+  bool mirrored;    ///< the image, to what is declared
+  imaging::Placement placement;
+};
+
+/// The image shows nearly all of the outline, and there alone.
+bool is_clear(const imaging::Placement& found) {
+  return found.agreeing > 0.9 * found.visible && found.visible > 0.7 * found.tried && found.rms < 1.0;
+}
+
+/// The one with which most edge points agree, as it is declared if no other has a tenth more; nothing where the outline
+/// tells none. With the declared pixel size, or with any.
+std::optional<OutlinePlace> by_outline(const io::CameraCase& declared, const mesh::Mesh& surface,
+                                       const imaging::Image& reference, bool flip, bool any_size) {
+  std::optional<OutlinePlace> best;
+  for (const double turn : {0.0, 180.0, 90.0, -90.0}) {
+    for (const bool mirrored : {false, true}) try {
+        imaging::OutlineOptions options;
+        options.rotation = std::remainder(declared.place.rotation + turn, 360.0), options.flip = flip != mirrored;
+        if (!any_size && declared.pixel_size > 0.0) options.pixel_size = declared.pixel_size;
+        const auto found = imaging::place_by_outline(reference, contours_of(surface), options);
+        if (!best || found.agreeing > 1.1 * best->placement.agreeing) best = {options.rotation, mirrored, found};
+      } catch (const InputError&) {
+      }
+    if (best && is_clear(best->placement)) break;
+  }
   return best;
 }
 
-std::string turned_by(double rotation) { return rotation == 0.0 ? "" : fmt::format(", rotation: {:g}", rotation); }
+/// What the case file has to say to have it.
+std::string to_have(const io::CameraCase& declared, const OutlinePlace& place) {
+  const auto& found = place.placement;
+  const bool other_size = declared.pixel_size > 0.0 && std::abs(declared.pixel_size / found.pixel_size - 1.0) > 2e-3;
+  return fmt::format("place: {{auto: outline{}{}}}{} takes these ({} of {} edge points agree, rms {:.2f} px)",
+                     place.rotation == 0.0 ? "" : fmt::format(", rotation: {:g}", place.rotation),
+                     place.mirrored != declared.place.flip ? ", flip: true" : "",
+                     other_size ? " without pixel_size" : "", found.agreeing, found.visible, found.rms);
+}
+
+std::string described(const io::CameraCase& declared, const OutlinePlace& place) {
+  const Eigen::Vector2d origin = place.placement.camera.project(Eigen::Vector3d::Zero());
+  return fmt::format(
+      "place{}: {:.5g} is the length of a pixel, the origin lies at ({:.1f}, {:.1f}), "
+      "turned by {:.2f} degrees. {}",
+      place.mirrored ? " in the mirrored image" : "", place.placement.pixel_size, origin.x(), origin.y(),
+      place.placement.rotation, to_have(declared, place));
+}
 
 /// A place that was declared, where the image shows the specimen's outline elsewhere.
 std::vector<std::string> doubts_of(const io::CameraCase& declared, const mesh::Mesh& surface,
@@ -78,29 +111,61 @@ std::vector<std::string> doubts_of(const io::CameraCase& declared, const mesh::M
   };
   const Eigen::MatrixX2d here = positions(camera);
   const double longer = (here.colwise().maxCoeff() - here.colwise().minCoeff()).maxCoeff();
-  const auto found = imaging::outline_near(reference, contours_of(surface), camera, std::max(12.0, farthest * longer));
-  if (!found) return {};
-  const double largest = (positions(found->camera) - here).rowwise().norm().maxCoeff();
-  if (largest < std::max(px, far * longer)) return {};
-  std::string tells =
-      "alone does not tell where the mesh belongs (place.points does): is the image mirrored, upside down "
-      "or turned (place.flip, place.rotation)?";
-  if (const auto best = by_outline(declared, surface, reference, flip)) {
-    const auto& [mirrored, placement] = *best;
-    const Eigen::Vector2d origin = placement.camera.project(Eigen::Vector3d::Zero());
-    const bool other_scale = std::abs(declared.pixel_size / placement.pixel_size - 1.0) > 2e-3;
-    tells = fmt::format(
-        "tells another place{}: {:.5g} is the length of a pixel, the origin lies at ({:.1f}, {:.1f}), turned by {:.2f} "
-        "degrees. place: {{auto: outline{}{}}}{} takes these ({} of {} edge points agree, rms {:.2f} px)",
-        mirrored ? " in the mirrored image" : "", placement.pixel_size, origin.x(), origin.y(), placement.rotation,
-        turned_by(declared.place.rotation), mirrored != declared.place.flip ? ", flip: true" : "",
-        other_scale ? " without pixel_size" : "", placement.agreeing, placement.visible, placement.rms);
-  }
-  std::vector<std::string> doubts = {
-      fmt::format("cameras.{}.place: the outline in the reference lies up to {:.1f} px beside the mesh's, and {}",
-                  declared.name, largest, tells)};
+  const auto beside = [&](const imaging::TelecentricCamera& eye) {
+    return (positions(eye) - here).rowwise().norm().maxCoeff();
+  };
+  const auto near = imaging::outline_near(reference, contours_of(surface), camera, std::max(12.0, farthest * longer));
+  const double allowed = std::max(px, far * longer);
+  const bool amiss = near && beside(near->camera) >= allowed;
+  if (near && !amiss && is_clear(*near)) return {};
+  const auto best = by_outline(declared, surface, reference, flip, amiss);
+  const bool elsewhere = best && is_clear(best->placement) && beside(best->placement.camera) >= allowed &&
+                         (!near || best->placement.agreeing > 1.1 * near->agreeing);
+  if (!amiss && !elsewhere) return {};
+  std::vector<std::string> doubts = {fmt::format(
+      "cameras.{}.place: the outline in the reference {}, and {}", declared.name,
+      amiss ? fmt::format("lies up to {:.1f} px beside the mesh's", beside(near->camera))
+            : "is not where the mesh has it",
+      best ? "tells another " + described(declared, *best)
+           : "alone does not tell where the mesh belongs (place.points does): is the image mirrored, upside down or "
+             "turned (place.flip, place.rotation)?")};
   spdlog::warn("{}", doubts.front());
   return doubts;
+}
+
+/// The outline's place; `doubts` are of one that fits better if the image is turned or mirrored.
+imaging::TelecentricCamera place_by_outline(const io::CameraCase& declared, const mesh::Mesh& surface,
+                                            const imaging::Image& reference, bool flip,
+                                            std::vector<std::string>& doubts) {
+  imaging::OutlineOptions options;
+  if (declared.pixel_size > 0.0) options.pixel_size = declared.pixel_size;
+  options.rotation = declared.place.rotation;
+  options.flip = flip;
+  try {
+    const auto found = imaging::place_by_outline(reference, contours_of(surface), options);
+    spdlog::info(
+        "placed by the outline: {} of {} edge points agree, rms {:.2f} px; {:.6g} per pixel, turned by {:.3f} degrees",
+        found.agreeing, found.visible, found.rms, found.pixel_size, found.rotation);
+    if (is_clear(found)) return found.camera;
+    const auto best = by_outline(declared, surface, reference, flip, false);
+    if (best && is_clear(best->placement) && best->placement.agreeing > 1.1 * found.agreeing) {
+      doubts.push_back(
+          fmt::format("cameras.{}.place: {} of {} edge points agree with the outline, which tells another {}",
+                      declared.name, found.agreeing, found.visible, described(declared, *best)));
+      spdlog::warn("{}", doubts.back());
+    }
+    return found.camera;
+  } catch (const InputError& error) {
+    auto mistakes = error.mistakes();
+    const auto best = by_outline(declared, surface, reference, flip, false);
+    for (auto& one : mistakes) {
+      one.place = fmt::format("cameras.{}.{}", declared.name, one.place);
+      if (best)
+        one.allowed +=
+            fmt::format("; of an image that is turned or mirrored the outline tells a {}", described(declared, *best));
+    }
+    throw InputError(std::move(mistakes));
+  }
 }
 
 }  // namespace
@@ -111,23 +176,7 @@ PlacedCamera place_camera(const io::CameraCase& declared, const mesh::Mesh& surf
   imaging::TelecentricCamera camera;
   const bool flip = place.flip != (declared.face == "back");  // the back is seen from the other side
   if (!place.automatic.empty()) {
-    imaging::OutlineOptions options;
-    if (declared.pixel_size > 0.0) options.pixel_size = declared.pixel_size;
-    options.rotation = place.rotation;
-    options.flip = flip;
-    const auto found = [&] {
-      try {
-        return imaging::place_by_outline(reference, contours_of(surface), options);
-      } catch (const InputError& error) {
-        auto mistakes = error.mistakes();
-        for (auto& one : mistakes) one.place = fmt::format("cameras.{}.{}", declared.name, one.place);
-        throw InputError(std::move(mistakes));
-      }
-    }();
-    spdlog::info(
-        "placed by the outline: {} of {} edge points agree, rms {:.2f} px; {:.6g} per pixel, turned by {:.3f} degrees",
-        found.agreeing, found.visible, found.rms, found.pixel_size, found.rotation);
-    camera = found.camera;
+    camera = place_by_outline(declared, surface, reference, flip, doubts);
   } else if (!place.points.empty()) {
     const auto found = imaging::place_by_points(place.points, flip);
     spdlog::info(

@@ -230,6 +230,9 @@ TABLE = [
      ["place.points: a mirrored image; allowed: rows counted from the top downwards and columns from the left, or the other value of flip"]),
     ("mesh_in_another_unit", both(change("case.yaml", "[[0, -3, 70, 170], [0, 3, 70, 20]]", "[[0, -300, 70, 170], [0, 300, 70, 20]]"), change("case.yaml", "pixel_size: 0.04", "pixel_size: 4")),
      ["cameras.left.place: a mesh that covers 1 x 1.5 px of an image of 140 x 190; allowed: 30 px and more on its longer side: are the mesh and pixel_size in the units of the case file?"]),
+    ("quarter_turn", lambda folder: (slanted("{auto: outline}")(folder), paint(numpy.rot90)(folder)),
+     [r"re:cameras\.left\.place\.auto: no place in the reference image .*, or place\.points; of an image that is turned or mirrored the outline tells a place in the mirrored image: "
+      r"0\.04\d* is the length of a pixel, .* place: \{auto: outline, rotation: -?90, flip: true\} takes these \(220 of 220 .*"]),
     ("black_reference", lambda folder: Image.new("L", (COLUMNS, ROWS), 7).save(folder / "images/frame_0.png"),
      ["images/frame_0.png: one grey level throughout; allowed: a picture of the specimen, as a reference of cameras.left"]),
     ("jpeg", lambda folder: Image.fromarray(speckle().astype(numpy.uint8)).save(folder / "images/frame_3.png", format="jpeg"),
@@ -260,11 +263,32 @@ def before_darkness(grey):
     return alone
 
 
+SLANTED = {1 + j * (NX + 1) + i: (max(i - 2, 0) * (1 - j / 10) + min(i - 2, 0), j - 3) for j in range(NY + 1) for i in range(NX + 1)}
+
+
+def slanted_upside_down(grey):
+    """The strip whose right side goes inwards on its way up (SLANTED), as a camera with its rows counted upwards shows it."""
+    alone = numpy.zeros_like(grey)
+    for row in range(20, 171):
+        right = 120 - round(20 * (row - 20) / 100)
+        alone[row, 20:right + 1] = 120 + grey[row, 20:right + 1] / 2
+    return alone
+
+
 def with_a_blank(grey):
     """Nothing in the four elements about (1, 1)."""
     grey[40:100, 64:126] = 90
     return grey
 
+
+def slanted(place):
+    """It and its mesh, placed so."""
+    return both(mesh(moved=SLANTED), change("case.yaml", "{points: [[0, -3, 70, 170], [0, 3, 70, 20]]}", place), paint(slanted_upside_down))
+
+
+ANOTHER = (r"tells another place( in the mirrored image)?: 0\.0(39[5-9]|40?[0-4]?)\d* is the length of a pixel, the origin lies at \((69\.[5-9]|70\.[0-5]), (94\.[5-9]|95\.[0-5])\), turned by -?(179|180)\.\d+ degrees\. "
+           r"place: \{auto: outline, rotation: 180, flip: true\} takes these \(220 of 220 edge points agree, rms 0\.\d+ px\)")
+BACKGROUND = r"re:cameras\.left: [78]\S* % of the specimen's pixels have the smallest grey level .*"
 
 # What may be meant: a name, what is done to the good case, the warnings.
 DOUBTED = [
@@ -279,6 +303,9 @@ DOUBTED = [
     ("scale", both(change("case.yaml", "{points: [[0, -3, 70, 170], [0, 3, 70, 20]]}", "{origin: [70, 95]}"), change("case.yaml", "pixel_size: 0.04", "pixel_size: 0.042"), paint(before_darkness)),
      [r"re:cameras\.left\.place: the outline in the reference lies up to 5\.\d px beside the mesh's, and tells another place: 0\.039[67]\d* is the length of a pixel, the origin lies at \(70\.0, 95\.0\), .* place: \{auto: outline\} without pixel_size takes these .*"]),
     ("scale_as_it_is", both(change("case.yaml", "{points: [[0, -3, 70, 170], [0, 3, 70, 20]]}", "{origin: [70, 95]}"), paint(before_darkness)), []),
+    ("upside_down", slanted("{origin: [70, 95]}"), ["re:" + re.escape("cameras.left.place: the outline in the reference is not where the mesh has it, and ") + ANOTHER, BACKGROUND]),
+    ("upside_down_outline", slanted("{auto: outline, flip: true}"), [r"re:cameras\.left\.place: \d+ of \d+ edge points agree with the outline, which " + ANOTHER, BACKGROUND]),
+    ("upside_down_as_proposed", slanted("{auto: outline, rotation: 180, flip: true}"), []),
     ("blank", both(change("case.yaml", "pixel_size: 0.04", "pixel_size: 0.04\n    noise: 1"), paint(with_a_blank)),
      ["cameras.left: 4 of 24 elements show no speckle, but noise, about (1, 1) mm: does the mesh cover a hole, a shadow or the background? What moves there is not seen"]),
     ("pixel_size_in_microns", change("case.yaml", "pixel_size: 0.04", "pixel_size: 40"),
