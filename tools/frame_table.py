@@ -16,7 +16,7 @@ parser.add_argument("--frames", help="only these")
 arguments = parser.parse_args()
 with h5py.File(arguments.results) as file:
     number = file["frames/number"][:]
-    use = [("not used", "fitted", "held out")[code] for code in file["frames/use"][:]]
+    use = [("not used", "fitted", "held out", "reference")[code] for code in file["frames/use"][:]]
     measured, predicted = file["frames/force_measured"][:], file["frames/force_predicted"][:]
     model, dic = file["residual/rms_model"][:], file["residual/rms_dic"][:]
 wanted = set(map(int, arguments.frames.split(","))) if arguments.frames else set(number.tolist())

@@ -207,9 +207,9 @@ class Report {
         "<th>time [{}]</th><th>force measured [{}]</th><th>predicted [{}]</th><th>difference</th>"
         "<th>residual model [grey level]</th><th>DIC</th></tr>\n",
         numbers_.size() <= 60 ? " open" : "", numbers_.size(), file_.unit("frames/time"), force, force);
-    constexpr std::array<const char*, 3> uses{"", "fitted", "held out"};
+    constexpr std::array<const char*, 4> uses{"", "fitted", "held out", "reference"};
     for (std::size_t i = 0; i < numbers_.size(); ++i) {
-      const auto kind = static_cast<std::size_t>(std::clamp(use[i], 0, 2));
+      const auto kind = static_cast<std::size_t>(std::clamp(use[i], 0, 3));
       out_ += fmt::format(
           "<tr{}><td>{}</td><td class=\"left\">{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td>"
           "<td>{}</td></tr>\n",

@@ -63,8 +63,9 @@ void store_frames(ResultsFile& file, const Case& test) {
     };
     for (const auto& stage : test.identify.stages) use[i] = among(stage.frames) ? 1 : use[i];
     if (among(test.identify.held_out)) use[i] = 2;
+    if (!test.cameras.empty() && among(test.cameras.front().reference)) use[i] = 3;
   }
-  file.store("frames/use", {n}, use, "-", "0: not fitted, 1: fitted in some stage, 2: held out");
+  file.store("frames/use", {n}, use, "-", "0: not fitted, 1: fitted in some stage, 2: held out, 3: of the reference");
   file.store_texts("frames/images", images, "image of the first camera");
 }
 

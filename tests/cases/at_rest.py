@@ -53,6 +53,9 @@ output: {name}
         process.kill()
     stopped, whole = (json.loads((folder / name / "result.json").read_text()) for name in ("stopped", "rests"))
     require(line and stopped["parameters"]["E"]["value"] == whole["parameters"]["E"]["value"] and "was not finished" in stopped["doubts"][0] and (folder / "stopped/report.html").exists(), f"a run that is stopped in its checks has its parameters: {stopped['doubts']}")
+    page = (folder / "rests/report.html").read_text()
+    uses = re.findall(r'<td class="left">(fitted|held out|reference|)</td>', page[page.index("<th>use</th>"):])
+    require(uses[:4] == ["reference"] * 4 and set(uses[4:]) == {"fitted"} and len(uses) > 6, f"the page tells the frames of the reference from those that are fitted: {uses}")
     found = doubts("zero", zero=400.0)
     read = re.search(r"the load record reads ([-.\d]+) \+- ([.\d]+) N while the reference was taken", " ".join(found))
     # Four readings with noise of 5 N: Student's t allows 17 standard deviations of their mean where 3.5 are allowed of a noise that is known.
