@@ -42,7 +42,13 @@ Objection explains_no_more_than_chance(const Comparison& c) {
   const auto of_known = [&](const Fit& fit) { return fit.cost - Eigen::VectorXd(fit.residual(c.rows)).squaredNorm(); };
   const double drop = std::max({0.0, of_residual, of_residual + of_known(c.before.fit) - of_known(c.model.fit)});
   if (chi_squared_tail(drop, static_cast<int>(c.effect.parameters.size())) <= level_after_addition) return {};
-  return fmt::format("it explains no more than chance does: chi^2 falls by {:.2g}", drop);
+  const Misfit &now = c.model.misfit, &was = c.before.misfit;
+  return fmt::format("it explains no more than chance does: chi^2 falls by {:.2g}{}", drop,
+                     now.fitted < was.fitted && now.null_fitted > was.null_fitted
+                         ? fmt::format(" in units of what the model before is in doubt by; chi is less only in its own "
+                                       "units (null {:.3f} after {:.3f})",
+                                       now.null_fitted, was.null_fitted)
+                         : "");
 }
 
 Objection at_a_bound(const Comparison& c) {
