@@ -106,7 +106,8 @@ ExtendedMaterial material_of(const io::Case& test, const material::LawChoice& ch
     if (declared && found->second.lower) info.lower = std::max(info.lower, *found->second.lower);
     if (declared && found->second.upper) info.upper = std::min(info.upper, *found->second.upper);
     const double value = declared ? found->second.value : info.null_value.value_or(0.0);
-    // E is every law's first
+    // E is every law's first; of a thousandth of it no simulation tells anything any more.
+    if (result.values.empty()) info.lower = std::max(info.lower, 1e-3 * value);
     info.scale = usual_size(info, result.values.empty() ? value : result.values.front());
     info.unit = unit_in(info.unit, test.units);
     result.values.push_back(value);

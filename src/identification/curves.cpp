@@ -381,7 +381,7 @@ CurveFit fit(const CurveSet& set, const std::vector<ParameterInfo>& information,
     constexpr double nothing = 1e-3;
     Weighted at = weighted(set, parameters, free, true);
     for (Eigen::Index j = 0; j < unknowns; ++j)
-      if (const double all = std::max(std::abs(parameters[of(j)]), information[of(j)].scale);
+      if (const double all = std::max({std::abs(parameters[of(j)]), std::abs(start[of(j)]), information[of(j)].scale});
           all > 0.0 && all * at.derivatives.col(j).norm() < nothing)
         at.derivatives.col(j).setZero();
     return at;

@@ -125,7 +125,8 @@ Linear linearise(Experiment& experiment, const Weight& weight, const std::vector
     const auto k = static_cast<std::size_t>(parameters[j]);
     auto column = result.sensitivity.col(static_cast<Eigen::Index>(j));
     column = weight((residuals.front() - residuals[1 + j]) / moves[j]);
-    const double all = std::max(std::abs(at[k]), experiment.parameters()[k].info.scale);
+    const Parameter& its = experiment.parameters()[k];
+    const double all = std::max({std::abs(at[k]), std::abs(its.value), its.info.scale});
     if (all > 0.0 && all * column.norm() < nothing) column.setZero();
   }
   return result;

@@ -8,6 +8,7 @@
 #include <deque>
 #include <functional>
 #include <map>
+#include <numeric>
 #include <random>
 #include <set>
 #include <utility>
@@ -681,6 +682,17 @@ TEST(Closing, ABoundMayBeWhatIsWrong) {
   // Where something is missing, too, that is not enough.
   const Report with_drift = loop_on(Curves(1, {{Curves::drift, 5.0}}).limit(0, 5.0, 10.0));
   EXPECT_FALSE(with_drift.beyond_bounds) << with_drift.sentence;
+}
+
+/// A parameter whose bound is next to zero leads away from it: all of what it was declared to be would show.
+TEST(Closing, AParameterThatStandsAtNearlyNothingIsSeen) {
+  Curves experiment = Curves(1).limit(0, 1e-15, 1e3);
+  std::vector<double> start;
+  for (const Parameter& p : experiment.parameters()) start.push_back(p.value);
+  start[0] = 1e-13;
+  std::vector<Eigen::Index> rows(experiment.data().size());
+  std::iota(rows.begin(), rows.end(), 0);
+  EXPECT_NEAR(fit(experiment, Weight({}, {}), rows, {0, 1}, start).values[0], 10.6, 0.1);
 }
 
 /// Of drift and gain the blocks disagree about the first while the other is missing, and a kink, which helps, leads
