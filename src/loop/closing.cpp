@@ -195,15 +195,6 @@ class Loop {
     });
   }
 
-  /// Whether a parameter of the declared model is half or twice what it was: E of weights that hid the force.
-  bool is_elsewhere(const std::vector<double>& values, const Fit& fit) const {
-    return std::any_of(fit.free.begin(), fit.free.end(), [&](int j) {
-      const double was = values[static_cast<std::size_t>(j)], now = fit.values[static_cast<std::size_t>(j)];
-      const double larger = std::max(std::abs(was), std::abs(now));
-      return experiment_.parameters()[static_cast<std::size_t>(j)].free && std::abs(now - was) > 0.5 * larger;
-    });
-  }
-
   double chi(const Fit& fit) const { return std::sqrt(fit.cost / static_cast<double>(rows_.size())); }
   double chi_held_out(const Fit& fit) const {
     const auto& rows = appraisal_.held_out_rows();
@@ -238,19 +229,15 @@ class Loop {
   }
 
   /// A model that is another one than that under which the ground was laid: what it errs by, and what noise leaves, is
-  /// found anew, and again where the new weights lead far away from where it was found.
+  /// found anew.
   void settle(Model& model) const {
-    for (int pass = 0; pass < 2; ++pass) {
-      experiment_.learn_bias(model.fit.values);
-      const Weight weight = model.ground->weight;
-      std::vector<double> at = model.fit.values;
-      model.fit = identified(weight, model, at);
-      if (moved_far(at, model.fit)) experiment_.learn_bias(model.fit.values);
-      at = model.fit.values;
-      model.ground = ground_of(experiment_, at, options_.draws);
-      model.fit = identified(model.ground->weight, model, at);
-      if (!is_elsewhere(at, model.fit)) break;
-    }
+    experiment_.learn_bias(model.fit.values);
+    const Weight weight = model.ground->weight;
+    const std::vector<double> at = model.fit.values;
+    model.fit = identified(weight, model, at);
+    if (moved_far(at, model.fit)) experiment_.learn_bias(model.fit.values);
+    model.ground = ground_of(experiment_, model.fit.values, options_.draws);
+    model.fit = identified(model.ground->weight, model, model.fit.values);
   }
 
   void announce(const Model& model, const std::string& what) const {

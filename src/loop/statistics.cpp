@@ -77,15 +77,14 @@ double detectable(double limit, double beyond, int degrees) {
   return std::sqrt(where(2.0 * critical + 20.0, [&](double shift) { return tail(shift) < power; }));
 }
 
-Eigen::MatrixXd whitening(const Eigen::MatrixXd& covariance, const std::vector<int>& last) {
+Eigen::MatrixXd whitening(const Eigen::MatrixXd& covariance, const std::vector<int>& held_out) {
   const auto count = static_cast<int>(covariance.rows());
-  std::vector<int> order;
+  std::vector<int> fitted;
   for (int i = 0; i < count; ++i)
-    if (std::find(last.begin(), last.end(), i) == last.end()) order.push_back(i);
-  order.insert(order.end(), last.begin(), last.end());
-  const Eigen::MatrixXd inverse = inverse_cholesky(covariance(order, order));
-  Eigen::MatrixXd result(count, count);
-  result(order, order) = inverse;
+    if (std::find(held_out.begin(), held_out.end(), i) == held_out.end()) fitted.push_back(i);
+  Eigen::MatrixXd result = inverse_cholesky(covariance);
+  result(fitted, Eigen::all).setZero();
+  result(fitted, fitted) = inverse_cholesky(covariance(fitted, fitted));
   return result;
 }
 

@@ -66,11 +66,19 @@ TEST(Statistics, DetectableSizesAreFoundAsOften) {
 
 TEST(Statistics, WhatIsFittedHoldsNothingOfWhatIsHeldOut) {
   const Eigen::MatrixXd covariance = Eigen::MatrixXd::Identity(6, 6) + Eigen::MatrixXd::Constant(6, 6, 0.5);
-  const Eigen::MatrixXd W = whitening(covariance, {1, 4});
-  EXPECT_LT((W * covariance * W.transpose() - Eigen::MatrixXd::Identity(6, 6)).norm(), 1e-12);
-  for (const int fitted : {0, 2, 3, 5})
-    for (const int held : {1, 4}) EXPECT_EQ(W(fitted, held), 0.0);
-  EXPECT_NE(W(1, 5), 0.0);
+  const Eigen::MatrixXd W = whitening(covariance, {1, 4}), white = W * covariance * W.transpose();
+  const std::vector<int> fitted = {0, 2, 3, 5};
+  EXPECT_LT((white(fitted, fitted) - Eigen::MatrixXd::Identity(4, 4)).norm(), 1e-12);
+  EXPECT_LT((white.diagonal() - Eigen::VectorXd::Ones(6)).norm(), 1e-12);
+  for (const int row : fitted)
+    for (const int held : {1, 4}) EXPECT_EQ(W(row, held), 0.0);
+  // What is held out is compared with all that comes before it, and nothing with what comes after.
+  for (int row = 0; row < 6; ++row)
+    for (int later = row + 1; later < 6; ++later) EXPECT_EQ(W(row, later), 0.0);
+  for (int before = 0; before < 4; ++before) {
+    EXPECT_NE(W(4, before), 0.0);
+    EXPECT_LT(std::abs((W.row(4) * covariance)(before)), 1e-12);
+  }
 }
 
 }  // namespace test_statistics

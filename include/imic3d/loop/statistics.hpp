@@ -22,9 +22,10 @@ namespace imic3d::loop {
 /// Length of a mean (in standard deviations) with which chi^2 of `degrees` exceeds in Phi(`beyond`) of all cases what
 /// N(0,1)^2 at `limit` is as improbable as: limit + beyond for one degree.
 [[nodiscard]] double detectable(double limit, double beyond, int degrees);
-/// W [n square] with W `covariance` W^T = 1, whose rows hold nothing of the numbers in `last` [places, ascending] but
-/// for those of these themselves.
-[[nodiscard]] Eigen::MatrixXd whitening(const Eigen::MatrixXd& covariance, const std::vector<int>& last);
+/// W [n square] that whitens numbers over time: each row is a number less what those before it let expect, in its
+/// standard deviation. The rows that are fitted hold nothing of the numbers in `held_out` [places]; no row holds
+/// anything of what comes after it, so that a frame far off at the end (a specimen that necks) moves no other.
+[[nodiscard]] Eigen::MatrixXd whitening(const Eigen::MatrixXd& covariance, const std::vector<int>& held_out);
 /// What one more draw of the same distribution as `values` exceeds with probability `level` or less: a value of them,
 /// the largest where they are few.
 [[nodiscard]] double upper_quantile(Eigen::VectorXd values, double level);
