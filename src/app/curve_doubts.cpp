@@ -32,6 +32,18 @@ double first_slope(const id::Curve& curve) {
   return n >= 2.0 && variance > 0.0 ? (xy - x * y / n) / variance : std::nan("");
 }
 
+/// The same, or, of too few rows below that, the slope of the chord to the first row beyond: plasticity makes that
+/// less, but by no more than it makes it `much` less than E.
+double slope_or_chord(const id::Curve& curve, double E) {
+  constexpr double much = 300.0;
+  const double slope = first_slope(curve), largest = curve.stress.cwiseAbs().maxCoeff();
+  if (std::isfinite(slope)) return slope;
+  Eigen::Index row = 1;
+  while (row < curve.stress.size() - 1 && std::abs(curve.stress[row] - curve.stress[0]) < 0.3 * largest) ++row;
+  const double chord = (curve.stress[row] - curve.stress[0]) / (curve.history.strain[row] - curve.history.strain[0]);
+  return std::abs(chord) < E / much || std::abs(chord) > far_from_declared * E ? chord : std::nan("");
+}
+
 /// The stress that the record begins with beyond what E makes of its strain, where an elastic bar could have that
 /// strain; 0 where noise, or what E is off by, may be it.
 double begins_with(const id::Curve& curve, double E) {
@@ -173,7 +185,7 @@ std::vector<std::string> doubts_of_curves(const io::Case& test, const std::vecto
   for (const auto& experiment : test.experiments) {
     std::vector<double> slopes;
     for (const auto* curve : of_group(curves, experiment.name))
-      if (const double slope = first_slope(*curve); std::isfinite(slope)) slopes.push_back(slope);
+      if (const double slope = slope_or_chord(*curve, E); std::isfinite(slope)) slopes.push_back(slope);
     const double slope = slopes.empty() ? E : median(std::move(slopes)), ratio = slope / E;
     if (!(ratio > 1.0 / far_from_declared && ratio < far_from_declared)) {
       doubt(fmt::format(
@@ -184,6 +196,17 @@ std::vector<std::string> doubts_of_curves(const io::Case& test, const std::vecto
       continue;
     }
     const auto bars = of_group(curves, experiment.name);
+    constexpr double longest = 2.0;  // of a metal's or a polymer's logarithmic strain
+    double strain = 0.0;
+    for (const auto* curve : bars) strain = std::max(strain, curve->history.strain.cwiseAbs().maxCoeff());
+    if (strain > longest) {
+      doubt(
+          fmt::format("experiments.{}: a bar is drawn to {:.3g} times its length: is the strain in percent "
+                      "(strain_scale: 0.01), or "
+                      "in microstrain (1e-6)?",
+                      experiment.name, std::exp(strain)));
+      continue;
+    }
     int off = 0;
     std::pair<double, std::string> most;
     for (const auto* curve : bars)

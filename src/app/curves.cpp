@@ -10,6 +10,7 @@
 #include <span>
 
 #include "imic3d/app/output.hpp"
+#include "imic3d/core/linear.hpp"
 #include "imic3d/core/log.hpp"
 #include "imic3d/core/median.hpp"
 #include "imic3d/identification/gauge.hpp"
@@ -253,6 +254,7 @@ void identify_curves(const Communicator& world, const CommandOptions& options, c
   std::vector<double> strain_noise(set.curves().size(), 0.0);
   const auto n = static_cast<Eigen::Index>(material.values.size());
   Eigen::VectorXd deviation = Eigen::VectorXd::Constant(n, std::nan("")), noise_deviation = deviation;
+  run.covariance = Eigen::MatrixXd::Constant(n, n, std::nan(""));
   for (std::size_t k = 0; k < test.identify.stages.size(); ++k) {
     const auto& names = test.identify.stages[k].free;
     std::vector<int> free;
@@ -282,6 +284,7 @@ void identify_curves(const Communicator& world, const CommandOptions& options, c
     }
     run.converged = run.converged && fit.converged;
     material.values = fit.parameters;
+    put_block(run.covariance, free, fit.covariance);
     for (std::size_t i = 0; i < free.size(); ++i) {
       const auto j = static_cast<Eigen::Index>(i);
       noise_deviation[free[i]] = std::sqrt(fit.noise_covariance(j, j));
@@ -296,14 +299,22 @@ void identify_curves(const Communicator& world, const CommandOptions& options, c
     spdlog::warn("{}", text);
     run.doubts.push_back(std::move(text));
   };
+  std::vector<std::string> together;
   for (const int j : all_free) {
     const auto& name = material.information[static_cast<std::size_t>(j)].name;
     if (at_bounds.contains(j))
       doubt(fmt::format("{} ended on a bound, {:.6g}: the curves pull it beyond, or do not show it", name,
                         material.values[static_cast<std::size_t>(j)]));
+    else if (std::isinf(deviation[j]))
+      together.push_back(name);
     else if (!std::isfinite(deviation[j]))
       doubt(fmt::format("{} is not determined: the fitted rows do not show it", name));
   }
+  if (!together.empty())
+    doubt(
+        fmt::format("{} are not determined: the fitted rows show a combination of them alone. Other rows or bars may "
+                    "tell them apart, or one of them is better held fixed",
+                    fmt::join(together, ", ")));
   for (auto& unlikely : unlikely_values(test, material, material.values)) run.doubts.push_back(std::move(unlikely));
   const Eigen::VectorXd predicted = set.predict(material.values);
   run.title = test.title, run.law = material.law->name(), run.stress_unit = io::stress_unit(test.units),
@@ -353,7 +364,7 @@ void identify_curves(const Communicator& world, const CommandOptions& options, c
                  p.at_bound ? "(on a bound)"
                  : std::isfinite(p.deviation)
                      ? fmt::format("+- {:.2g} ({:.1f} %)", p.deviation, 100.0 * relative(p.deviation, p.value))
-                 : p.free ? "(not seen)"
+                 : p.free ? "(not determined)"
                           : "(fixed)");
     fmt::print("  measured - predicted, rms (and typical) [{}]\n    {:28} {:>6} {:>14} {:>16} {:>16}\n",
                run.stress_unit, "experiment", "curves", "between them", "fitted", "held out");

@@ -351,10 +351,7 @@ class Identification {
     if (!result.unknown_noise.empty())
       spdlog::warn("  the standard deviations hold no noise that acts through the simulation: {}",
                    result.unknown_noise);
-    for (std::size_t i = 0; i < stage.free.size(); ++i)
-      for (std::size_t j = 0; j < stage.free.size(); ++j)
-        covariance_(stage.free[i], stage.free[j]) =
-            result.covariance.total(static_cast<Eigen::Index>(i), static_cast<Eigen::Index>(j));
+    put_block(covariance_, stage.free, result.covariance.total);
     const int taken = result.iterates.back().increments;
     increments_ = std::max(increments_, taken);
     stages_.push_back({declared.free, id::steps_taken(result.iterates), taken, result.converged,

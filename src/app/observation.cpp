@@ -125,11 +125,6 @@ correlation::DicFrame joined(const std::vector<correlation::DicFrame>& faces) {
 Observation observe(const io::Case& test, const identification::Specimen& specimen) {
   Observation observation;
   const auto& reference = test.cameras.front().reference;
-  for (const auto& camera : test.cameras)
-    if (camera.reference != reference)
-      throw InputError(
-          "cameras." + camera.name + ".reference", io::to_text(camera.reference),
-          io::to_text(reference) + " as for " + test.cameras.front().name + ": all cameras record at once");
   observation.references = static_cast<int>(reference.size());
   int last = -1;
   for (int number : reference) last = std::max(last, test.index_of(number));

@@ -453,9 +453,7 @@ CurveFit fit(const CurveSet& set, const std::vector<ParameterInfo>& information,
   result.noise_covariance = result.covariance = Eigen::MatrixXd::Constant(unknowns, unknowns, std::nan(""));
   if (open.empty()) return result;
   const Eigen::MatrixXd J = now.derivatives(Eigen::all, open);
-  const Eigen::VectorXd scale = J.colwise().norm().cwiseInverse();
-  const Eigen::MatrixXd scaled = J * scale.asDiagonal();
-  const Eigen::MatrixXd inverse = scale.asDiagonal() * pseudo_inverse(scaled.transpose() * scaled) * scale.asDiagonal();
+  const auto [inverse, undetermined] = inverse_of_seen(J.transpose() * J);
   result.noise_covariance(open, open) = inverse;
   // Rows of one bar err together: each bar of a group is off by the group's scatter, the same all along.
   Eigen::MatrixXd meat = Eigen::MatrixXd::Zero(J.cols(), J.cols());
@@ -472,6 +470,12 @@ CurveFit fit(const CurveSet& set, const std::vector<ParameterInfo>& information,
     meat += sum * sum.transpose();
   }
   result.covariance(open, open) = inverse + inverse * meat * inverse;
+  for (const Eigen::Index i : undetermined)
+    for (Eigen::MatrixXd* part : {&result.noise_covariance, &result.covariance}) {
+      const Eigen::Index j = open[static_cast<std::size_t>(i)];
+      part->row(j).setZero(), part->col(j).setZero();
+      (*part)(j, j) = INFINITY;
+    }
   return result;
 }
 

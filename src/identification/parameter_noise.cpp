@@ -125,35 +125,6 @@ Response respond(ForwardModel& model, const std::vector<double>& parameters, int
   return response;
 }
 
-/// Of the normal equations, each unknown scaled to a diagonal of one: what is below comes from rounding, and the
-/// combination is not seen at all.
-constexpr double unseen = 1e-12;
-
-/// A^-1 on what the normal equations see, and which unknowns take part in what they do not: these are not determined.
-struct SeenInverse {
-  Eigen::MatrixXd inverse;
-  std::vector<Eigen::Index> undetermined;
-};
-SeenInverse inverse_of_seen(const Eigen::MatrixXd& A) {
-  const Eigen::Index n = A.rows();
-  const Eigen::VectorXd scale =
-      A.diagonal().unaryExpr([](double value) { return value > 0.0 ? 1.0 / std::sqrt(value) : 0.0; });
-  const auto [values, vectors] = symmetric_eigen(scale.asDiagonal() * A * scale.asDiagonal());
-  SeenInverse result;
-  Eigen::VectorXd of_values = Eigen::VectorXd::Zero(n), unseen_part = of_values;
-  for (Eigen::Index k = 0; k < n; ++k)
-    if (values[k] > unseen)
-      of_values[k] = 1.0 / values[k];
-    else
-      unseen_part += vectors.col(k).cwiseAbs2();
-  for (Eigen::Index j = 0; j < n; ++j)
-    if (unseen_part[j] > 1e-6) result.undetermined.push_back(j);
-  result.inverse = result.undetermined.empty() ? solve_symmetric(A, Eigen::MatrixXd::Identity(n, n))
-                                               : Eigen::MatrixXd(scale.asDiagonal() * vectors * of_values.asDiagonal() *
-                                                                 vectors.transpose() * scale.asDiagonal());
-  return result;
-}
-
 /// Infinite variances of what is not determined.
 Covariance with_infinite(Covariance covariance, const std::vector<Eigen::Index>& undetermined) {
   for (Eigen::MatrixXd* part :

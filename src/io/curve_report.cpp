@@ -44,6 +44,10 @@ nlohmann::json to_json(const CurveRun& run) {
     of["on_bound"] = p.at_bound;
     if (!p.effect.empty()) of["effect"] = p.effect;
   }
+  std::vector<std::string> names;
+  for (const auto& p : run.parameters) names.push_back(p.name);
+  if (auto covariance = covariance_of(names, run.covariance); !covariance.is_null())
+    out["covariance"] = std::move(covariance);
   for (const auto& g : run.groups)
     out["experiments"][g.name] = {{"curves", g.curves},
                                   {"standard_deviation", quantity(g.deviation, run.stress_unit)},

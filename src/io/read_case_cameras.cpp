@@ -118,9 +118,13 @@ void CaseReader::read_cameras() {
     const auto& camera = case_.cameras[i];
     if (!names.insert(camera.name).second)
       mistake(item("cameras", i) + ".name", camera.name, "a name that no other camera has");
-    if (i > 0 && camera.frames != case_.cameras.front().frames)
+    const auto& first = case_.cameras.front();
+    if (camera.frames != first.frames)
       mistake(item("cameras", i) + ".images", "frames " + to_text(camera.frames),
-              "those of the first camera: " + to_text(case_.cameras.front().frames));
+              "those of the first camera: " + to_text(first.frames));
+    else if (camera.reference != first.reference)
+      mistake(item("cameras", i) + ".reference", to_text(camera.reference),
+              fmt::format("{} as for {}: all cameras record at once", to_text(first.reference), first.name));
   }
   check_pinholes();
 }

@@ -80,6 +80,20 @@ json iterations(const ResultsFile& file) {
 
 }  // namespace
 
+json covariance_of(const std::vector<std::string>& names, const Eigen::MatrixXd& covariance) {
+  std::vector<Eigen::Index> known;
+  for (Eigen::Index i = 0; i < covariance.rows(); ++i)
+    if (std::isfinite(covariance(i, i))) known.push_back(i);
+  json result;
+  for (const Eigen::Index i : known) {
+    result["parameters"].push_back(names[static_cast<std::size_t>(i)]);
+    std::vector<double> row;
+    for (const Eigen::Index j : known) row.push_back(std::isfinite(covariance(i, j)) ? covariance(i, j) : 0.0);
+    result["values"].push_back(row);
+  }
+  return result;
+}
+
 json quantity(double value, const std::string& unit) { return {{"value", number_or_null(value)}, {"unit", unit}}; }
 
 json case_summary(const ResultsFile& file) {
@@ -123,6 +137,12 @@ json summary(const ResultsFile& file) {
   }
   if (file.has("identification/parameters")) {
     result["parameters"] = parameters(file);
+    const auto values = file.read("identification/covariance");
+    const auto names = file.read_texts("identification/parameters");
+    const auto count = static_cast<Eigen::Index>(names.size());
+    if (auto covariance = covariance_of(names, Eigen::Map<const Eigen::MatrixXd>(values.data(), count, count));
+        !covariance.is_null())
+      result["covariance"] = std::move(covariance);
     result["iterations_per_stage"] = iterations(file);
   }
   return result;

@@ -53,6 +53,8 @@ output: {name}
         process.kill()
     stopped, whole = (json.loads((folder / name / "result.json").read_text()) for name in ("stopped", "rests"))
     require(line and stopped["parameters"]["E"]["value"] == whole["parameters"]["E"]["value"] and "was not finished" in stopped["doubts"][0] and (folder / "stopped/report.html").exists(), f"a run that is stopped in its checks has its parameters: {stopped['doubts']}")
+    of_E = whole["covariance"]
+    require(of_E["parameters"] == ["E"] and abs(of_E["values"][0][0] ** 0.5 / whole["parameters"]["E"]["standard_deviation"] - 1) < 1e-9, f"the covariance is that of E: {of_E}")
     page = (folder / "rests/report.html").read_text()
     uses = re.findall(r'<td class="left">(fitted|held out|reference|)</td>', page[page.index("<th>use</th>"):])
     require(uses[:4] == ["reference"] * 4 and set(uses[4:]) == {"fitted"} and len(uses) > 6, f"the page tells the frames of the reference from those that are fitted: {uses}")

@@ -67,6 +67,15 @@ def main():
     require(any("it would yield at a strain of 1.5" in line for line in said), f"E in GPa: {said}")
     run(program, "identify", folder / "gigapascal.yaml")
     require("it would yield at a strain of 1.5" in (folder / "gigapascal/run/report.html").read_text(), "and on the page")
+    few = slice(None, None, 40)  # of which one is elastic
+    for name, change, words in (
+        ("few", lambda t, e, s: (t[few], e[few], s[few]), None),
+        ("few_of_another_unit", lambda t, e, s: (t[few], e[few], s[few] / 1e3), ("the stress first rises by", "force_unit")),
+        ("few_in_percent", lambda t, e, s: (t[few], 200 * e[few], s[few]), ("a bar is drawn to", "strain_scale: 0.01")),
+        ("few_in_microstrain", lambda t, e, s: (t[few], 1e6 * e[few], s[few]), ("the stress first rises by", "strain_scale")),
+    ):
+        said = warned(write(name, change))
+        require(not said if words is None else len(said) == 1 and all(word in said[0] for word in words), f"{name}: {said}")
     refused = run(program, "check", write("one_column", lambda t, e, s: (t, e, s), ", stress: strain"), status=2, errors=True)
     require("stress: strain, which is strain, too; allowed: another column for each" in refused, f"one column for two: {refused}")
 

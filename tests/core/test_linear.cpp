@@ -2,7 +2,9 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
+#include <cmath>
 #include <random>
+#include <utility>
 
 #include "imic3d/core/linear.hpp"
 
@@ -33,6 +35,30 @@ TEST(Linear, LeastSquaresOfLeastNorm) {
   Eigen::MatrixXd nearly = Eigen::Vector2d(1.0, 1e-5).asDiagonal();
   EXPECT_NEAR(least_squares(nearly, Eigen::Vector2d(1.0, 1.0))(1), 1e5, 1e-6);
   EXPECT_EQ(least_squares(nearly, Eigen::Vector2d(1.0, 1.0), 1e-4)(1), 0.0);
+}
+
+TEST(Linear, WhatNormalEquationsDoNotSeeIsNotDetermined) {
+  Eigen::MatrixXd A(8, 4);
+  A << deficient(), drawn(8, 4).col(3);
+  A.col(1) *= 10.0;
+  A.col(2) = A.col(0) + A.col(1);
+  const SeenInverse of_all = inverse_of_seen(A.transpose() * A);
+  EXPECT_EQ(of_all.undetermined, (std::vector<Eigen::Index>{0, 1, 2}));
+  const std::vector<int> seen = {0, 1, 3};
+  const Eigen::MatrixXd N = A(Eigen::all, seen).transpose() * A(Eigen::all, seen);
+  const SeenInverse of_some = inverse_of_seen(N);
+  EXPECT_TRUE(of_some.undetermined.empty());
+  EXPECT_LT((of_some.inverse * N - Eigen::Matrix3d::Identity()).norm(), 1e-6);
+}
+
+TEST(Linear, ALaterBlockForgetsWhatAnEarlierOneTold) {
+  Eigen::MatrixXd covariance = Eigen::MatrixXd::Constant(4, 4, std::nan(""));
+  put_block(covariance, {0, 1}, Eigen::Matrix2d::Constant(2.0));
+  put_block(covariance, {1, 3}, Eigen::Matrix2d::Constant(3.0));
+  EXPECT_EQ(covariance(0, 0), 2.0);
+  EXPECT_EQ(covariance(1, 3), 3.0);
+  for (const auto& [i, j] : {std::pair(0, 1), {0, 3}, {2, 2}})
+    EXPECT_TRUE(std::isnan(covariance(i, j)) && std::isnan(covariance(j, i)));
 }
 
 TEST(Linear, PseudoInverse) {

@@ -129,6 +129,32 @@ TEST(Curves, CovarianceKnowsThatBarsDiffer) {
               std::sqrt(between), std::sqrt(white));
 }
 
+/// Strengths of a sheet at 0, 45 and 90 degrees to its rolling direction say R_22, and of R_33 and R_12 the sum
+/// 1/R_33^2 + 3/R_12^2 alone.
+TEST(Curves, WhatIsSeenAsACombinationAloneIsNotDetermined) {
+  std::vector<Curve> bars;
+  for (unsigned k = 0; k < 3; ++k) {
+    bars.push_back(bar("sheet " + std::to_string(k), 1e-3, 1.0, 1 + 2 * k));
+    bars.back().history.direction = 45.0 * k;
+  }
+  CurveSet set(voce({"hill"}), bars);
+  const std::vector<double> start = {200e3, 0.3, 250, 450, 12, 0, 1.0, 1.0, 1.0};
+  std::vector<int> free;
+  for (const char* name : {"S_y", "R_22", "R_33", "R_12"})
+    for (std::size_t j = 0; j < set.parameters().size(); ++j)
+      if (set.parameters()[j].name == name) free.push_back(static_cast<int>(j));
+  ASSERT_EQ(free.size(), 4U);
+  const CurveFit all = fit(set, set.parameters(), start, free);
+  for (const Eigen::MatrixXd* part : {&all.covariance, &all.noise_covariance}) {
+    EXPECT_TRUE(part->topLeftCorner(2, 2).allFinite());
+    EXPECT_TRUE(std::isinf((*part)(2, 2)) && std::isinf((*part)(3, 3))) << *part;
+  }
+  free.pop_back();  // one of them held
+  const CurveFit held = fit(set, set.parameters(), start, free);
+  EXPECT_TRUE(held.covariance.allFinite());
+  EXPECT_LT(std::sqrt(held.covariance(2, 2)), 0.05);
+}
+
 TEST(Curves, BoundsHoldAndAreNamed) {
   const CurveSet set(voce(), {bar("slow", 1e-3, 1.0, 1), bar("fast", 10.0, 1.0, 2)});
   auto information = set.parameters();

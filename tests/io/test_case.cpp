@@ -292,6 +292,10 @@ TEST_F(CaseFile, PinholeCamerasAndTheSpecimensPlace) {
           start + place +
           "}\ncameras: [{calibration: cal.xml, pixel_size: 0.1, place: {auto: outline}, images: \"left/*.png\"}]\n"),
       ::testing::AllOf(HasSubstr("only with model: pinhole"), HasSubstr("given without a pinhole camera")));
+  std::string other = cameras;
+  other.insert(other.size() - 2, ", reference: 0-1");
+  EXPECT_THAT(mistakes(start + place + other),
+              HasSubstr("cameras[1].reference: 0,1; allowed: 0 as for left: all cameras record at once"));
 }
 
 TEST_F(CaseFile, CamerasOfBothFaces) {

@@ -3,6 +3,7 @@
 // compiler seconds.
 
 #include <Eigen/Core>
+#include <vector>
 
 namespace imic3d {
 
@@ -31,6 +32,19 @@ struct SymmetricEigen {
 
 /// A^-1 B of a symmetric matrix (LDL^T, pivoted). Entries that are not finite where A is singular.
 [[nodiscard]] Eigen::MatrixXd solve_symmetric(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B);
+
+/// A^-1 on what normal equations A see, and which unknowns take part in what they do not: these are not determined.
+/// Each unknown is scaled to a diagonal of one; an eigenvalue below 1e-12 then comes from rounding, and its combination
+/// is not seen at all.
+struct SeenInverse {
+  Eigen::MatrixXd inverse;
+  std::vector<Eigen::Index> undetermined;
+};
+[[nodiscard]] SeenInverse inverse_of_seen(const Eigen::MatrixXd& A);
+
+/// `block` [p x p] into a covariance [n x n] at these places [p]; nothing (NaN) is known any more of what they have in
+/// common with the others, of which an earlier stage may have told.
+void put_block(Eigen::MatrixXd& covariance, const std::vector<int>& places, const Eigen::MatrixXd& block);
 
 /// L of A = L L^T. A is positive definite.
 [[nodiscard]] Eigen::MatrixXd cholesky(const Eigen::MatrixXd& A);

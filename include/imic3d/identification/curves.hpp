@@ -148,8 +148,10 @@ struct CurveIterate {
 };
 
 struct CurveFit {
-  std::vector<double> parameters;    ///< all of them
-  Eigen::MatrixXd noise_covariance;  ///< of the free ones, if the rows' noise is white [free x free]
+  std::vector<double> parameters;  ///< all of them
+  /// of the free ones, if the rows' noise is white [free x free]; NaN for one that stays on a bound or is not seen, an
+  /// infinite variance for those of which the rows show a combination alone
+  Eigen::MatrixXd noise_covariance;
   /// the same, and each bar of a group of repetitions off by their scatter, all along it
   Eigen::MatrixXd covariance;
   std::vector<CurveIterate> iterates;

@@ -43,6 +43,7 @@ struct CurveRun {
   };
   std::string title, law, stress_unit, time_unit, case_file, case_text;
   std::vector<Parameter> parameters;
+  Eigen::MatrixXd covariance;  ///< of all parameters; NaN: not free, on a bound, or of another stage
   std::vector<Group> groups;
   std::vector<Curve> curves;
   std::vector<std::vector<double>> iterations;  ///< parameters after each iteration, all stages

@@ -15,6 +15,7 @@
 //   identification/  parameters [P], units [P], initial [P], values [P], standard_deviation [P], covariance [P,P],
 //              iterations/{count [1], stage, iteration, values [:,P], eta, residual}
 
+#include <Eigen/Core>
 #include <array>
 #include <filesystem>
 #include <map>
@@ -96,6 +97,10 @@ void write_xdmf(const ResultsFile& file, const std::filesystem::path& path);
 
 /// Number with its unit as {"value": …, "unit": …}; null for NaN.
 [[nodiscard]] nlohmann::json quantity(double value, const std::string& unit);
+
+/// {parameters: [names], values: [rows]} of a covariance [P x P] for those of the named parameters [P] whose variance
+/// is finite; 0 where a covariance of two of them is not. Nothing where there are none.
+[[nodiscard]] nlohmann::json covariance_of(const std::vector<std::string>& names, const Eigen::MatrixXd& covariance);
 
 /// The headline numbers that a results file has: title, versions, frames, parameters with standard deviations, rms of
 /// force and residual. Commands may add to it.
