@@ -74,7 +74,7 @@ def main():
         nu = declared["parameters"]["nu"]
         matrix = numpy.array(declared["covariance"]["values"])
         deviations = [declared["parameters"][name]["standard_deviation"] for name in declared["covariance"]["parameters"]]
-        require("nu" not in declared["covariance"]["parameters"] and len(matrix) > 3 and numpy.allclose(numpy.sqrt(matrix.diagonal()), deviations) and numpy.abs(matrix - numpy.diag(matrix.diagonal())).max() > 0, "the covariance of what is determined")
+        require(sorted(declared["covariance"]["parameters"]) == ["S_inf", "S_y", "b"] and numpy.allclose(numpy.sqrt(matrix.diagonal()), deviations) and numpy.abs(matrix - numpy.diag(matrix.diagonal())).max() > 0, "the covariance of what is determined")
         require(nu["value"] == 0.3 and nu["standard_deviation"] is None and any("nu is not determined" in doubt for doubt in declared["doubts"]), "what bars do not show stays as it is declared, and is doubted")
         rate = identify("rate", "rate", ", C_rate: {value: 0, lower: 0, upper: 0.1}, rate_0: 1e-3", ", C_rate", 2)
         beyond = {name: [doubt for doubt in one.get("doubts", []) if "are left (rms), where its bars differ by" in doubt] for name, one in (("declared", declared), ("rate", rate))}
