@@ -38,9 +38,11 @@ double slope_or_chord(const id::Curve& curve, double E) {
   constexpr double much = 300.0;
   const double slope = first_slope(curve), largest = curve.stress.cwiseAbs().maxCoeff();
   if (std::isfinite(slope)) return slope;
-  Eigen::Index row = 1;
+  Eigen::Index row = 0;
   while (row < curve.stress.size() - 1 && std::abs(curve.stress[row] - curve.stress[0]) < 0.3 * largest) ++row;
-  const double chord = (curve.stress[row] - curve.stress[0]) / (curve.history.strain[row] - curve.history.strain[0]);
+  const double strain = curve.history.strain[row] - curve.history.strain[0];
+  if (strain == 0.0) return std::nan("");
+  const double chord = (curve.stress[row] - curve.stress[0]) / strain;
   return std::abs(chord) < E / much || std::abs(chord) > far_from_declared * E ? chord : std::nan("");
 }
 
@@ -200,11 +202,10 @@ std::vector<std::string> doubts_of_curves(const io::Case& test, const std::vecto
     double strain = 0.0;
     for (const auto* curve : bars) strain = std::max(strain, curve->history.strain.cwiseAbs().maxCoeff());
     if (strain > longest) {
-      doubt(
-          fmt::format("experiments.{}: a bar is drawn to {:.3g} times its length: is the strain in percent "
-                      "(strain_scale: 0.01), or "
-                      "in microstrain (1e-6)?",
-                      experiment.name, std::exp(strain)));
+      doubt(fmt::format(
+          "experiments.{}: a bar is drawn to {:.3g} times its length: is the strain in percent (strain_scale: 0.01) or "
+          "in microstrain (1e-6)?",
+          experiment.name, std::exp(strain)));
       continue;
     }
     int off = 0;

@@ -55,7 +55,7 @@ struct OutlinePlace {
   imaging::Placement placement;
 };
 
-/// The image shows nearly all of the outline, and there alone.
+/// The image shows an edge at most of the outline, and nearly all of these agree.
 bool is_clear(const imaging::Placement& found) {
   return found.agreeing > 0.9 * found.visible && found.visible > 0.7 * found.tried && found.rms < 1.0;
 }
