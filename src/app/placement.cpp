@@ -6,6 +6,7 @@
 #include <utility>
 
 #include "imic3d/core/error.hpp"
+#include "imic3d/core/linear.hpp"
 #include "imic3d/core/log.hpp"
 #include "imic3d/imaging/placement.hpp"
 
@@ -98,24 +99,31 @@ std::string described(const io::CameraCase& declared, const OutlinePlace& place)
       place.placement.rotation, to_have(declared, place));
 }
 
+// An outline is looked for up to a tenth of the mesh's longer side off, and doubted from a hundredth on.
+constexpr double farthest = 0.1, far = 0.01, far_px = 2.5;
+
+/// Nodes in the image [nodes x 2, px].
+Eigen::MatrixX2d positions_of(const mesh::Mesh& surface, const imaging::Camera& camera) {
+  Eigen::MatrixX2d at(surface.nodes.rows(), 2);
+  for (Eigen::Index i = 0; i < at.rows(); ++i) at.row(i) = camera.project(surface.nodes.row(i).transpose()).transpose();
+  return at;
+}
+
+double longer_side(const Eigen::MatrixX2d& positions) {
+  return (positions.colwise().maxCoeff() - positions.colwise().minCoeff()).maxCoeff();
+}
+
 /// A place that was declared, where the image shows the specimen's outline elsewhere.
 std::vector<std::string> doubts_of(const io::CameraCase& declared, const mesh::Mesh& surface,
                                    const imaging::Image& reference, const imaging::TelecentricCamera& camera,
                                    bool flip) {
-  // of the mesh's longer side: where the outline is looked for, what is doubted
-  constexpr double farthest = 0.1, far = 0.01, px = 2.5;
-  const auto positions = [&](const imaging::TelecentricCamera& eye) {
-    Eigen::MatrixX2d at(surface.nodes.rows(), 2);
-    for (Eigen::Index i = 0; i < at.rows(); ++i) at.row(i) = eye.project(surface.nodes.row(i).transpose()).transpose();
-    return at;
-  };
-  const Eigen::MatrixX2d here = positions(camera);
-  const double longer = (here.colwise().maxCoeff() - here.colwise().minCoeff()).maxCoeff();
+  const Eigen::MatrixX2d here = positions_of(surface, camera);
+  const double longer = longer_side(here);
   const auto beside = [&](const imaging::TelecentricCamera& eye) {
-    return (positions(eye) - here).rowwise().norm().maxCoeff();
+    return (positions_of(surface, eye) - here).rowwise().norm().maxCoeff();
   };
   const auto near = imaging::outline_near(reference, contours_of(surface), camera, std::max(12.0, farthest * longer));
-  const double allowed = std::max(px, far * longer);
+  const double allowed = std::max(far_px, far * longer);
   const bool amiss = near && beside(near->camera) >= allowed;
   if (near && !amiss && is_clear(*near)) return {};
   const auto best = by_outline(declared, surface, reference, flip, amiss);
@@ -191,9 +199,7 @@ PlacedCamera place_camera(const io::CameraCase& declared, const mesh::Mesh& surf
   }
   std::vector<Eigen::Vector3d> nodes;
   for (Eigen::Index i = 0; i < surface.nodes.rows(); ++i) nodes.push_back(surface.nodes.row(i).transpose());
-  Eigen::MatrixX2d positions(surface.nodes.rows(), 2);
-  for (Eigen::Index i = 0; i < positions.rows(); ++i)
-    positions.row(i) = camera.project(surface.nodes.row(i).transpose()).transpose();
+  const Eigen::MatrixX2d positions = positions_of(surface, camera);
   const Eigen::Vector2d extent = (positions.colwise().maxCoeff() - positions.colwise().minCoeff()).transpose();
   if (extent.maxCoeff() < least_extent)
     throw InputError(
@@ -209,6 +215,31 @@ PlacedCamera place_camera(const io::CameraCase& declared, const mesh::Mesh& surf
   if (place.automatic.empty())
     for (auto& doubt : doubts_of(declared, surface, reference, camera, flip)) doubts.push_back(std::move(doubt));
   return {camera, std::move(doubts)};
+}
+
+std::string doubt_outline(const std::string& name, const mesh::Mesh& surface, const imaging::Image& reference,
+                          const imaging::Camera& camera) {
+  constexpr double straight = 1.0;  // what perspective may leave of an affine map [px, rms]
+  const Eigen::MatrixX2d here = positions_of(surface, camera);
+  Eigen::MatrixX3d plane(here.rows(), 3);
+  plane << surface.nodes.leftCols(2), Eigen::VectorXd::Ones(here.rows());
+  const Eigen::MatrixXd map = least_squares(plane, here);  // [3 x 2]
+  if ((plane * map - here).rowwise().norm().squaredNorm() > straight * straight * static_cast<double>(here.rows()))
+    return {};
+  imaging::TelecentricCamera from_afar;
+  from_afar.linear.leftCols<2>() = map.topRows(2).transpose(), from_afar.offset = map.row(2).transpose();
+  const double longer = longer_side(here);
+  const auto found =
+      imaging::outline_near(reference, contours_of(surface), from_afar, std::max(12.0, farthest * longer));
+  if (!found || !is_clear(*found)) return {};
+  const Eigen::MatrixX2d beside = positions_of(surface, found->camera) - positions_of(surface, from_afar);
+  const double most = beside.rowwise().norm().maxCoeff();
+  if (most < std::max(far_px, far * longer)) return {};
+  return fmt::format(
+      "specimen.place: the outline in the reference of camera {} lies up to {:.1f} px beside the mesh's, in the mean "
+      "by "
+      "({:+.1f}, {:+.1f}) px ({} of {} edge points agree): were specimen.place.points read there?",
+      name, most, beside.col(0).mean(), beside.col(1).mean(), found->agreeing, found->visible);
 }
 
 }  // namespace imic3d::app

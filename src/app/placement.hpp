@@ -16,4 +16,9 @@ struct PlacedCamera {
 /// The camera that `place` in the case file describes. Throws InputError.
 [[nodiscard]] PlacedCamera place_camera(const io::CameraCase& declared, const mesh::Mesh& surface,
                                         const imaging::Image& reference);
+/// What is to be said where the image shows the specimen's outline beside where a camera in space, to which it was
+/// placed by points, sees the mesh's: along a flat specimen nothing else holds it. Empty where it lies there, or is not
+/// seen clearly.
+[[nodiscard]] std::string doubt_outline(const std::string& name, const mesh::Mesh& surface,
+                                        const imaging::Image& reference, const imaging::Camera& camera);
 }  // namespace imic3d::app

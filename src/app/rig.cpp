@@ -90,6 +90,11 @@ void place_specimen(Rig& rig, const io::Case& test, const std::vector<correlatio
                     "it, deviation: {:g} lets {:.2g} be: were they read in another image than that of camera {}, or is "
                     "its calibration another one's?",
                     pose.points_rms, place.deviation, likely, pinholes[static_cast<std::size_t>(options.camera)].name));
+  const auto& read = rig.views[which[static_cast<std::size_t>(options.camera)]];
+  if (auto beside = doubt_outline(pinholes[static_cast<std::size_t>(options.camera)].name, rig.surface, read.reference,
+                                  *read.camera);
+      !beside.empty())
+    doubt(std::move(beside));
   if (pinholes.size() > 1) {
     const std::string unit = test.units.length;
     spdlog::info("{} of {} patches of {} found in the other cameras lie on a plane, rms {:.3g} {}", pose.matched,

@@ -21,8 +21,8 @@ def camera(beta):
     return R, numpy.array([0, 0, distance]) - R @ numpy.array([0, 0, -distance])
 
 
-def photograph(beta, A, c, push=0.0, focus=focus):
-    """The plane's point (x, y) is at A (x, y) + c in the specimen's frame, which is the rig's, 100 mm further; the image lies `push` rows lower."""
+def photograph(beta, A, c, push=0.0, focus=focus, half=None):
+    """Of a specimen with these half sides before a dark background, or without an end. The plane's point (x, y) is at A (x, y) + c in the specimen's frame, which is the rig's, 100 mm further; the image lies `push` rows lower."""
     R, t = camera(beta)
     image = numpy.zeros((height, width))
     offsets = (-0.25, 0.25)
@@ -34,7 +34,8 @@ def photograph(beta, A, c, push=0.0, focus=focus):
             normal = numpy.cross(A[:, 0], A[:, 1])
             hit = origin - rays * ((origin @ normal) / (rays @ normal))[..., None]
             xy = hit @ numpy.linalg.pinv(A).T
-            image += 0.25 * texture(xy[..., 0], xy[..., 1])
+            grey = texture(xy[..., 0], xy[..., 1])
+            image += 0.25 * (grey if half is None else numpy.where((numpy.abs(xy) < half).all(axis=-1), 80 + 0.6 * grey, 10.0))
     return image
 
 

@@ -3,6 +3,7 @@
 turns and stretches, made here with the cameras' formulas and nothing of the program's."""
 import csv
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -93,6 +94,18 @@ assert "specimen.place.points" not in (said := check("right.yaml", "title: stere
 assert "specimen.place.points: once" in (said := check("other_camera.yaml", "specimen: {mesh: mesh.msh, place: {", "specimen: {mesh: mesh.msh, place: {camera: right, deviation: 0.1, ")), said
 (folder / "other.xml").write_text((folder / "cal.xml").read_text().replace("180 10.0 0 ", "180 10.0 0.6 "))
 assert "of their contrast on the mesh" in (said := check("other.yaml", "calibration: cal.xml", "calibration: other.xml")), said
+# Along a flat specimen the points alone hold the mesh: its outline tells where they are off.
+for number, beta in enumerate(BETAS):
+    for frame, motion in enumerate(frames):
+        save(folder / f"ends_{number}_{frame:02}.png", photograph(beta, *motion, half=(5.0, 4.0)))
+ends = (folder / "case.yaml").read_text().replace("camera_", "ends_")
+assert str(points) in ends
+for name, off in (("ends", 0.0), ("ends_off", 6.0)):
+    (folder / "case_of_ends.yaml").write_text(ends.replace(str(points), str([[x, y, column + off, row] for x, y, column, row in points])))
+    done = subprocess.run([program, "check", "case_of_ends.yaml"], cwd=folder, capture_output=True, text=True)
+    said = re.search(r"specimen\.place: the outline in the reference of camera left lies up to ([.\d]+) px beside the mesh's, in the mean by \((\S+), (\S+)\) px", done.stdout + done.stderr)
+    print(name, said and said.groups())
+    assert done.returncode == 0 and (said is None if off == 0 else abs(float(said[2]) + off) < 0.7 and abs(float(said[3])) < 0.7), done.stdout + done.stderr
 # Of several frames, whose steps differ, it is told whether one camera is pushed or late.
 series = [(flat, numpy.array([0.0, -0.006 * k * k, 0.01 * k])) for k in range(6)]
 for k, motion in enumerate(series):
