@@ -231,7 +231,8 @@ std::string doubt_outline(const std::string& name, const mesh::Mesh& surface, co
   const double longer = longer_side(here);
   const auto found =
       imaging::outline_near(reference, contours_of(surface), from_afar, std::max(12.0, farthest * longer));
-  if (!found || !is_clear(*found)) return {};
+  // Ends inside the material have no edge, and sides that a leaning camera sees are no outline of the face.
+  if (!found || found->agreeing < 0.8 * found->visible || found->visible < 0.5 * found->tried) return {};
   const Eigen::MatrixX2d beside = positions_of(surface, found->camera) - positions_of(surface, from_afar);
   const double most = beside.rowwise().norm().maxCoeff();
   if (most < std::max(far_px, far * longer)) return {};

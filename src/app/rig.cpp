@@ -40,6 +40,12 @@ std::string doubt_principal_point(const std::string& name, const imaging::Calibr
   constexpr double far = 0.25;  // of the image's side; lenses are centred to some percent of it
   if (std::abs(lens.cx / (reference.width - 1) - 0.5) < far && std::abs(lens.cy / (reference.height - 1) - 0.5) < far)
     return {};
+  if (lens.fx < 0.1 * reference.width)
+    return fmt::format(
+        "cameras.{}: a focal length of {:.4g} px, where the images are {} px wide: are focal length and principal "
+        "point "
+        "in millimetres? They are in pixels",
+        name, lens.fx, reference.width);
   return fmt::format(
       "cameras.{}: the principal point of the calibration, ({:.0f}, {:.0f}), lies far from the middle of images of {} "
       "x {} px: is it that of images of another size, or of a part of them?",

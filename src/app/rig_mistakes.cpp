@@ -102,6 +102,15 @@ std::string likely_mistake(const mesh::Mesh& face, std::span<const RigView> view
   }
   if (inverse_agrees)
     return "with rotations and translations the other way round (from a camera to the first one) they agree";
+  if (agree([](auto& other, auto&) {
+        const Pose first = other.front().camera.pose();
+        for (std::size_t c = 1; c < other.size(); ++c) {
+          Pose to_it = other[c].camera.pose() * inverse(first);
+          to_it.rotation.transposeInPlace();
+          other[c].camera = {other[c].camera.intrinsics(), to_it * first};
+        }
+      }))
+    return "with the rotations transposed, the translations as they are, they agree";
   for (const double factor : {1e-3, 1e3, 1.0 / 25.4, 25.4})
     if (agree(of_all([factor](const PinholeCamera& camera) { return in_unit(camera, factor); })))
       return fmt::format("with the lengths of the calibration times {:.4g} they agree: is it in another unit?", factor);

@@ -59,8 +59,11 @@ class Node {
     }
     if (read.empty() || read.channels() != 1 || (rows > 0 && read.rows != rows) ||
         (columns > 0 && read.cols != columns))
-      throw InputError(place_, read.empty() ? "not a matrix" : fmt::format("{} x {} numbers", read.rows, read.cols),
-                       rows > 0 && columns > 0 ? fmt::format("{} x {} numbers", rows, columns) : "a matrix");
+      throw InputError(
+          place_, read.empty() ? "not a matrix" : fmt::format("{} x {} numbers", read.rows, read.cols),
+          (rows > 0 && columns > 0 ? fmt::format("{} x {} numbers", rows, columns) : "a matrix") +
+              (rows == 3 && columns == 3 && read.total() == 3 ? ", which cv::Rodrigues makes of a rotation vector"
+                                                              : ""));
     read.convertTo(read, CV_64F);
     Eigen::MatrixXd values(read.rows, read.cols);
     for (int i = 0; i < read.rows; ++i)

@@ -139,11 +139,17 @@ wide = 0.8 * focus  # of the right camera
 for number, motion in enumerate(frames):
     save(folder / f"wide_1_{number:02}.png", photograph(BETAS[1], *motion, focus=wide))
 (folder / "opencv.yml").write_text("%YAML:1.0\n---\n" + lens + matrix("R", R) + matrix("T", T[:, None]))
+(folder / "transposed.yml").write_text("%YAML:1.0\n---\n" + lens + matrix("R", R.T) + matrix("T", T[:, None]))
+(folder / "vector.yml").write_text("%YAML:1.0\n---\n" + lens + matrix("R", T[:, None]) + matrix("T", T[:, None]))
+(folder / "millimetres.xml").write_text((folder / "cal.xml").read_text().replace("100 85 1500.0 1500.0", "0.5 0.4 7.5 7.5"))
 (folder / "inverse.yml").write_text("%YAML:1.0\n---\n" + lens + matrix("R", R.T) + matrix("T", -(R.T @ T)[:, None]))
 for name, old, new, told in (("exchanged.yaml", "calibration: cal.xml", "calibration: cal.xml, index: {}", "with left and right exchanged in the calibration they agree"),
                              ("twice.yaml", "calibration: cal.xml", "calibration: cal.xml, index: 0", "cameras.right.calibration: the same place as that of left; allowed: another camera of the calibration (index)"),
                              ("corner.yaml", "cal.xml", "corner.xml", "cameras.right: the principal point of the calibration, (20, 85), lies far from the middle of images of 200 x 170 px"),
                              ("inverse.yaml", "cal.xml", "inverse.yml", "with rotations and translations the other way round"),
+                             ("transposed.yaml", "cal.xml", "transposed.yml", "with the rotations transposed, the translations as they are, they agree"),
+                             ("vector.yaml", "cal.xml", "vector.yml", "R: 3 x 1 numbers; allowed: 3 x 3 numbers, which cv::Rodrigues makes of a rotation vector"),
+                             ("millimetres.yaml", "cal.xml", "millimetres.xml", "cameras.left: a focal length of 7.5 px, where the images are 200 px wide: are focal length and principal point in millimetres?"),
                              ("pictures.yaml", "camera_1_", "camera_0_", "cameras.right.images: the same reference as that of left; allowed: images of another camera"),
                              ("metres.yaml", "cal.xml", "metres.xml", "with the lengths of the calibration times 1000 they agree"),
                              ("half.yaml", "cal.xml", "half.xml", "with a calibration of right for images 2 times as large they agree"),
