@@ -138,7 +138,8 @@ TEST(Curves, WhatIsSeenAsACombinationAloneIsNotDetermined) {
     bars.back().history.direction = 45.0 * k;
   }
   CurveSet set(voce({"hill"}), bars);
-  const std::vector<double> start = {200e3, 0.3, 250, 450, 12, 0, 1.0, 1.0, 1.0};
+  const std::vector<double> start = {200e3, 0.3, 250, 450, 12, 0, 1.0, 1.0, 1.0, 0.0};  // the last one is the angle
+  ASSERT_EQ(set.parameters().size(), start.size());
   std::vector<int> free;
   for (const char* name : {"S_y", "R_22", "R_33", "R_12"})
     for (std::size_t j = 0; j < set.parameters().size(); ++j)
