@@ -138,6 +138,13 @@ std::vector<std::string> doubts_of_curves(const io::Case& test, const std::vecto
             fmt::format("experiments.{}: neither time nor rate is given, and a row is taken for one unit of time: the "
                         "parameters of material.effects: {} are in that unit",
                         experiment.name, effect));
+  if (std::find(effects.begin(), effects.end(), "hill") != effects.end() &&
+      std::all_of(test.experiments.begin(), test.experiments.end(),
+                  [](const auto& experiment) { return experiment.direction == 0.0; }))
+    doubt(
+        "material.effects: hill, and all experiments lie along the first axis of the material, whose strength alone "
+        "they "
+        "show: is their direction (experiments[].direction, in degrees) missing?");
   for (const auto& experiment : test.experiments) {
     const auto bars = of_group(curves, experiment.name);
     // Once of all bars; words for the first one of which something is to be said.

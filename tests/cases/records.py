@@ -76,6 +76,11 @@ def main():
     ):
         said = warned(write(name, change))
         require(not said if words is None else len(said) == 1 and all(word in said[0] for word in words), f"{name}: {said}")
+    for name, direction in (("along", 0), ("across", 90)):
+        case = write(name, lambda t, e, s: (t, e, s), f", direction: {direction}")
+        case.write_text(case.read_text().replace("{hardening: linear,", "{hardening: linear, effects: [hill],"))
+        said = warned(case)
+        require(any("is their direction" in line for line in said) == (direction == 0), f"{name}: {said}")
     refused = run(program, "check", write("one_column", lambda t, e, s: (t, e, s), ", stress: strain"), status=2, errors=True)
     require("stress: strain, which is strain, too; allowed: another column for each" in refused, f"one column for two: {refused}")
 
