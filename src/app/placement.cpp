@@ -80,23 +80,18 @@ std::optional<OutlinePlace> by_outline(const io::CameraCase& declared, const mes
   return best;
 }
 
-/// What the case file has to say to have it.
-std::string to_have(const io::CameraCase& declared, const OutlinePlace& place) {
-  const auto& found = place.placement;
-  const bool other_size = declared.pixel_size > 0.0 && std::abs(declared.pixel_size / found.pixel_size - 1.0) > 2e-3;
-  return fmt::format("place: {{auto: outline{}{}}}{} takes these ({} of {} edge points agree, rms {:.2f} px)",
-                     place.rotation == 0.0 ? "" : fmt::format(", rotation: {:g}", place.rotation),
-                     place.mirrored != declared.place.flip ? ", flip: true" : "",
-                     other_size ? " without pixel_size" : "", found.agreeing, found.visible, found.rms);
-}
-
+/// The place in words, and what the case file has to say to have it.
 std::string described(const io::CameraCase& declared, const OutlinePlace& place) {
-  const Eigen::Vector2d origin = place.placement.camera.project(Eigen::Vector3d::Zero());
+  const auto& found = place.placement;
+  const Eigen::Vector2d origin = found.camera.project(Eigen::Vector3d::Zero());
+  const bool other_size = declared.pixel_size > 0.0 && std::abs(declared.pixel_size / found.pixel_size - 1.0) > 2e-3;
   return fmt::format(
-      "place{}: {:.5g} is the length of a pixel, the origin lies at ({:.1f}, {:.1f}), "
-      "turned by {:.2f} degrees. {}",
-      place.mirrored ? " in the mirrored image" : "", place.placement.pixel_size, origin.x(), origin.y(),
-      place.placement.rotation, to_have(declared, place));
+      "place{}: {:.5g} is the length of a pixel, the origin lies at ({:.1f}, {:.1f}), turned by {:.2f} degrees. "
+      "place: {{auto: outline{}{}}}{} takes these ({} of {} edge points agree, rms {:.2f} px)",
+      place.mirrored ? " in the mirrored image" : "", found.pixel_size, origin.x(), origin.y(), found.rotation,
+      place.rotation == 0.0 ? "" : fmt::format(", rotation: {:g}", place.rotation),
+      place.mirrored != declared.place.flip ? ", flip: true" : "", other_size ? " without pixel_size" : "",
+      found.agreeing, found.visible, found.rms);
 }
 
 // An outline is looked for up to a tenth of the mesh's longer side off, and doubted from a hundredth on.

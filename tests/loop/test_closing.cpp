@@ -931,7 +931,7 @@ TEST(Closing, WhatDoubtsItselfWhereTheMisfitIsExplainsNothing) {
   Eigen::MatrixXd noise = experiment.noise({}, 400), doubtful = noise;
   for (int i = 0; i < count; ++i)
     if (bursts(i)) misfit[i] += 20.0, doubtful.row(i) *= 30.0;
-  const auto model = [&](const Eigen::MatrixXd& null, const Eigen::VectorXd& residual) {
+  const auto model = [&](const Eigen::MatrixXd& null, const Eigen::VectorXd& residual, double null_fitted) {
     auto ground = std::make_shared<Ground>();
     ground->weight = Weight(data, null);
     ground->null = ground->weight(null);
@@ -939,17 +939,21 @@ TEST(Closing, WhatDoubtsItselfWhereTheMisfitIsExplainsNothing) {
     its.fit.values.assign(experiment.parameters().size(), 0.0);
     its.fit.residual = ground->weight(residual);
     its.fit.cost = its.fit.residual.squaredNorm();
+    its.misfit.fitted = std::sqrt(its.fit.cost / count), its.misfit.null_fitted = null_fitted;
     its.ground = ground;
     return its;
   };
-  const Model before = model(noise, misfit);
+  const Model before = model(noise, misfit, 1.1);
   for (const double left : {1.1, 0.5}) {
-    Trial trial{.candidate = Curves::kink, .model = model(doubtful, left * misfit), .objection = {}};
+    Trial trial{.candidate = Curves::kink, .model = model(doubtful, left * misfit, 1.3), .objection = {}};
     trial.model.added = {Curves::kink};
     trial.model.fit.values[2 + Curves::kink] = 1.0;
     EXPECT_LT(trial.model.fit.cost, 0.5 * before.fit.cost);
     weigh(trial, before, experiment, appraisal);
     EXPECT_EQ(trial.objection.find("it explains no more than chance does") == 0, left > 1.0) << trial.objection;
+    EXPECT_EQ(trial.objection.find("chi is less only in its own units (null 1.300 after 1.100)") != std::string::npos,
+              left > 1.0)
+        << trial.objection;
   }
 }
 
