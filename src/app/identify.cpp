@@ -23,7 +23,7 @@
 #include "imic3d/identification/equilibrium_gap.hpp"
 #include "imic3d/identification/gauss_newton.hpp"
 #include "imic3d/io/run_results.hpp"
-#include "test_effects.hpp"
+#include "loop_test.hpp"
 
 namespace imic3d::app {
 
@@ -401,8 +401,11 @@ class Identification {
 
 void identify(const Communicator& world, const CommandOptions& options) {
   const auto start = std::chrono::steady_clock::now();
-  const io::Case test = read_case(options, {"cameras", "loads", "material", "identify"}, true);
-  refuse_effects(test, "identify");
+  const io::Case test = read_case(options, {"cameras", "loads", "material", "identify"}, true, true, true);
+  if (test.fields || !test.tests.empty() || !test.effects.empty()) {
+    identify_by_loop(world, options, test);
+    return;
+  }
   if (!test.experiments.empty()) {
     if (!test.cameras.empty())
       throw InputError("experiments", "given beside cameras", "images or experiments, each in a case of its own");

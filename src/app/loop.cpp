@@ -1,4 +1,5 @@
-// imic3d loop: identify, find what is left, trace it, add it, identify again; imic3d effects: what it knows.
+// imic3d loop: identify, find what is left, trace it, add it, identify again. imic3d identify by its first step alone,
+// where that is what weighs the data (displacement fields, several tests, effects of the test).
 
 #include <fmt/format.h>
 #include <fmt/ranges.h>
@@ -196,6 +197,39 @@ loop::LoopOptions how(const io::Case& test, std::vector<int> held_out) {
           .starts = test.loop.starts,
           .leave_out = test.loop.leave_out,
           .held_out = std::move(held_out)};
+}
+
+/// What the identified model leaves is told, or looked into.
+enum class Aim { identify, close_the_loop };
+
+loop::LoopOptions how(const io::Case& test, const loop::Experiment& experiment, std::vector<int> held_out, Aim aim) {
+  auto options = how(test, std::move(held_out));
+  options.leave_out = of_candidates(experiment, std::move(options.leave_out));
+  options.search = aim == Aim::close_the_loop;
+  return options;
+}
+
+void print_parameters(const Communicator& world, const loop::Experiment& experiment, const loop::Model& model) {
+  if (!world.is_root()) return;
+  for (std::size_t i = 0; i < model.fit.free.size(); ++i) {
+    const int j = model.fit.free[i];
+    const auto place = static_cast<Eigen::Index>(i);
+    const auto& parameter = experiment.parameters()[static_cast<std::size_t>(j)];
+    const double value = model.fit.values[static_cast<std::size_t>(j)],
+                 deviation = std::sqrt(model.covariance(place, place));
+    const bool unseen = std::count(model.fit.unseen.begin(), model.fit.unseen.end(), j) > 0;
+    fmt::print("  {:16} {:14.6g} {:10} {}\n", parameter.info.name, value, parameter.info.unit,
+               unseen                             ? "(not determined)"
+               : loop::on_bound(parameter, value) ? "(on a bound)"
+                                                  : fmt::format("+- {:.2g}", deviation));
+  }
+}
+
+/// After everything is written.
+void require_convergence(const loop::Report& report) {
+  if (!report.final.fit.converged)
+    throw ConvergenceError(
+        fmt::format("{} iterations were not enough; the results are written", report.final.fit.iterations));
 }
 
 /// What is doubted of displacement fields, and of their load record.
@@ -407,7 +441,7 @@ loop::Report close_loop(loop::Experiment& experiment, const loop::LoopOptions& o
 }
 
 /// Several tests at once: the report of all, and in a folder of each test what it shows of that.
-void loop_on_tests(const Communicator& world, const CommandOptions& options, const io::Case& all,
+void loop_on_tests(const Communicator& world, const CommandOptions& options, const io::Case& all, Aim aim,
                    const std::function<double()>& seconds, const Say& say) {
   const std::vector<io::Case> cases = cases_of_tests(all, options);
   const SignalWatch watch;
@@ -422,9 +456,7 @@ void loop_on_tests(const Communicator& world, const CommandOptions& options, con
     joined.push_back({all.tests[k].name, &tests.back()->experiment(), tests.back()->held_out()});
   }
   loop::JointExperiment experiment(std::move(joined));
-  auto options_of_all = how(all, experiment.held_out());
-  options_of_all.leave_out = of_candidates(experiment, options_of_all.leave_out);
-  const auto report = close_loop(experiment, options_of_all, say, checkpoint);
+  const auto report = close_loop(experiment, how(all, experiment, experiment.held_out(), aim), say, checkpoint);
   for (std::size_t k = 0; k < tests.size(); ++k) {
     const auto own = folder / all.tests[k].name;
     collectively(world, [&] {
@@ -443,9 +475,35 @@ void loop_on_tests(const Communicator& world, const CommandOptions& options, con
     json.update(io::case_summary(write_loop_tests(folder, all, experiment, report, experiment.first_frames())));
     io::write_json(folder / "result.json", json);
     io::write_loop_page(folder / "report.html", json, {});
-    fmt::print("\n{}\n  {}: {}\n  {:.0f} s, {} simulations; {}\n", all.title, name(report.verdict), report.sentence,
-               seconds(), simulations, (folder / "report.html").string());
+    fmt::print("\n{}\n  {}\n  {:.0f} s, {} simulations; {}\n", all.title, answer(report, report.sentence), seconds(),
+               simulations, (folder / "report.html").string());
   });
+}
+
+void run_loop(const Communicator& world, const CommandOptions& options, const io::Case& test, Aim aim) {
+  const auto start = std::chrono::steady_clock::now();
+  const auto seconds = [&] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(); };
+  const Say say = [&](const std::string& line) { spdlog::info("{:6.0f} s  {}", seconds(), line); };
+  if (!test.tests.empty()) {
+    loop_on_tests(world, options, test, aim, seconds, say);
+    return;
+  }
+  check_loop_case(test);
+  const auto folder = output_folder(test, options, world);
+  std::optional<SignalWatch> watch;
+  std::optional<LoopCheckpoint> checkpoint;
+  if (test.experiments.empty())
+    watch.emplace(), checkpoint.emplace(world, folder, test, std::span<const io::Case>(), options.resume);
+  else if (options.resume)
+    spdlog::info("bars begin anew: they take no checkpoint");
+  const auto one = make_test(world, test, say);
+  const auto how_here = how(test, one->experiment(), one->held_out(), aim);
+  const auto report = checkpoint ? close_loop(one->experiment(), how_here, say, *checkpoint)
+                                 : loop::close_loop(one->experiment(), how_here, say);
+  one->write(folder, report, seconds());
+  if (aim == Aim::close_the_loop) return;
+  print_parameters(world, one->experiment(), report.final);
+  require_convergence(report);
 }
 
 }  // namespace
@@ -456,28 +514,12 @@ std::unique_ptr<LoopTest> make_field_test(const Communicator& world, const io::C
 }
 
 void loop(const Communicator& world, const CommandOptions& options) {
-  const auto start = std::chrono::steady_clock::now();
-  const auto seconds = [&] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count(); };
-  const io::Case test = read_case(options, {"cameras", "material", "identify"}, true, true, true);
-  const Say say = [&](const std::string& line) { spdlog::info("{:6.0f} s  {}", seconds(), line); };
-  if (!test.tests.empty()) {
-    loop_on_tests(world, options, test, seconds, say);
-    return;
-  }
-  check_loop_case(test);
-  const auto folder = output_folder(test, options, world);
-  std::optional<SignalWatch> watch;
-  std::optional<LoopCheckpoint> checkpoint;
-  if (test.experiments.empty())
-    watch.emplace(), checkpoint.emplace(world, folder, test, std::span<const io::Case>(), options.resume);
-  else if (options.resume)
-    spdlog::info("a loop on curves begins anew: it takes no checkpoint");
-  const auto one = make_test(world, test, say);
-  auto options_of_test = how(test, one->held_out());
-  options_of_test.leave_out = of_candidates(one->experiment(), options_of_test.leave_out);
-  const auto report = checkpoint ? close_loop(one->experiment(), options_of_test, say, *checkpoint)
-                                 : loop::close_loop(one->experiment(), options_of_test, say);
-  one->write(folder, report, seconds());
+  run_loop(world, options, read_case(options, {"cameras", "material", "identify"}, true, true, true),
+           Aim::close_the_loop);
+}
+
+void identify_by_loop(const Communicator& world, const CommandOptions& options, const io::Case& test) {
+  run_loop(world, options, test, Aim::identify);
 }
 
 }  // namespace imic3d::app

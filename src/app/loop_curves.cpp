@@ -112,10 +112,11 @@ class CurveTest final : public LoopTest {
     json.update(io::case_summary(write_loop_curves(folder, test_, experiment_, report, curves)));
     io::write_json(folder / "result.json", json);
     io::write_loop_page(folder / "report.html", json, {});
-    fmt::print("\n{}\n  {}: {}\n", test_.title, name(report.verdict), report.sentence);
+    fmt::print("\n{}\n  {}\n", test_.title, answer(report, report.sentence));
     for (const auto& group : json["groups"])
-      fmt::print("    {:28} {:9} rms {:7.4g} -> {:7.4g} {}\n", group["name"].get<std::string>(),
-                 group["held_out"].get<bool>() ? "held out" : "fitted", group["before"].get<double>(),
+      fmt::print("    {:28} {:9} rms {}{:7.4g} {}\n", group["name"].get<std::string>(),
+                 group["held_out"].get<bool>() ? "held out" : "fitted",
+                 report.searched ? fmt::format("{:7.4g} -> ", group["before"].get<double>()) : "",
                  group["after"].get<double>(), group["unit"].get<std::string>());
     fmt::print("  {:.0f} s, {} simulations; {}\n", seconds, experiment_.simulations(),
                (folder / "report.html").string());

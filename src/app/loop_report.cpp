@@ -201,7 +201,7 @@ void write_loop_report(const std::filesystem::path& folder, const io::Case& test
     json["pictures"].push_back({{"file", picture.file.filename().string()}, {"caption", picture.caption}});
   io::write_json(folder / "result.json", json);
   io::write_loop_page(folder / "report.html", json, pictures);
-  fmt::print("\n{}\n  {}: {}\n", test.title, name(report.verdict), sentence);
+  fmt::print("\n{}\n  {}\n", test.title, answer(report, sentence));
   if (!light.is_null())
     fmt::print("  light: {}: {}\n", light["verdict"].get<std::string>(), light["sentence"].get<std::string>());
   fmt::print("  {:.0f} s, {} simulations; {}\n", seconds, experiment.simulations(), (folder / "report.html").string());

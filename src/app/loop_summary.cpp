@@ -5,6 +5,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "imic3d/io/run_results.hpp"
+
 namespace imic3d::app {
 
 nlohmann::json numbers(const Eigen::VectorXd& values) {
@@ -33,6 +35,7 @@ class Summary {
     if (report_.set.size() > 1 && report_.verdict == loop::Verdict::ambiguous)
       for (int k : report_.set) summary["ambiguity"].push_back(words_of(k));
     if (report_.part) summary["part_of_several_tests"] = true;
+    summary["searched"] = report_.searched;
     if (report_.beyond_bounds)
       for (int j : report_.beyond_bounds->released)
         summary["beyond_bounds"][parameter(j).info.name] =
@@ -46,6 +49,12 @@ class Summary {
     summary["after"] = of_model(report_.final, rounds.empty() || rounds.back().kept ? nullptr : &rounds.back());
     summary["rounds"] = json::array();
     for (const auto& round : rounds) summary["rounds"].push_back(of_round(round));
+    // as imic3d identify has them, of the final model
+    summary["parameters"] = summary["after"]["parameters"];
+    std::vector<std::string> free;
+    for (const int j : report_.final.fit.free) free.push_back(parameter(j).info.name);
+    if (auto covariance = io::covariance_of(free, covariance_of_seen(report_.final)); !covariance.is_null())
+      summary["covariance"] = std::move(covariance);
     summary["remainder"] = {{"share_of_first_mode", report_.remainder.share},
                             {"time", numbers(report_.remainder.time)}};
     return summary;
@@ -177,6 +186,17 @@ class Summary {
     return all;
   }
 
+  /// Without a number where a parameter is not seen.
+  [[nodiscard]] static Eigen::MatrixXd covariance_of_seen(const loop::Model& model) {
+    Eigen::MatrixXd covariance = model.covariance;
+    for (std::size_t i = 0; i < model.fit.free.size(); ++i)
+      if (std::count(model.fit.unseen.begin(), model.fit.unseen.end(), model.fit.free[i]) > 0) {
+        const auto place = static_cast<Eigen::Index>(i);
+        covariance.row(place).setConstant(std::nan("")), covariance.col(place).setConstant(std::nan(""));
+      }
+    return covariance;
+  }
+
   /// The largest score of those that are visible.
   [[nodiscard]] json largest_score(const loop::Model& model) const {
     json largest = {{"z", 0.0}, {"limit", model.scores.threshold}, {"contradicted", false}};
@@ -196,16 +216,15 @@ class Summary {
                 {"chi", chi_of(model.misfit)},
                 {"converged", model.fit.converged},
                 {"iterations", model.fit.iterations}};
+    const Eigen::MatrixXd covariance = covariance_of_seen(model);
     for (std::size_t j = 0; j < model.fit.free.size(); ++j) {
       const auto& info = parameter(model.fit.free[j]).info;
       const auto place = static_cast<Eigen::Index>(j);
       const double value = model.fit.values[static_cast<std::size_t>(model.fit.free[j])];
-      const bool unseen = std::count(model.fit.unseen.begin(), model.fit.unseen.end(), model.fit.free[j]) > 0;
-      one["parameters"][info.name] = {
-          {"value", value},
-          {"standard_deviation", unseen ? std::nan("") : std::sqrt(model.covariance(place, place))},
-          {"unit", info.unit},
-          {"on_bound", loop::on_bound(parameter(model.fit.free[j]), value)}};
+      one["parameters"][info.name] = {{"value", value},
+                                      {"standard_deviation", std::sqrt(covariance(place, place))},
+                                      {"unit", info.unit},
+                                      {"on_bound", loop::on_bound(parameter(model.fit.free[j]), value)}};
     }
     one["omnibus"] = {{"deviations", model.scores.omnibus},
                       {"threshold", model.scores.omnibus_threshold},
@@ -273,6 +292,10 @@ class Summary {
 
 nlohmann::json loop_summary(const loop::Experiment& experiment, const loop::Report& report) {
   return Summary(experiment, report).all();
+}
+
+std::string answer(const loop::Report& report, const std::string& sentence) {
+  return report.searched ? fmt::format("{}: {}", name(report.verdict), sentence) : sentence;
 }
 
 }  // namespace imic3d::app

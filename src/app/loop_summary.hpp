@@ -12,5 +12,7 @@ namespace imic3d::app {
 
 /// Everything that the report says, machine-readable (docs/loop.md). Rank 0 only.
 [[nodiscard]] nlohmann::json loop_summary(const loop::Experiment& experiment, const loop::Report& report);
+/// What is printed of a report: the verdict of a search before the sentence.
+[[nodiscard]] std::string answer(const loop::Report& report, const std::string& sentence);
 
 }  // namespace imic3d::app

@@ -5,6 +5,7 @@
 #include <memory>
 
 #include "imic3d/app/output.hpp"
+#include "imic3d/app/program.hpp"
 #include "imic3d/core/parallel.hpp"
 #include "imic3d/io/case.hpp"
 #include "imic3d/loop/closing.hpp"
@@ -24,6 +25,11 @@ class LoopTest {
   /// Leaves results.h5, result.json, report.html and what they show in the folder, and prints the verdict. Collective.
   virtual void write(const std::filesystem::path& folder, const loop::Report& report, double seconds) = 0;
 };
+
+/// imic3d identify of displacement fields, of several tests, and with effects that the case declares: all free
+/// parameters at once, in the weights that imic3d loop gives the data, and what the model leaves beside what noise
+/// leaves. Collective.
+void identify_by_loop(const Communicator& world, const CommandOptions& options, const io::Case& test);
 
 /// Images, correlated, whose light has been looked at, or displacement fields. `world` outlives it. Collective.
 [[nodiscard]] std::unique_ptr<LoopTest> make_field_test(const Communicator& world, const io::Case& test,

@@ -56,7 +56,7 @@ std::map<std::string, std::vector<std::string>> effect_quantities(const io::Case
 void refuse_effects(const io::Case& test, const std::string& command) {
   if (test.effects.empty()) return;
   throw InputError("effects", fmt::format("{} declared, for imic3d {}", test.effects.begin()->first, command),
-                   "no section effects: imic3d virtual plants them, imic3d loop has them in its model");
+                   "no section effects: imic3d virtual plants them, imic3d identify and loop have them in their model");
 }
 
 std::vector<loop::DeclaredEffect> declared_effects(const io::Case& test, bool of_light) {

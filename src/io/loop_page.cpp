@@ -20,6 +20,9 @@ namespace {
 
 using nlohmann::json;
 
+/// Of an identification alone there is no model before.
+bool searched(const json& summary) { return summary.value("searched", true); }
+
 /// What the verdict is about: the effects that were added, and with the last one those that it cannot be told from.
 std::string subject(const json& summary) {
   std::string words;
@@ -46,8 +49,9 @@ std::string held_out(const json& summary) {
 
 std::string answer(const json& summary) {
   std::string out = fmt::format(
-      "<p><strong>{}</strong></p>\n<p>Verdict: <strong>{}</strong>{}{}. Held out: {}.</p>\n",
-      escaped(summary, "sentence"), escaped(summary, "verdict"), subject(summary),
+      "<p><strong>{}</strong></p>\n<p>{}{}. Held out: {}.</p>\n", escaped(summary, "sentence"),
+      searched(summary) ? fmt::format("Verdict: <strong>{}</strong>{}", escaped(summary, "verdict"), subject(summary))
+                        : "Identified alone",
       summary.contains("light") ? "; of the light: <strong>" + escaped(summary["light"], "verdict") + "</strong>" : "",
       held_out(summary));
   if (summary.contains("doubts"))
@@ -77,9 +81,9 @@ std::string embedded(const std::vector<ReportPicture>& pictures) {
   return out + "</div>\n";
 }
 
-std::string error_row(const std::string& what, double before, double after, double null) {
-  return fmt::format("<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>\n", what, shown(before, 4), shown(after, 4),
-                     shown(null, 4));
+std::string error_row(const std::string& what, double before, double after, double null, bool both) {
+  return fmt::format("<tr><td>{}</td>{}<td>{}</td><td>{}</td></tr>\n", what,
+                     both ? fmt::format("<td>{}</td>", shown(before, 4)) : "", shown(after, 4), shown(null, 4));
 }
 
 std::string errors(const json& summary) {
@@ -97,20 +101,21 @@ std::string errors(const json& summary) {
         Row{"force", "null_force", bars ? "χ of forces and stresses, fitted frames" : "χ of the force, fitted frames"},
         Row{"checkerboard", "null_checkerboard", "χ of the white squares, from the black ones"}})
     if (before.contains(key) && (checked || key != std::string_view("held_out")))
-      rows += error_row(what, before[key], after[key], after[null]);
+      rows += error_row(what, before[key], after[key], after[null], searched(summary));
   if (before.contains("cameras"))
     for (const auto& [name, was] : before["cameras"].items()) {
       const json& now = after["cameras"][name];
       rows += error_row(fmt::format("χ of the {} cameras, from the others", escaped(name)), was["left_out"],
-                        now["left_out"], now["null"]);
+                        now["left_out"], now["null"], searched(summary));
     }
   const char* note = summary.contains("part_of_several_tests")
                          ? "<p class=\"note\">One of several tests: the verdict and the errors of this table are those "
                            "of all of them together.</p>\n"
                          : "";
-  return std::string("<h2>Error before and after</h2>\n") + note +
-         "<table>\n<tr><th></th><th>before</th><th>after</th><th>noise alone, 95 %</th></tr>\n" + rows + "</table>\n" +
-         frame_plots(summary);
+  return (searched(summary) ? "<h2>Error before and after</h2>\n" + std::string(note) +
+                                  "<table>\n<tr><th></th><th>before</th><th>after"
+                            : "<h2>Error</h2>\n" + std::string(note) + "<table>\n<tr><th></th><th>model") +
+         "</th><th>noise alone, 95 %</th></tr>\n" + rows + "</table>\n" + frame_plots(summary);
 }
 
 /// Where and when the final model leaves most.
@@ -187,9 +192,9 @@ std::string ambiguity(const json& summary) {
 
 std::string parameters(const json& summary) {
   const json &before = summary["before"]["parameters"], &after = summary["after"]["parameters"];
-  std::string out =
-      "<h2>Parameters</h2>\n<table>\n<tr><th>parameter</th><th>before</th><th></th><th></th><th>after</th><th></"
-      "th><th>unit</th></tr>\n";
+  const bool both = searched(summary);
+  std::string out = fmt::format("<h2>Parameters</h2>\n<table>\n<tr><th>parameter</th>{}<th></th><th>unit</th></tr>\n",
+                                both ? "<th>before</th><th></th><th></th><th>after</th>" : "<th>value</th>");
   const auto with = [](const json& one) {
     const double deviation = one["standard_deviation"];
     return fmt::format("<td>{}</td><td>{}</td>", shown_with(one["value"], deviation),
@@ -198,9 +203,11 @@ std::string parameters(const json& summary) {
                                              : "its bound");
   };
   for (const auto& [name, now] : after.items())
-    out += fmt::format("<tr><td>{}</td>{}<td>{}</td>{}<td class=\"left\">{}</td></tr>\n", escaped(name),
-                       before.contains(name) ? with(before[name]) : "<td>–</td><td></td>",
-                       before.contains(name) ? "→" : "new", with(now), escaped(now, "unit"));
+    out += fmt::format("<tr><td>{}</td>{}{}<td class=\"left\">{}</td></tr>\n", escaped(name),
+                       !both                   ? ""
+                       : before.contains(name) ? with(before[name]) + "<td>→</td>"
+                                               : "<td>–</td><td></td><td>new</td>",
+                       with(now), escaped(now, "unit"));
   return out + "</table>\n";
 }
 
@@ -235,15 +242,17 @@ std::string what_next(const json& summary) {
 
 /// Of bars: rms per group, and the residual of every bar.
 std::string bars(const json& summary) {
+  const bool both = searched(summary);
   std::string out =
-      "<h2>Bars</h2>\n<table>\n<tr><th>group</th><th></th><th>rows</th><th>rms "
-      "before</th><th>after</th><th>unit</th></tr>\n";
+      fmt::format("<h2>Bars</h2>\n<table>\n<tr><th>group</th><th></th><th>rows</th>{}<th>unit</th></tr>\n",
+                  both ? "<th>rms before</th><th>after</th>" : "<th>rms</th>");
   for (const auto& group : summary["groups"])
     out += fmt::format(
-        "<tr{}><td>{}</td><td class=\"left\">{}</td><td>{}</td><td>{}</td><td>{}</td><td class=\"left\">{}</td></tr>\n",
+        "<tr{}><td>{}</td><td class=\"left\">{}</td><td>{}</td>{}<td>{}</td><td class=\"left\">{}</td></tr>\n",
         group["held_out"].get<bool>() ? " class=\"held\"" : "", escaped(group, "name"),
-        group["held_out"].get<bool>() ? "held out" : "fitted", group["rows"].get<long>(), shown(group["before"], 3),
-        shown(group["after"], 3), escaped(group, "unit"));
+        group["held_out"].get<bool>() ? "held out" : "fitted", group["rows"].get<long>(),
+        both ? fmt::format("<td>{}</td>", shown(group["before"], 3)) : "", shown(group["after"], 3),
+        escaped(group, "unit"));
   return out + "</table>\n" + bar_plots(summary);
 }
 
@@ -290,14 +299,14 @@ void write_loop_page(const std::filesystem::path& page, const json& summary,
   out += answer(summary);
   out += embedded(pictures);
   out += errors(summary) + where_it_remains(summary);
-  out += "<h2>Candidates under the declared model</h2>\n" + candidate_table(summary["before"]) + rounds(summary);
+  if (searched(summary))
+    out += "<h2>Candidates under the declared model</h2>\n" + candidate_table(summary["before"]) + rounds(summary);
   if (!after["candidates"].empty() && added)
     out += "<h2>Candidates under the final model</h2>\n<details><summary>scores and sizes</summary>\n" +
            candidate_table(after) + "</details>\n";
   out += ambiguity(summary);
   out += parameters(summary);
-  out += "<h2>What this test cannot see</h2>\n" + blind_spots(after);
-  out += what_next(summary);
+  if (searched(summary)) out += "<h2>What this test cannot see</h2>\n" + blind_spots(after) + what_next(summary);
   if (summary.contains("light")) out += light(summary["light"]);
   if (summary.contains("curves")) out += bars(summary);
   write_text_file(page, out + "</body></html>\n");

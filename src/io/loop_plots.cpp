@@ -115,6 +115,7 @@ std::string bar_plots(const json& summary) {
     if (std::find(done.begin(), done.end(), group) != done.end()) continue;
     done.push_back(group);
     for (const char* when : {"before", "after"}) {
+      if (when == std::string_view("before") && !summary.value("searched", true)) continue;
       std::vector<Curve> lines;
       for (const auto& one : summary["curves"]) {
         if (one["group"] != group) continue;

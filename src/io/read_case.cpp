@@ -74,7 +74,8 @@ void CaseReader::read_tests() {
     if (section != "title" && section != "loop" && section != "output" && section != "tests")
       mistake(section, "given beside tests", "title, loop and output; all else in the cases of the tests");
   if (!checks_.several)
-    mistake("tests", "several tests", "one test; imic3d loop takes several, in a file that none of them lists");
+    mistake("tests", "several tests",
+            "one test; imic3d identify and loop take several, in a file that none of them lists");
   for (const auto& section : root_.list("tests")) {
     auto& test = case_.tests.emplace_back();
     section.get("name", test.name);

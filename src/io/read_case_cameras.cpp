@@ -265,7 +265,8 @@ void CaseReader::read_fields() {
   if (!root_.has("fields")) return;
   const auto section = root_.group("fields");
   if (!checks_.fields) {
-    mistake("fields", "given", "images of cameras, for this command; displacement fields are for imic3d loop");
+    mistake("fields", "given",
+            "images of cameras, for this command; displacement fields are for imic3d identify and loop");
     return;
   }
   if (root_.has("cameras")) mistake("fields", "given beside cameras", "one of the two");

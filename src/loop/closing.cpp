@@ -47,6 +47,12 @@ std::vector<char> flags(int frames, const std::vector<int>& chosen) {
   return flag;
 }
 
+std::vector<std::string> names_of(const std::vector<Candidate>& candidates) {
+  std::vector<std::string> names;
+  for (const auto& one : candidates) names.push_back(one.name);
+  return names;
+}
+
 class Loop {
  public:
   Loop(Experiment& experiment, const LoopOptions& options, const std::function<void(const std::string&)>& say)
@@ -55,7 +61,7 @@ class Loop {
         say_(say),
         frames_(static_cast<int>(experiment.frame_numbers().size())),
         held_out_(flags(frames_, options.held_out.empty() ? held_out_blocks(frames_) : options.held_out)),
-        appraisal_(experiment, held_out_, options.leave_out),
+        appraisal_(experiment, held_out_, options.search ? options.leave_out : names_of(experiment.candidates())),
         rows_(appraisal_.fitted_rows()) {}
 
   Report run() {
@@ -68,7 +74,7 @@ class Loop {
       compare_with_alike(at);
     if (report_.set.empty() && report_.verdict == Verdict::attributed) report_.set = report_.named;
     if (report_.verdict != Verdict::nothing_found) look_beyond_bounds(at);
-    report_.held_out = held_out_;
+    report_.held_out = held_out_, report_.searched = options_.search;
     report_.final = std::move(at);
     find_invisible();
     find_remainder();
@@ -91,7 +97,7 @@ class Loop {
                                                           : Verdict::attributed;
         return;
       }
-      if (static_cast<int>(at.added.size()) >= options_.additions) {
+      if (!options_.search || static_cast<int>(at.added.size()) >= options_.additions) {
         report_.verdict = Verdict::unexplained;
         return;
       }

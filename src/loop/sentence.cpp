@@ -166,10 +166,12 @@ std::string verdict_in_words(const Experiment& experiment, const Report& report)
   const Model &before = report.declared, &after = report.final;
   const bool is_held_out =
       std::any_of(report.held_out.begin(), report.held_out.end(), [](char out) { return out != 0; });
-  const std::string change = !is_held_out
-                                 ? "Nothing was held out that would check it."
-                                 : fmt::format("Held-out error {:.2f} -> {:.2f} (null {:.2f}).", before.misfit.held_out,
-                                               after.misfit.held_out, after.misfit.null_held_out);
+  const std::string change =
+      !is_held_out ? "Nothing was held out that would check it."
+      : !report.searched
+          ? fmt::format("Held-out error {:.2f} (null {:.2f}).", after.misfit.held_out, after.misfit.null_held_out)
+          : fmt::format("Held-out error {:.2f} -> {:.2f} (null {:.2f}).", before.misfit.held_out, after.misfit.held_out,
+                        after.misfit.null_held_out);
   const auto candidate = [&](int k) -> const Candidate& {
     return experiment.candidates()[static_cast<std::size_t>(k)];
   };
@@ -188,7 +190,9 @@ std::string verdict_in_words(const Experiment& experiment, const Report& report)
                     candidate(after.others[i]).name;
   if (!by_formula.empty()) by_chance += by_formula + ".";
   if (report.verdict == Verdict::nothing_found)
-    return fmt::format("Nothing is missing that this test could show (chi {:.2f}, null up to {:.2f}{}).{}",
+    return fmt::format("{} (chi {:.2f}, null up to {:.2f}{}).{}",
+                       report.searched ? "Nothing is missing that this test could show"
+                                       : "The model leaves what noise leaves, no effect was looked for",
                        before.misfit.fitted, before.misfit.null_fitted, energy_decides(before), by_chance);
   std::string by_score;  // where the residual as a whole is no larger than noise makes it
   if (!omnibus_significant(before)) {
@@ -245,7 +249,9 @@ std::string verdict_in_words(const Experiment& experiment, const Report& report)
     all.insert(all.end(), report.set.begin(), report.set.end());
     text += courses(all);
   } else {
-    text += report.rounds.empty() ? "No effect was tried" : "No known effect explains it";
+    text += !report.searched        ? "No effect was looked for (imic3d loop does)"
+            : report.rounds.empty() ? "No effect was tried"
+                                    : "No known effect explains it";
     if (report.beyond_bounds) text += " (nothing is left with " + beyond_bounds(experiment, report) + ")";
     if (!report.named.empty()) text += ", though it helps to add: " + list(report.named);
     if (const auto k = without_size(experiment, after); k && !significant(after)) {

@@ -129,9 +129,31 @@ def main():
     case.write_text(ALL.replace("second.yaml", "first.yaml"))
     said = run(program, "loop", case, 1, status=2, errors=True)
     require("the case of first strip once more" in said, f"the same case twice: {said.strip()}")
-    said = run(program, "identify", folder / "all.yaml", 1, status=2, errors=True)
-    require("imic3d loop takes several" in said, "identify takes one test")
+    identified_together(program, folder)
     end()
+
+
+def identified_together(program, folder):
+    """`imic3d identify` of the same tests: it tells that something is left, and looks for nothing; with the gain declared as known nothing is."""
+    tests = ALL.replace("output: all", "output: NAME")
+    (folder / "gained.yaml").write_text((folder / "first.yaml").read_text() + f"effects: {{force_gain: {{force_gain: {GAIN}}}}}\n")
+    for name, first in (("lacking", "first"), ("complete", "gained")):
+        (folder / f"{name}.yaml").write_text(tests.replace("NAME", name).replace("first.yaml", f"{first}.yaml"))
+        said = run(program, "identify", folder / f"{name}.yaml", ranks_of(sys.argv))
+        result, page = json.loads((folder / name / "result.json").read_text()), (folder / name / "report.html").read_text()
+        chi = result["after"]["chi"]
+        require((chi["fitted"] > chi["null_fitted"]) == (name == "lacking") and ("Something is missing" in said) == (name == "lacking"), f"{name}: chi {chi['fitted']:.2f}, null {chi['null_fitted']:.2f}")
+        require(not result["rounds"] and not result["after"]["candidates"] and not result["searched"] and "no effect was looked for" in said.lower(), "no effect is looked for")
+        require("Candidates" not in page and "<th>before" not in page and "Identified alone" in page and "What this test cannot see" not in page, "nor does the page speak of any")
+        require(result["parameters"] == result["after"]["parameters"] and result["covariance"]["parameters"] == ["E", "nu"], "parameters and covariance as of other identifications")
+        same_page(program, folder / name)
+        one = result["parameters"]["E"]
+    require(abs(one["value"] - fields.E) < 4 * one["standard_deviation"] < 0.004 * fields.E, f"E {one['value']:.0f} +- {one['standard_deviation']:.0f}, true {fields.E:.0f}")
+    (folder / "one.yaml").write_text((folder / "second.yaml").read_text().replace("second/run", "second/identified"))
+    said = run(program, "identify", folder / "one.yaml", ranks_of(sys.argv))
+    result = json.loads((folder / "second/identified/result.json").read_text())
+    one = result["parameters"]["E"]
+    require("The model leaves what noise leaves" in said and "+- " in said and abs(one["value"] - fields.E) < 4 * one["standard_deviation"], f"one test of displacement fields: E {one['value']:.0f} +- {one['standard_deviation']:.0f}")
 
 
 main()

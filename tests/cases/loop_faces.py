@@ -57,7 +57,7 @@ def main():
         (folder / f"{name}_virtual.yaml").write_text(VIRTUAL.format(cameras=cameras, name=name, seed=seed, effects=effects))
         run(program, "virtual", folder / f"{name}_virtual.yaml", ranks)
 
-    def loop(name, cameras=seen, half="false", effects="{}", status=0, output=None):
+    def loop(name, cameras=seen, half="false", effects="{}", status=0, output=None, command="loop"):
         place = ""
         images = lambda c: f"images: '{name}/images_{c}/*.png', reference: 0-2"
         text = {"mono": ", " + images("mono"), "rear": ", " + images("rear")}
@@ -69,7 +69,7 @@ def main():
         declared = ", ".join(CAMERAS[c].format(**text) for c in cameras)
         case = folder / f"{name}_{output or 'loop'}.yaml"
         case.write_text(LOOP.format(half=half, place=place, cameras=declared, name=name, effects=effects, rivals=2 if stereo else 1, output=f"{name}/{output or 'run'}"))
-        said = run(program, "loop", case, ranks if status == 0 else 1, status=status, errors=status != 0)
+        said = run(program, command, case, ranks if status == 0 else 1, status=status, errors=status != 0)
         return said if status else json.loads((folder / name / (output or "run") / "result.json").read_text())
 
     def size_of(result, candidate, quantity):
@@ -122,6 +122,12 @@ def main():
     require(abs(size["value"] - expected) < 4 * size["standard_deviation"] + 0.05 * expected, f"bending share {size['value']:.4f} +- {size['standard_deviation']:.1g}, true {expected:.4f}")
     within_null(result, "bent")
     require(all((folder / f"bent/run/{name}_{face}.png").stat().st_size > 500 for name in ("residual_after", "zoom_after") for face in ("front", "back")), "pictures of what was added")
+
+    # Declared as one more unknown, it is identified with the parameters.
+    known = loop("bent", effects="{misalignment: {bending_share: {free: true}}}", output="known", command="identify")
+    size, chi = known["parameters"]["bending_share"], known["after"]["chi"]
+    require(not known["searched"] and chi["fitted"] < chi["null_fitted"] < result["before"]["chi"]["fitted"] and abs(size["value"] - expected) < 4 * size["standard_deviation"] + 0.05 * expected,
+            f"identified with it: bending share {size['value']:.4f} +- {size['standard_deviation']:.1g}, chi {chi['fitted']:.2f} (null {chi['null_fitted']:.2f})")
 
     if stereo:  # one of the two cameras is pushed, which the pair takes for a motion in space
         pushed = 2e-4

@@ -21,6 +21,7 @@ struct LoopOptions {
   /// candidates that are not considered, by their names or as `key_of` writes these
   std::vector<std::string> leave_out{};
   std::vector<int> held_out;  ///< frames (places in the record) that are never fitted; chosen if empty
+  bool search = true;         ///< false: the declared model is identified and judged, no candidate is considered
 };
 
 enum class Verdict { nothing_found, attributed, ambiguous, unexplained };
@@ -135,6 +136,7 @@ struct Report {
   Remainder remainder;
   /// of a report on several tests: verdict, sentence and the misfits of all frames are those of all tests
   bool part = false;
+  bool searched = true;  ///< whether candidates were considered
 };
 
 /// Runs the loop (docs/loop.md). `say` gets one line for each step. Collective.
