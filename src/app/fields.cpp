@@ -242,7 +242,12 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
   // judged.
   std::vector<std::size_t> judged, at_rest;
   std::optional<std::size_t> reference;
+  int last = 0;  // that a stage uses: those behind it take no part
+  for (const auto& stage : test.identify.stages)
+    if (!stage.frames.empty()) last = std::max(last, stage.frames.back());
   for (std::size_t f = 0; f < fields.frames.size(); ++f) {
+    const bool rests = std::binary_search(fields.at_rest.begin(), fields.at_rest.end(), fields.frames[f]);
+    if (!rests && fields.frames[f] > last) continue;
     if (points.displacement[f].isZero(0.0)) {
       spdlog::log(judged.empty() ? spdlog::level::info : spdlog::level::warn,
                   "fields: frame {} is left out: its displacement is 0 at all points{}", fields.frames[f],
@@ -250,11 +255,11 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
       if (judged.empty()) reference = f;
       continue;
     }
-    (std::binary_search(fields.at_rest.begin(), fields.at_rest.end(), fields.frames[f]) ? at_rest : judged)
-        .push_back(f);
+    (rests ? at_rest : judged).push_back(f);
   }
   if (judged.empty())
-    throw InputError("fields.at_rest", "every frame that has a displacement", "frames under load beside them");
+    throw InputError("fields.at_rest", "every frame that has a displacement",
+                     "frames under load beside them, of which a stage uses some");
   const auto [together, apart] = correlation_at_rest(points, at_rest);
   double shared = fields.subset * fields.scale;  // length over which points err together
   if (together > 0.0) {

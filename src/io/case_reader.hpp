@@ -144,7 +144,8 @@ class CaseReader {
   /// Files of the pattern, or the patterns, under `key`; a pattern without any is a mistake.
   std::vector<fs::path> files_of(const Section& section, const std::string& key);
   /// Frames under `key`, restricted to `available` (where nothing is known of the images, as they are written).
-  Frames frames_of(const Section& section, const std::string& key, const std::optional<Frames>& available);
+  Frames frames_of(const Section& section, const std::string& key, const std::optional<Frames>& available,
+                   const std::string& what = "frame");
   [[nodiscard]] bool simulates() const;
   [[nodiscard]] bool on_curves() const;
   /// The schema has refused the value of this path, one around it, or (within a section) one of its members: what

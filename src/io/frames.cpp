@@ -13,19 +13,19 @@ namespace imic3d::io {
 
 namespace {
 
-constexpr const char* syntax = "frame numbers such as 3, \"1-5\", \"0,2,7-9\" or \"10-40:5\"";
+constexpr const char* syntax = " numbers such as 3, \"1-5\", \"0,2,7-9\" or \"10-40:5\"";
 
-int parse_number(std::string_view text, const std::string& whole) {
+int parse_number(std::string_view text, const std::string& whole, const std::string& what) {
   int number = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
   if (error != std::errc() || end != text.data() + text.size() || number < 0 || number > largest_frame)
-    throw InputError("", fmt::format("\"{}\"", whole), syntax);
+    throw InputError("", fmt::format("\"{}\"", whole), what + syntax);
   return number;
 }
 
 }  // namespace
 
-std::vector<FrameRange> parse_frames(const std::string& text) {
+std::vector<FrameRange> parse_frames(const std::string& text, const std::string& what) {
   std::string compact;
   std::copy_if(text.begin(), text.end(), std::back_inserter(compact), [](char c) { return c != ' '; });
   std::vector<FrameRange> ranges;
@@ -36,15 +36,15 @@ std::vector<FrameRange> parse_frames(const std::string& text) {
     FrameRange range;
     const auto dash = part.find('-');
     if (dash == std::string_view::npos) {
-      range.first = range.last = parse_number(part, text);
+      range.first = range.last = parse_number(part, text, what);
       range.single = true;
     } else {
-      range.first = parse_number(part.substr(0, dash), text);
+      range.first = parse_number(part.substr(0, dash), text, what);
       part.remove_prefix(dash + 1);
       const auto colon = part.find(':');
-      range.last = parse_number(part.substr(0, colon), text);
-      if (colon != std::string_view::npos) range.step = parse_number(part.substr(colon + 1), text);
-      if (range.last < range.first || range.step < 1) throw InputError("", fmt::format("\"{}\"", text), syntax);
+      range.last = parse_number(part.substr(0, colon), text, what);
+      if (colon != std::string_view::npos) range.step = parse_number(part.substr(colon + 1), text, what);
+      if (range.last < range.first || range.step < 1) throw InputError("", fmt::format("\"{}\"", text), what + syntax);
     }
     ranges.push_back(range);
     if (comma == std::string_view::npos) return ranges;
@@ -64,7 +64,7 @@ Frames expand(const std::vector<FrameRange>& ranges) {
   return frames;
 }
 
-Frames select(const std::vector<FrameRange>& ranges, const Frames& available) {
+Frames select(const std::vector<FrameRange>& ranges, const Frames& available, const std::string& what) {
   std::set<int> frames;
   for (const auto& range : ranges) {
     const auto before = frames.size();
@@ -76,10 +76,11 @@ Frames select(const std::vector<FrameRange>& ranges, const Frames& available) {
           return frame >= range.first && frame <= range.last && (frame - range.first) % range.step == 0;
         });
     if (range.single && nothing)
-      throw InputError("", fmt::format("frame {}", range.first), "one of the frames " + to_text(available));
+      throw InputError("", fmt::format("{} {}", what, range.first),
+                       fmt::format("one of the {}s {}", what, to_text(available)));
     if (beyond || nothing)
-      throw InputError("", fmt::format("frames {}-{}", range.first, range.last),
-                       "among the frames " + to_text(available));
+      throw InputError("", fmt::format("{}s {}-{}", what, range.first, range.last),
+                       fmt::format("among the {}s {}", what, to_text(available)));
   }
   return {frames.begin(), frames.end()};
 }

@@ -327,7 +327,8 @@ std::vector<fs::path> CaseReader::files_of(const Section& section, const std::st
   return all;
 }
 
-Frames CaseReader::frames_of(const Section& section, const std::string& key, const std::optional<Frames>& available) {
+Frames CaseReader::frames_of(const Section& section, const std::string& key, const std::optional<Frames>& available,
+                             const std::string& what) {
   const auto& value = section.value(key);
   std::string text;
   if (value.is_string()) text = value;
@@ -336,8 +337,8 @@ Frames CaseReader::frames_of(const Section& section, const std::string& key, con
     for (const auto& one : value) text += (text.empty() ? "" : ",") + one.dump();
   if (text.empty() && !value.is_string()) return {};  // named by the schema's check
   try {
-    const auto ranges = parse_frames(text);
-    return available && !available->empty() ? select(ranges, *available) : expand(ranges);
+    const auto ranges = parse_frames(text, what);
+    return available && !available->empty() ? select(ranges, *available, what) : expand(ranges);
   } catch (const InputError& error) {
     for (const auto& one : error.mistakes()) mistake(section.path(key), one.found, one.allowed);
     return {};

@@ -188,7 +188,7 @@ void CaseReader::read_experiments() {
       Eigen::Index longest = 0;
       for (const auto& table : experiment.tables) longest = std::max(longest, table.strain.size());
       for (int row = 0; row < longest; ++row) rows.push_back(row);
-      experiment.held_out_rows = frames_of(section, "held_out", rows);
+      experiment.held_out_rows = frames_of(section, "held_out", rows, "row");
     }
   }
 }

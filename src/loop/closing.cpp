@@ -392,12 +392,17 @@ class Loop {
       return std::find(list.begin(), list.end(), i) != list.end();
     };
     std::vector<std::size_t> waiting, doubtful;
+    double best = INFINITY;
     for (std::size_t i = 0; i < at.others.size(); ++i)
-      if (stands_out(at, scores[i])) waiting.push_back(i);
-    for (std::size_t i = 0; i < at.others.size(); ++i)
-      if (!stands_out(at, scores[i]) &&
-          (waiting.empty() ? beyond_limit(at, scores[i]) : scores[i].z > at.scores.threshold))
+      if (stands_out(at, scores[i])) best = std::max(waiting.empty() ? 0.0 : best, scores[i].z), waiting.push_back(i);
+    // Where one is beyond the limit, it is by chance that another one which is as good is not.
+    for (std::size_t i = 0; i < at.others.size(); ++i) {
+      if (stands_out(at, scores[i])) continue;
+      if (scores[i].visible() && !scores[i].contradicted && as_good(scores[i].z, best))
+        waiting.push_back(i);
+      else if (waiting.empty() ? beyond_limit(at, scores[i]) : scores[i].z > at.scores.threshold)
         doubtful.push_back(i);
+    }
     for (auto* list : {&waiting, &doubtful})
       std::sort(list->begin(), list->end(), [&](std::size_t a, std::size_t b) { return scores[a].z > scores[b].z; });
     // As many as are asked for, and all that are as good as the best.

@@ -523,6 +523,26 @@ double CurveExperiment::round_off() const {
   return std::sqrt(square);
 }
 
+/// Of a bar that has repetitions: the noise of the points in a bin, which is that of their strain, too, where it is
+/// steep.
+void CurveExperiment::learn_noise_of_bins(std::size_t curve, const Eigen::VectorXd& predicted,
+                                          const Eigen::VectorXd& slope) {
+  const id::Curve& bar = curves_[curve];
+  const auto [first, size] = bars_[curve];
+  std::vector<Eigen::Index> judged;
+  for (Eigen::Index i = first; i < first + size; ++i)
+    for (const Eigen::Index row : bins_[static_cast<std::size_t>(i)].rows) judged.push_back(row);
+  const Eigen::VectorXd residual = bar.stress - predicted;
+  const id::PointNoise noise =
+      id::point_noise(bar.history.strain(judged), residual(judged), slope(judged), 0.0, bar.strain_noise);
+  for (Eigen::Index i = first; i < first + size; ++i) {
+    const auto& rows = bins_[static_cast<std::size_t>(i)].rows;
+    const double square = std::pow(noise.stress, 2) + std::pow(noise.strain, 2) * slope(rows).squaredNorm() /
+                                                          static_cast<double>(rows.size());
+    of_points_[i] = std::sqrt(square / static_cast<double>(rows.size()));
+  }
+}
+
 void CurveExperiment::learn_bias(const std::vector<double>& values) {
   const auto predicted = predict(values);
   if (predicted.empty()) {
@@ -532,8 +552,8 @@ void CurveExperiment::learn_bias(const std::vector<double>& values) {
   const Law law = law_of(values);
   for (std::size_t k = 0; k < bars_.size(); ++k) {
     const auto [first, size] = bars_[k];
-    if (repeated_.contains(curves_[k].group)) continue;
     const Eigen::VectorXd slope = id::slopes(curves_[k].history, predicted[k], law.values.front());
+    if (repeated_.contains(curves_[k].group)) learn_noise_of_bins(k, predicted[k], slope);
     for (Eigen::Index i = first; i < first + size; ++i)
       slope_[i] = slope[bins_[static_cast<std::size_t>(i)].rows.front()];
   }

@@ -207,6 +207,7 @@ def main():
         mistake(lambda s: s.replace("free: [S_y", 'frames: "1-5", free: [S_y'), "identify.stages[0].frames: given for experiments; allowed: from, until and held_out")
         mistake(lambda s: s.replace("identify:\n", "identify:\n  functional: combined\n"), "identify.functional: given for experiments")
         mistake(lambda s: s.replace("from: 0.003", "from: 5"), "experiments.slow slow_0: from: 5, which no row reaches; allowed: a strain below the bar's largest, 0.")
+        mistake(lambda s: s.replace('"70-152"', '"70-9000"'), "experiments[2].held_out: rows 70-9000; allowed: among the rows 0-")
         mistake(lambda s: s.replace('file: "slow_*.csv"', 'file: "slow_*.csv", held_out: true').replace('held_out: "70-152"', "held_out: true"), "experiments: no row to fit: all are held out, or come before `from`")
         mistake(lambda s: s + "loop: {prior: {nu: 0.01}}\n", "loop.prior.nu: of a parameter that is not free", "loop")
         mistake(lambda s: s.replace("stress_unit: ksi", "stress_unit: ksi, noise: -1"), "noise: -1; allowed: a positive number")

@@ -157,7 +157,11 @@ def main():
     said = run(program, "check", gone, status=2, errors=True)
     require("fields.files: 13 files; allowed: 14, one for each frame of" in said and "frames: from_names" in said, f"a file that is missing is said: {said}")
     gone.write_text(case("gone", ", frames: from_names"))
-    require("1-5,7-14" in run(program, "check", gone), "the numbers of the files are those of the frames")
+    require("from frames 4,5,7-14" in run(program, "check", gone), "the numbers of the files are those of the frames")
+    gone.write_text(case("gone", ", frames: from_names").replace("free: [E, nu]", "free: [E, nu], frames: 5-11").replace("gone/run", "gone/first"))
+    run(program, "identify", gone, ranks)
+    frames = json.loads((folder / "gone/first/result.json").read_text())["frames"]
+    require(frames == [4, 5, 7, 8, 9, 10, 11], f"frames behind the last one of the stages take no part: {frames}")
 
     invisible = next(one for one in result["before"]["candidates"] if one["name"] == "force gain")["sizes"][0]
     require(invisible["detectable"] is None, f"nor would any size of it be found: {invisible['detectable']}")

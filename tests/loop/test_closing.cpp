@@ -574,6 +574,26 @@ TEST(Closing, AnEffectThatIsNeededNoMoreIsTakenOutAgain) {
   EXPECT_NEAR(report.final.fit.values[2 + Curves::curved], 2.0, 0.3);
 }
 
+/// Two that are hardly unlike, of a size of which the one may be beyond the limit and the other not: the truth is in the
+/// set all the same.
+TEST(Closing, WhatIsAsGoodAsOneBeyondTheLimitIsTried) {
+  int found = 0, right = 0, below = 0;
+  for (unsigned seed = 1; seed <= 40; ++seed) {
+    Curves curves(seed, {{Curves::twin, 1.2}}, 0.0, 5000U, 0.0);
+    curves.unlike_twins = 0.1;
+    const Report report = loop_on(curves);
+    if (report.set.empty()) continue;
+    ++found;
+    right += std::count(report.set.begin(), report.set.end(), static_cast<int>(Curves::twin)) > 0 ? 1 : 0;
+    for (std::size_t i = 0; i < report.declared.others.size(); ++i)
+      if (report.declared.others[i] == Curves::twin)
+        below += report.declared.scores.candidates[i].z < report.declared.scores.threshold ? 1 : 0;
+  }
+  RecordProperty("found", found), RecordProperty("right", right), RecordProperty("below", below);
+  std::printf("found %d right %d below %d\n", found, right, below);
+  EXPECT_EQ(right, found);
+}
+
 /// However few are to be tried: those that are as good as the best are not left out.
 TEST(Closing, RivalsAsGoodAsTheBestAreTried) {
   LoopOptions one_rival = usual;

@@ -18,14 +18,16 @@ struct FrameRange {
 };
 
 /// Reads "1-5", "0,2,7-9" or "10-40:5". Throws InputError with an empty place (the caller knows it).
-[[nodiscard]] std::vector<FrameRange> parse_frames(const std::string& text);
+[[nodiscard]] std::vector<FrameRange> parse_frames(const std::string& text, const std::string& what = "frame");
 
 /// All numbers of the ranges, ascending and without repetition.
 [[nodiscard]] Frames expand(const std::vector<FrameRange>& ranges);
 
 /// Those of the numbers that are in `available` (ascending). Throws InputError with an empty place if a single frame is
 /// not there, or a range reaches beyond the last frame or selects nothing.
-[[nodiscard]] Frames select(const std::vector<FrameRange>& ranges, const Frames& available);
+/// `what`: what is numbered, for the message.
+[[nodiscard]] Frames select(const std::vector<FrameRange>& ranges, const Frames& available,
+                            const std::string& what = "frame");
 
 /// Short form, e.g. "0-12,14,20".
 [[nodiscard]] std::string to_text(const Frames& frames);

@@ -147,6 +147,7 @@ class CurveExperiment final : public Experiment {
   [[nodiscard]] double correlation_beyond_cubics(const std::string& group) const;
   /// Bars that differ as `scatter_` says, `grown` times as much [N x draws, stress].
   [[nodiscard]] Eigen::MatrixXd bars_like_these(int draws, double grown, unsigned seed) const;
+  void learn_noise_of_bins(std::size_t curve, const Eigen::VectorXd& predicted, const Eigen::VectorXd& slope);
   [[nodiscard]] Scatter scatter_of(const Eigen::VectorXd& raw) const;
   // of one that has no repetition
   [[nodiscard]] identification::PointNoise points_of(std::size_t curve, const Eigen::VectorXd& raw) const;
