@@ -66,7 +66,7 @@ struct Jump {
 /// The largest one, of a record with times; nothing where the strain is not as steady as that.
 std::optional<Jump> jump_of(const id::Curve& curve) {
   constexpr Eigen::Index beside = 5;
-  constexpr double many = 8.0, steady = 3.0;
+  constexpr double many = 8.0, steady = 3.0, very_steady = 1.5;
   const auto &time = curve.history.time, &strain = curve.history.strain;
   const Eigen::Index rows = strain.size();
   std::optional<Jump> largest;
@@ -77,7 +77,8 @@ std::optional<Jump> jump_of(const id::Curve& curve) {
       if (i != row) others.push_back(std::abs(rate(i)));
     const double most = *std::max_element(others.begin(), others.end()), usual = median(others), its = rate(row);
     const double jump = strain[row] - strain[row - 1];
-    if (!std::isfinite(its) || !(usual > 0.0) || !(std::abs(its) > many * usual) || !(most < steady * usual) ||
+    if (!std::isfinite(its) || !(usual > 0.0) ||
+        !(std::abs(its) > (most < very_steady * usual ? 0.5 * many : many) * usual) || !(most < steady * usual) ||
         !(std::abs(jump) > many * curve.strain_noise))
       continue;
     if (!largest || std::abs(jump) > std::abs(largest->strain)) largest = Jump{row, jump, std::abs(its) / usual};

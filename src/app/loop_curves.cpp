@@ -84,14 +84,16 @@ void add_curves(nlohmann::json& json, const io::Case& test, const loop::CurveExp
 
 class CurveTest final : public LoopTest {
  public:
-  CurveTest(const Communicator& world, const io::Case& test, loop::CurveModel model)
-      : world_(world), test_(test), experiment_(world, make_curves(test), std::move(model)) {
+  CurveTest(const Communicator& world, const io::Case& test, Aim aim, loop::CurveModel model)
+      : world_(world), test_(test), aim_(aim), experiment_(world, make_curves(test), std::move(model)) {
     doubts_ = doubts_of_curves(test, experiment_.curves());
     spdlog::info("{}: {} curves, {} numbers, {} candidates", test.title, experiment_.curves().size(),
                  experiment_.data().size(), experiment_.candidates().size());
   }
   loop::Experiment& experiment() override { return experiment_; }
-  std::vector<int> held_out() const override { return experiment_.held_out(); }
+  std::vector<int> held_out() const override {
+    return aim_ == Aim::identify ? experiment_.declared_held_out() : experiment_.held_out();
+  }
   int simulations() const override { return experiment_.simulations(); }
   void write(const std::filesystem::path& folder, const loop::Report& report, double seconds) override {
     collectively(world_, [&] {
@@ -124,13 +126,14 @@ class CurveTest final : public LoopTest {
 
   const Communicator& world_;
   const io::Case& test_;
+  Aim aim_;
   loop::CurveExperiment experiment_;
   std::vector<std::string> doubts_;
 };
 
 }  // namespace
 
-std::unique_ptr<LoopTest> make_curve_test(const Communicator& world, const io::Case& test) {
+std::unique_ptr<LoopTest> make_curve_test(const Communicator& world, const io::Case& test, Aim aim) {
   if (!test.cameras.empty())
     throw InputError("experiments", "given beside cameras",
                      "images or experiments, each in a case of its own (both at once: tests)");
@@ -150,7 +153,7 @@ std::unique_ptr<LoopTest> make_curve_test(const Communicator& world, const io::C
     for (const auto& name : stage.free) model.free[static_cast<std::size_t>(material.index(name))] = 1;
   for (const auto& [name, deviation] : test.loop.prior)
     model.priors[static_cast<std::size_t>(material.index(name))] = deviation;
-  return std::make_unique<CurveTest>(world, test, std::move(model));
+  return std::make_unique<CurveTest>(world, test, aim, std::move(model));
 }
 
 }  // namespace imic3d::app

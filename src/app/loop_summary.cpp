@@ -49,6 +49,10 @@ class Summary {
     summary["after"] = of_model(report_.final, rounds.empty() || rounds.back().kept ? nullptr : &rounds.back());
     summary["rounds"] = json::array();
     for (const auto& round : rounds) summary["rounds"].push_back(of_round(round));
+    // what the case declares of effects as known
+    for (const auto& one : experiment_.parameters())
+      if (!one.free && one.info.null_value && one.value != *one.info.null_value)
+        summary["known"][one.info.name] = {{"value", one.value}, {"unit", one.info.unit}};
     // as imic3d identify has them, of the final model
     summary["parameters"] = summary["after"]["parameters"];
     std::vector<std::string> free;
@@ -186,11 +190,11 @@ class Summary {
     return all;
   }
 
-  /// Without a number where a parameter is not seen.
+  /// Without a number where a parameter is not seen, or not apart from others.
   [[nodiscard]] static Eigen::MatrixXd covariance_of_seen(const loop::Model& model) {
     Eigen::MatrixXd covariance = model.covariance;
     for (std::size_t i = 0; i < model.fit.free.size(); ++i)
-      if (std::count(model.fit.unseen.begin(), model.fit.unseen.end(), model.fit.free[i]) > 0) {
+      if (!loop::is_determined(model, model.fit.free[i])) {
         const auto place = static_cast<Eigen::Index>(i);
         covariance.row(place).setConstant(std::nan("")), covariance.col(place).setConstant(std::nan(""));
       }

@@ -12,11 +12,14 @@
 
 namespace imic3d::app {
 
+/// What the identified model leaves is told, or looked into.
+enum class Aim { identify, close_the_loop };
+
 class LoopTest {
  public:
   virtual ~LoopTest() = default;
   [[nodiscard]] virtual loop::Experiment& experiment() = 0;
-  /// Places of the frames that the case holds out; empty: none is named.
+  /// Places of the frames that are held out: those that the case names, else for a search what is chosen.
   [[nodiscard]] virtual std::vector<int> held_out() const = 0;
   /// Simulations made so far.
   [[nodiscard]] virtual int simulations() const = 0;
@@ -32,9 +35,9 @@ class LoopTest {
 void identify_by_loop(const Communicator& world, const CommandOptions& options, const io::Case& test);
 
 /// Images, correlated, whose light has been looked at, or displacement fields. `world` outlives it. Collective.
-[[nodiscard]] std::unique_ptr<LoopTest> make_field_test(const Communicator& world, const io::Case& test,
+[[nodiscard]] std::unique_ptr<LoopTest> make_field_test(const Communicator& world, const io::Case& test, Aim aim,
                                                         const std::function<void(const std::string&)>& say);
 /// Stress-strain curves of bars. `world` and `test` outlive it.
-[[nodiscard]] std::unique_ptr<LoopTest> make_curve_test(const Communicator& world, const io::Case& test);
+[[nodiscard]] std::unique_ptr<LoopTest> make_curve_test(const Communicator& world, const io::Case& test, Aim aim);
 
 }  // namespace imic3d::app

@@ -472,7 +472,7 @@ std::vector<std::string> doubts_of(const io::Case& test, const Observation& seen
     doubts.push_back(one);
     spdlog::warn("{}", one);
   }
-  if (auto doubt = doubt_of_zero(force_at_rest(test), test.units); !doubt.empty()) {
+  if (auto doubt = doubt_of_zero(force_at_rest(test), test); !doubt.empty()) {
     spdlog::warn("{}", doubt);
     doubts.push_back(std::move(doubt));
   }

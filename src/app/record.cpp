@@ -350,12 +350,13 @@ std::optional<loop::FieldData::Reading> force_at_rest(const io::Case& test) {
   return reading_at_rest(readings_of_reference(test), test.loads.noise);
 }
 
-std::string doubt_of_zero(const std::optional<loop::FieldData::Reading>& at_rest, const io::Units& units) {
-  if (!at_rest || !(std::abs(at_rest->value) > off_zero * at_rest->deviation)) return {};
+std::string doubt_of_zero(const std::optional<loop::FieldData::Reading>& at_rest, const io::Case& test) {
+  const bool declared = test.effects.contains("force_zero") || test.effects.contains("preload");
+  if (declared || !at_rest || !(std::abs(at_rest->value) > off_zero * at_rest->deviation)) return {};
   return fmt::format(
       "the load record reads {:.4g} +- {:.2g} {} while the reference was taken, where displacement and "
       "simulated force are zero: a zero of the load cell, or a load that the specimen bore already",
-      at_rest->value, at_rest->deviation, units.force);
+      at_rest->value, at_rest->deviation, test.units.force);
 }
 
 double force_noise(const Eigen::VectorXd& at_rest, double largest) {

@@ -35,8 +35,7 @@ Eigen::VectorXd singular_values(const MatrixXd& A) { return A.jacobiSvd().singul
 
 MatrixXd solve_symmetric(const MatrixXd& A, const MatrixXd& B) { return A.ldlt().solve(B); }
 
-SeenInverse inverse_of_seen(const MatrixXd& A) {
-  constexpr double unseen = 1e-12;
+SeenInverse inverse_of_seen(const MatrixXd& A, double unseen) {
   const Eigen::Index n = A.rows();
   const Eigen::VectorXd scale =
       A.diagonal().unaryExpr([](double value) { return value > 0.0 ? 1.0 / std::sqrt(value) : 0.0; });

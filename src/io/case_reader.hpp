@@ -129,6 +129,7 @@ class CaseReader {
   void doubt_units();
   void check_table(const Section& section);
   void check_parameters(const Section& section);
+  void doubt_bound(const ParameterInfo& info, const char* which, double declared, double own);
   static std::string range_of(const ParameterInfo& info);
   void check_bounds(const std::string& path, const ParameterCase& parameter);
   void read_experiments();

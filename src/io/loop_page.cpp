@@ -208,6 +208,10 @@ std::string parameters(const json& summary) {
                        : before.contains(name) ? with(before[name]) + "<td>→</td>"
                                                : "<td>–</td><td></td><td>new</td>",
                        with(now), escaped(now, "unit"));
+  if (summary.contains("known"))
+    for (const auto& [name, one] : summary["known"].items())
+      out += fmt::format("<tr><td>{}</td>{}<td>{}</td><td>known</td><td class=\"left\">{}</td></tr>\n", escaped(name),
+                         both ? "<td></td><td></td><td></td>" : "", shown(one["value"], 4), escaped(one, "unit"));
   return out + "</table>\n";
 }
 

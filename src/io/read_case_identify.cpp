@@ -160,7 +160,8 @@ void CaseReader::read_effects() {
     if (possible.empty() || std::find(names.begin(), names.end(), name) != names.end()) return true;
     const auto near = nearest(name, names);
     mistake(path, fmt::format("no {} \"{}\"{}", what, name, near.empty() ? "" : ", near to " + near),
-            fmt::format("{}", fmt::join(names, ", ")));
+            fmt::format("{}{}", fmt::join(names, ", "),
+                        std::string_view(what) == "effect" ? "; those of the law in material.effects" : ""));
     return false;
   };
   for (const auto& [effect, declared] : section.json().items()) {

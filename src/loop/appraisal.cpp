@@ -121,6 +121,14 @@ void Appraisal::judge(Model& model) const {
   // of the parameters by the noise
   const Eigen::MatrixXd moved = pull * stacked(null(rows_, Eigen::all), prior.null);
   model.covariance = moved * moved.transpose() / static_cast<double>(moved.cols());
+  constexpr double by_differences = 1e-8;  // derivatives are found to 1e-4 where they take simulations
+  const Eigen::MatrixXd J = stacked(model.fit.sensitivity(rows_, Eigen::all), prior.sensitivity);
+  model.undetermined.clear();
+  for (const Eigen::Index i : inverse_of_seen(J.transpose() * J, by_differences).undetermined)
+    if (const int j = model.fit.free[static_cast<std::size_t>(i)];
+        std::count(model.fit.unseen.begin(), model.fit.unseen.end(), j) == 0 &&
+        std::count(model.fit.held.begin(), model.fit.held.end(), j) == 0)
+      model.undetermined.push_back(j);
   const Eigen::MatrixXd left = left_by_fit(model.ground->squares, model, pull, prior);
   const auto chi = [](const auto& r) {
     return std::sqrt(r.squaredNorm() / static_cast<double>(std::max<Eigen::Index>(1, r.size())));
@@ -529,21 +537,24 @@ Sizes sizes_of(const Experiment& experiment, const Fit& fit, int candidate) {
   return its;
 }
 
+bool has_size(const Experiment& experiment, const Model& model, int candidate) {
+  const auto function = [&](int k) { return experiment.candidates()[static_cast<std::size_t>(k)].formula_for; };
+  Sizes its = sizes_of(experiment, model.fit, candidate);
+  for (int other : model.added) {
+    if (other == candidate || function(candidate).empty() || function(other) != function(candidate)) continue;
+    const Sizes more = sizes_of(experiment, model.fit, other);
+    its.places.insert(its.places.end(), more.places.begin(), more.places.end());
+    its.values.conservativeResize(its.values.size() + more.values.size());
+    its.values.tail(more.values.size()) = more.values;
+  }
+  return its.places.empty() || told_from_zero(its.values, model.covariance(its.places, its.places));
+}
+
 std::optional<int> without_size(const Experiment& experiment, const Model& model) {
   if (model.added.size() < 2) return std::nullopt;
-  const auto function = [&](int k) { return experiment.candidates()[static_cast<std::size_t>(k)].formula_for; };
-  for (int k : model.added) {
-    Sizes its = sizes_of(experiment, model.fit, k);
-    for (int other : model.added) {
-      if (other == k || function(k).empty() || function(other) != function(k)) continue;
-      const Sizes more = sizes_of(experiment, model.fit, other);
-      its.places.insert(its.places.end(), more.places.begin(), more.places.end());
-      its.values.conservativeResize(its.values.size() + more.values.size());
-      its.values.tail(more.values.size()) = more.values;
-    }
-    if (!its.places.empty() && !told_from_zero(its.values, model.covariance(its.places, its.places))) return k;
-  }
-  return std::nullopt;
+  const auto found =
+      std::find_if(model.added.begin(), model.added.end(), [&](int k) { return !has_size(experiment, model, k); });
+  return found == model.added.end() ? std::nullopt : std::optional(*found);
 }
 
 }  // namespace imic3d::loop

@@ -106,6 +106,9 @@ struct Sizes {
   Eigen::VectorXd values;            ///< beyond their null values
 };
 [[nodiscard]] Sizes sizes_of(const Experiment& experiment, const Fit& fit, int candidate);
+/// Whether the size of an effect, or of one of the formulas for the same function beside it, is told from its null
+/// value (95 %).
+[[nodiscard]] bool has_size(const Experiment& experiment, const Model& model, int candidate);
 /// Of several effects together, one whose size is not told from its null value (95 %): whatever bends freely beside
 /// others leaves little of anything, and names nothing. Formulas for one function are told together. None, if all are
 /// told.

@@ -28,6 +28,11 @@ std::string_view name(Verdict verdict) {
   }
 }
 
+bool is_determined(const Model& model, int parameter) {
+  return std::count(model.fit.unseen.begin(), model.fit.unseen.end(), parameter) == 0 &&
+         std::count(model.undetermined.begin(), model.undetermined.end(), parameter) == 0;
+}
+
 std::vector<int> held_out_blocks(int frames, int blocks) {
   std::vector<int> held;
   const int length = std::max(1, frames / (4 * blocks));
@@ -60,7 +65,8 @@ class Loop {
         options_(options),
         say_(say),
         frames_(static_cast<int>(experiment.frame_numbers().size())),
-        held_out_(flags(frames_, options.held_out.empty() ? held_out_blocks(frames_) : options.held_out)),
+        held_out_(
+            flags(frames_, options.held_out.empty() && options.search ? held_out_blocks(frames_) : options.held_out)),
         appraisal_(experiment, held_out_, options.search ? options.leave_out : names_of(experiment.candidates())),
         rows_(appraisal_.fitted_rows()) {}
 
@@ -391,18 +397,17 @@ class Loop {
     const auto is_in = [](const std::vector<std::size_t>& list, std::size_t i) {
       return std::find(list.begin(), list.end(), i) != list.end();
     };
-    std::vector<std::size_t> waiting, doubtful;
     double best = INFINITY;
-    for (std::size_t i = 0; i < at.others.size(); ++i)
-      if (stands_out(at, scores[i])) best = std::max(waiting.empty() ? 0.0 : best, scores[i].z), waiting.push_back(i);
+    for (const Score& one : scores)
+      if (beyond_limit(at, one)) best = std::isinf(best) ? one.z : std::max(best, one.z);
     // Where one is beyond the limit, it is by chance that another one which is as good is not.
-    for (std::size_t i = 0; i < at.others.size(); ++i) {
-      if (stands_out(at, scores[i])) continue;
-      if (scores[i].visible() && !scores[i].contradicted && as_good(scores[i].z, best))
+    std::vector<std::size_t> waiting, doubtful;
+    for (std::size_t i = 0; i < at.others.size(); ++i)
+      if (stands_out(at, scores[i]) || (scores[i].visible() && !scores[i].contradicted && as_good(scores[i].z, best)))
         waiting.push_back(i);
-      else if (waiting.empty() ? beyond_limit(at, scores[i]) : scores[i].z > at.scores.threshold)
+    for (std::size_t i = 0; i < at.others.size(); ++i)
+      if (!is_in(waiting, i) && (waiting.empty() ? beyond_limit(at, scores[i]) : scores[i].z > at.scores.threshold))
         doubtful.push_back(i);
-    }
     for (auto* list : {&waiting, &doubtful})
       std::sort(list->begin(), list->end(), [&](std::size_t a, std::size_t b) { return scores[a].z > scores[b].z; });
     // As many as are asked for, and all that are as good as the best.
@@ -519,6 +524,13 @@ class Loop {
       }
     }
     judge_by_what_is_told(trial, at);
+    // What bends freely enough to take up what is left, and is not told from nothing, names nothing; an invisible
+    // effect may stand beside one that does.
+    if (trial.sufficient && trial.plausible && (trial.visible || round.set.empty()) &&
+        !has_size(experiment_, trial.model, trial.candidate)) {
+      trial.sufficient = false, trial.objection = "nothing is left, but its size is not told from its null value";
+      say_objection(trial);
+    }
     if (trial.sufficient && trial.plausible) round.set.push_back(trial.candidate);
     round.trials.push_back(std::move(trial));
   }

@@ -265,10 +265,15 @@ bool CurveExperiment::cut_into_pieces(int curve) const {
          data_[static_cast<std::size_t>(first)].frame != data_[static_cast<std::size_t>(first + size) - 1].frame;
 }
 
-std::vector<int> CurveExperiment::held_out() const {
+std::vector<int> CurveExperiment::declared_held_out() const {
   std::vector<int> held;
   for (std::size_t i = 0; i < bins_.size(); ++i)
     if (bins_[i].held_out && (held.empty() || held.back() != data_[i].frame)) held.push_back(data_[i].frame);
+  return held;
+}
+
+std::vector<int> CurveExperiment::held_out() const {
+  std::vector<int> held = declared_held_out();
   if (!held.empty()) return held;
   std::map<std::string, int> seen;
   for (const auto& [first, size] : bars_) {
@@ -533,12 +538,14 @@ void CurveExperiment::learn_noise_of_bins(std::size_t curve, const Eigen::Vector
   for (Eigen::Index i = first; i < first + size; ++i)
     for (const Eigen::Index row : bins_[static_cast<std::size_t>(i)].rows) judged.push_back(row);
   const Eigen::VectorXd residual = bar.stress - predicted;
-  const id::PointNoise noise =
-      id::point_noise(bar.history.strain(judged), residual(judged), slope(judged), 0.0, bar.strain_noise);
+  const double of_stress = id::point_noise(bar),
+               of_strain = id::point_noise(bar.history.strain(judged), residual(judged), slope(judged), of_stress,
+                                           bar.strain_noise)
+                               .strain;
   for (Eigen::Index i = first; i < first + size; ++i) {
     const auto& rows = bins_[static_cast<std::size_t>(i)].rows;
-    const double square = std::pow(noise.stress, 2) + std::pow(noise.strain, 2) * slope(rows).squaredNorm() /
-                                                          static_cast<double>(rows.size());
+    const double square =
+        std::pow(of_stress, 2) + std::pow(of_strain, 2) * slope(rows).squaredNorm() / static_cast<double>(rows.size());
     of_points_[i] = std::sqrt(square / static_cast<double>(rows.size()));
   }
 }

@@ -341,7 +341,7 @@ Fit fit(Experiment& experiment, const Weight& weight, const std::vector<Eigen::I
       low[j] = std::max(-down, p.info.lower - value), high[j] = std::min(up, p.info.upper - value);
     }
     const Eigen::VectorXd full = bounded_step(H, b, low, high, 1e-12);
-    const double expected = 2.0 * b.dot(full) - full.dot(H * full);
+    const double expected = result.expected = 2.0 * b.dot(full) - full.dot(H * full);
     if (expected <
         std::max(options.tolerance * static_cast<double>(std::max<Eigen::Index>(1, unknowns)), 1e-6 * result.cost)) {
       if (!at.exact) {

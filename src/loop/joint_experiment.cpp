@@ -305,11 +305,12 @@ Model JointExperiment::model_of(std::size_t test, const Model& all) const {
     return static_cast<int>(std::find(place_[test].begin(), place_[test].end(), parameter) - place_[test].begin());
   };
   std::vector<Eigen::Index> kept;  // free parameters that the test has
-  model.fit.free.clear(), model.fit.held.clear(), model.fit.unseen.clear();
+  model.fit.free.clear(), model.fit.held.clear(), model.fit.unseen.clear(), model.undetermined.clear();
   for (std::size_t i = 0; i < all.fit.free.size(); ++i)
     if (const int own = own_place(all.fit.free[i]); own < static_cast<int>(place_[test].size()))
       kept.push_back(static_cast<Eigen::Index>(i)), model.fit.free.push_back(own);
-  for (auto [from, to] : {std::pair(&all.fit.held, &model.fit.held), std::pair(&all.fit.unseen, &model.fit.unseen)})
+  for (auto [from, to] : {std::pair(&all.fit.held, &model.fit.held), std::pair(&all.fit.unseen, &model.fit.unseen),
+                          std::pair(&all.undetermined, &model.undetermined)})
     for (int parameter : *from)
       if (const int own = own_place(parameter); own < static_cast<int>(place_[test].size())) to->push_back(own);
   if (!all.fit.values.empty()) model.fit.values = values_of(test, all.fit.values);

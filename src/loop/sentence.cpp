@@ -58,9 +58,44 @@ std::string changes(const Experiment& experiment, const Model& before, const Mod
   return text.empty() ? "" : text + ".";
 }
 
+/// Where several effects explain it alike: what the declared law's parameters are with the others, where that is
+/// another one by more than a standard deviation.
+std::string with_the_others(const Experiment& experiment, const Report& report) {
+  if (report.verdict != Verdict::ambiguous || report.named.empty()) return "";
+  const Model& taken = report.final;
+  std::string text;
+  for (const Round& round : report.rounds)
+    for (const Trial& trial : round.trials) {
+      const bool other = trial.candidate != report.named.back() && round.kept &&
+                         std::count(report.set.begin(), report.set.end(), trial.candidate) > 0 &&
+                         trial.model.added.size() == taken.added.size() && !trial.model.fit.values.empty();
+      if (!other) continue;
+      std::string values;
+      for (std::size_t i = 0; i < taken.fit.free.size(); ++i) {
+        const auto j = static_cast<std::size_t>(taken.fit.free[i]);
+        const auto place = static_cast<Eigen::Index>(i);
+        const auto& info = experiment.parameters()[j].info;
+        const double deviation = std::sqrt(taken.covariance(place, place)), now = trial.model.fit.values[j];
+        if (info.null_value || !(std::abs(now - taken.fit.values[j]) > deviation)) continue;
+        values += fmt::format("{}{} {}{}", values.empty() ? "" : ", ", info.name, to_a_digit(now, deviation),
+                              info.unit == "-" ? "" : " " + info.unit);
+      }
+      if (!values.empty())
+        text += fmt::format(" With {}{}: {}.", experiment.candidates()[static_cast<std::size_t>(trial.candidate)].name,
+                            text.empty() ? " instead" : "", values);
+    }
+  return text;
+}
+
 /// The declared model's parameters that are not seen, or stand on a bound.
 std::string bounds(const Experiment& experiment, const Model& declared, const Model& after) {
-  std::string text;
+  std::vector<std::string> together;
+  for (const int j : after.undetermined)
+    together.push_back(experiment.parameters()[static_cast<std::size_t>(j)].info.name);
+  std::string text = together.empty()
+                         ? ""
+                         : fmt::format(" These data show a combination of {} alone: each of them may be another one.",
+                                       fmt::join(together, ", "));
   for (const int j : declared.fit.free) {
     const auto& parameter = experiment.parameters()[static_cast<std::size_t>(j)];
     const double value = after.fit.values[static_cast<std::size_t>(j)];
@@ -275,9 +310,9 @@ std::string verdict_in_words(const Experiment& experiment, const Report& report)
 }  // namespace
 
 std::string sentence_of(const Experiment& experiment, const Report& report) {
-  return verdict_in_words(experiment, report) + told_by_one_frame(experiment, report) +
-         left_in_held_out(experiment, report) + bounds(experiment, report.declared, report.final) +
-         unlike_known(experiment, report.final);
+  return verdict_in_words(experiment, report) + with_the_others(experiment, report) +
+         told_by_one_frame(experiment, report) + left_in_held_out(experiment, report) +
+         bounds(experiment, report.declared, report.final) + unlike_known(experiment, report.final);
 }
 
 }  // namespace imic3d::loop

@@ -252,6 +252,41 @@ TEST(CurveExperiment, BarsThatFlowOtherwiseHaveNoOtherLoadCell) {
   EXPECT_NEAR(ratio, 1.0, 0.5);
 }
 
+/// Repeated bars that differ by nothing but noise, of the strain, too: it is in the bins where they are elastic, which
+/// had been taken for something that is missing.
+TEST(CurveExperiment, NoiseOfTheStrainIsInTheElasticBinsOfRepeatedBars) {
+  constexpr double noise = 3e-5, E = 200e3;
+  const CurveModel m = model(truth);
+  material::BarHistory pulled;
+  pulled.strain = 0.05 * Eigen::VectorXd::LinSpaced(200, 0.0, 1.0);
+  pulled.time = pulled.strain / 1e-3;
+  const Eigen::VectorXd stress =
+      material::pull_bar(*m.extended(material::known_effects()), m.values, pulled).engineering;
+  std::map<double, double> ratio;
+  constexpr int tests = 20;
+  for (const double of_strain : {0.0, noise})
+    for (int test = 0; test < tests; ++test) {
+      std::mt19937_64 random(300 + static_cast<unsigned>(test));
+      std::normal_distribution<double> normal;
+      std::vector<identification::Curve> curves;
+      for (int k = 0; k < 8; ++k) {
+        curves.push_back(bar_off_by(0.0, "pulled", k, pulled, stress, random));
+        curves.back().strain_noise = of_strain;
+        for (double& strain : curves.back().history.strain) strain += of_strain * normal(random);
+      }
+      CurveExperiment experiment(Communicator(), curves, m);
+      std::vector<double> at;
+      for (const auto& one : experiment.parameters()) at.push_back(one.value);
+      experiment.learn_bias(at);
+      const Eigen::VectorXd r = experiment.residuals({at}).front();
+      const Eigen::MatrixXd null = experiment.noise_of_squares(at, experiment.noise(at, 100));
+      ratio[of_strain] += r.squaredNorm() / (null.squaredNorm() / static_cast<double>(null.cols())) / tests;
+    }
+  std::printf("square of the residual over what the null says: %.3f, with noise of the strain %.3f (%.0f MPa)\n",
+              ratio[0.0], ratio[noise], E * noise);
+  EXPECT_NEAR(ratio[noise], ratio[0.0], 0.1);
+}
+
 /// Rows behind a turn whose place is in doubt are off together, in bars that have repetitions, too: they tell less.
 TEST(CurveExperiment, TurnsOfRepeatedBarsAreInDoubt) {
   const CurveModel m = model(truth);
@@ -555,7 +590,8 @@ TEST(CurveExperiment, AGaugeThatWasSetToZeroUnderLoad) {
 /// whatever it leaves.
 TEST(CurveExperiment, WhatIsManyTimesTheUsualSizeIsSomethingElse) {
   for (const double times : {8.0, 30.0}) {
-    CurveExperiment experiment(Communicator(), bars(2, {{"heating", times * 50.0 / 200e3}, {"cooling", 0.05}}, 4), model(truth));
+    CurveExperiment experiment(Communicator(), bars(2, {{"heating", times * 50.0 / 200e3}, {"cooling", 0.05}}, 4),
+                               model(truth));
     const Report report = loop_on(experiment);
     const auto is_it = [&](int k) { return experiment.candidates()[static_cast<std::size_t>(k)].name == "heating"; };
     EXPECT_EQ(std::any_of(report.set.begin(), report.set.end(), is_it), times < 20.0) << report.sentence;

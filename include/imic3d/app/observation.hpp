@@ -123,7 +123,7 @@ inline constexpr double off_zero = 3.5;
 /// That of the frames of the reference.
 [[nodiscard]] std::optional<loop::FieldData::Reading> force_at_rest(const io::Case& test);
 /// What is doubted of a load cell that does not read zero at rest; empty if it does.
-[[nodiscard]] std::string doubt_of_zero(const std::optional<loop::FieldData::Reading>& at_rest, const io::Units& units);
+[[nodiscard]] std::string doubt_of_zero(const std::optional<loop::FieldData::Reading>& at_rest, const io::Case& test);
 
 /// Standard deviation of the load cell [force]: given, else that of the static frames, else 0.1 % of the largest force.
 [[nodiscard]] double force_noise(const Observation& observation, const io::Case& test);

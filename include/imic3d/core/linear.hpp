@@ -34,13 +34,13 @@ struct SymmetricEigen {
 [[nodiscard]] Eigen::MatrixXd solve_symmetric(const Eigen::MatrixXd& A, const Eigen::MatrixXd& B);
 
 /// A^-1 on what normal equations A see, and which unknowns take part in what they do not: these are not determined.
-/// Each unknown is scaled to a diagonal of one; an eigenvalue below 1e-12 then comes from rounding, and its combination
-/// is not seen at all.
+/// Each unknown is scaled to a diagonal of one; an eigenvalue below `unseen` then comes from rounding, or from
+/// differences that A is made of, and its combination is not seen at all.
 struct SeenInverse {
   Eigen::MatrixXd inverse;
   std::vector<Eigen::Index> undetermined;
 };
-[[nodiscard]] SeenInverse inverse_of_seen(const Eigen::MatrixXd& A);
+[[nodiscard]] SeenInverse inverse_of_seen(const Eigen::MatrixXd& A, double unseen = 1e-12);
 
 /// `block` [p x p] into a covariance [n x n] at these places [p]; nothing (NaN) is known any more of what they have in
 /// common with the others, of which an earlier stage may have told.

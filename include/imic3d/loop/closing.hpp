@@ -20,7 +20,7 @@ struct LoopOptions {
   std::vector<double> starts = {1.0, 0.9, 1.1};  ///< factors on the free parameters' declared values
   /// candidates that are not considered, by their names or as `key_of` writes these
   std::vector<std::string> leave_out{};
-  std::vector<int> held_out;  ///< frames (places in the record) that are never fitted; chosen if empty
+  std::vector<int> held_out;  ///< frames (places in the record) that are never fitted; chosen for a search, if empty
   bool search = true;         ///< false: the declared model is identified and judged, no candidate is considered
 };
 
@@ -72,6 +72,8 @@ struct Model {
   std::vector<int> idle;
   std::vector<int> released{};  ///< declared parameters that may go beyond their bounds
   Fit fit;
+  /// free parameters of which the data show a combination alone, each of which may be anything
+  std::vector<int> undetermined{};
   double of_law = 0.0;         ///< what the effects among these that act in the law took off chi^2
   Eigen::MatrixXd covariance;  ///< of the free parameters, from the null draws [free x free]
   Misfit misfit;
@@ -83,6 +85,9 @@ struct Model {
   std::string message;  ///< why the model could not be fitted, if so
   std::shared_ptr<const Ground> ground;
 };
+
+/// Whether the data show a free parameter, and apart from the others.
+[[nodiscard]] bool is_determined(const Model& model, int parameter);
 
 /// A candidate that was tried.
 struct Trial {

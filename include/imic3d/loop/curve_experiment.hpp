@@ -79,6 +79,8 @@ class CurveExperiment final : public Experiment {
   /// Frames that are held out: those that the curves say; else every fourth of the bars of a group, none where there is
   /// no group.
   [[nodiscard]] std::vector<int> held_out() const;
+  /// The former alone.
+  [[nodiscard]] std::vector<int> declared_held_out() const;
   [[nodiscard]] const std::vector<identification::Curve>& curves() const { return curves_; }
   [[nodiscard]] int curve_of(int frame) const;
   /// Whether a curve is several frames.

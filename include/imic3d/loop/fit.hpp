@@ -47,6 +47,7 @@ struct Fit {
   double cost = 0.0;            ///< square of the residual on the fitted rows, priors included
   int iterations = 0;
   bool converged = false;
+  double expected = 0.0;  ///< further decrease of the cost that the last derivatives let expect
   /// Declared parameters whose bounds keep them from taking more off chi^2 than chance would (10): they do not give way
   /// to what is missing, and their sensitivities are zero. E, free to go to half of its value in the scores alone,
   /// would hide a compliance.
