@@ -348,6 +348,13 @@ void identify_curves(const Communicator& world, const CommandOptions& options, c
           "experiments.{}: {:.3g} {} are left (rms), where its bars differ by {:.3g}: something is missing, "
           "and the parameters make up for it (imic3d loop)",
           g.name, g.fitted.stress, run.stress_unit, g.floor));
+  constexpr double beyond_noise = 1.5;
+  for (const auto& g : run.groups)
+    if (g.curves == 1 && g.fitted.rows > 0 && g.fitted.chi > beyond_noise)
+      doubt(fmt::format(
+          "experiments.{}: {:.2g} times what its noise is is left (rms): something is missing, and the "
+          "parameters, whose standard deviations are those of the noise alone, make up for it (imic3d loop)",
+          g.name, g.fitted.chi));
   for (const auto& curve : set.curves()) {
     const auto response = material::pull_bar(*material.law, material.values, curve.history);
     run.curves.push_back({curve.name, curve.group, curve.engineering, curve.history.time, curve.history.strain,

@@ -242,12 +242,15 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
   // judged.
   std::vector<std::size_t> judged, at_rest;
   std::optional<std::size_t> reference;
-  int last = 0;  // that a stage uses: those behind it take no part
+  // The last one that a stage uses: those behind it take no part, but for those that are held out.
+  int last = test.identify.stages.empty() ? fields.frames.back() : 0;
   for (const auto& stage : test.identify.stages)
     if (!stage.frames.empty()) last = std::max(last, stage.frames.back());
   for (std::size_t f = 0; f < fields.frames.size(); ++f) {
     const bool rests = std::binary_search(fields.at_rest.begin(), fields.at_rest.end(), fields.frames[f]);
-    if (!rests && fields.frames[f] > last) continue;
+    const auto& held_out = test.identify.held_out;
+    if (!rests && fields.frames[f] > last && !std::binary_search(held_out.begin(), held_out.end(), fields.frames[f]))
+      continue;
     if (points.displacement[f].isZero(0.0)) {
       spdlog::log(judged.empty() ? spdlog::level::info : spdlog::level::warn,
                   "fields: frame {} is left out: its displacement is 0 at all points{}", fields.frames[f],

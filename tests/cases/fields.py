@@ -146,6 +146,10 @@ def main():
     said = run(program, "check", folder / "lost.yaml", status=2, errors=True)
     require("points_06.csv: 2 points with a displacement of 0, 0" in said and said.count("were they lost?") == 1, f"points that were lost, and have 0, are refused: {said}")
 
+    (folder / "all_held.yaml").write_text(case("nothing").replace("stages:", f"held_out: '{REST + 1}-{REST + len(LEVELS)}', stages:"))
+    said = run(program, "check", folder / "all_held.yaml", status=2, errors=True)
+    require("identify.held_out: every frame under load" in said, f"all frames held out are refused: {said.strip()}")
+
     # A file that is missing would put all behind it one frame too early.
     (folder / "gone").mkdir()
     for number in range(REST + len(LEVELS)):

@@ -118,6 +118,12 @@ class Curves final : public Experiment {
     return *this;
   }
 
+  /// An effect is declared as one more unknown.
+  Curves& with_free(int effect) {
+    parameters_[static_cast<std::size_t>(2 + effect)].free = true;
+    return *this;
+  }
+
   /// An effect is one of the record.
   Curves& with_recorded(int effect) {
     candidates_[static_cast<std::size_t>(effect)].link = Link::record;

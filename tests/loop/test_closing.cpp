@@ -574,6 +574,25 @@ TEST(Closing, AnEffectThatIsNeededNoMoreIsTakenOutAgain) {
   EXPECT_NEAR(report.final.fit.values[2 + Curves::curved], 2.0, 0.3);
 }
 
+/// Two that leave the same mark are not told apart, whatever their covariance by a pseudo-inverse is.
+TEST(Closing, WhatIsSeenAsACombinationAloneIsNotDetermined) {
+  Curves apart(3, {{Curves::twin, 5.0}});
+  apart.with_free(Curves::twin);
+  LoopOptions alone = usual;
+  alone.search = false;
+  const Report told = close_loop(apart, alone);
+  EXPECT_FALSE(told.searched);
+  EXPECT_TRUE(told.declared.undetermined.empty() && told.rounds.empty());
+  EXPECT_EQ(told.sentence.find("a combination of"), std::string::npos) << told.sentence;
+  EXPECT_EQ(std::count(told.held_out.begin(), told.held_out.end(), 1), 0);
+  Curves together(3, {{Curves::twin, 5.0}});
+  together.with_free(Curves::twin).with_free(Curves::twin_again);
+  const Report untold = close_loop(together, alone);
+  EXPECT_EQ(untold.declared.undetermined, (std::vector<int>{2 + Curves::twin, 2 + Curves::twin_again}));
+  EXPECT_TRUE(is_determined(untold.declared, 0) && !is_determined(untold.declared, 2 + Curves::twin));
+  EXPECT_NE(untold.sentence.find("a combination of"), std::string::npos) << untold.sentence;
+}
+
 /// Where the best candidate is just beyond the limit, those as good as it that are just below may be what is there:
 /// they are tried, too.
 TEST(Closing, WhatIsAsGoodAsOneBeyondTheLimitIsTried) {
