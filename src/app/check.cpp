@@ -131,15 +131,9 @@ void check_case(const Communicator& world, const io::Case& test, bool loop) {
           mesh_pixels > 0.0 ? mesh_pixels / static_cast<double>(specimen.surface.mesh.cells.rows()) : INFINITY);
       !several && !small.empty() && test.dic.regularisation.value_or(0.0) == 0.0)
     spdlog::warn("{}", small);
-  for (std::size_t k = 0; k < test.identify.stages.size(); ++k) {
-    io::Frames frames = test.identify.stages[k].frames;
-    if (test.fields)
-      std::erase_if(frames, [&](int frame) {
-        return std::binary_search(test.fields->at_rest.begin(), test.fields->at_rest.end(), frame);
-      });
+  for (std::size_t k = 0; k < test.identify.stages.size(); ++k)
     fmt::print("  stage {}      {} from frames {}\n", k + 1, fmt::join(test.identify.stages[k].free, ", "),
-               io::to_text(frames));
-  }
+               io::to_text(test.identify.stages[k].frames));
   for (const auto& [effect, quantities] : test.effects)
     for (const auto& [quantity, one] : quantities)
       fmt::print("  effect       {}: {}{}{}\n", effect, quantity, one.value ? fmt::format(" {:g}", *one.value) : "",

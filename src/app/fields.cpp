@@ -356,7 +356,7 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
     data.time[t] = load.time, data.force[t] = load.force;
   }
   if (std::includes(test.identify.held_out.begin(), test.identify.held_out.end(), data.frames.begin(),
-                    data.frames.end()))
+                    data.frames.end()))  // but for that of the reference, of zeros
     throw InputError("identify.held_out", "every frame under load", "frames beside them that are fitted");
   data.start_time = test.loads.records.empty() ? 0.0 : data.time[0];
   for (const auto& record : test.loads.records)

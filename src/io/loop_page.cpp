@@ -20,9 +20,6 @@ namespace {
 
 using nlohmann::json;
 
-/// Of an identification alone there is no model before.
-bool searched(const json& summary) { return summary.value("searched", true); }
-
 /// What the verdict is about: the effects that were added, and with the last one those that it cannot be told from.
 std::string subject(const json& summary) {
   std::string words;

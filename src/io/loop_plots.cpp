@@ -80,6 +80,8 @@ std::string mode_plot(const json& summary) {
 
 }  // namespace
 
+bool searched(const json& summary) { return summary.value("searched", true); }
+
 std::vector<double> numbers(const json& list) {
   std::vector<double> all;
   for (const auto& one : list) all.push_back(one.is_number() ? one.get<double>() : std::nan(""));
@@ -115,7 +117,7 @@ std::string bar_plots(const json& summary) {
     if (std::find(done.begin(), done.end(), group) != done.end()) continue;
     done.push_back(group);
     for (const char* when : {"before", "after"}) {
-      if (when == std::string_view("before") && !summary.value("searched", true)) continue;
+      if (when == std::string_view("before") && !searched(summary)) continue;
       std::vector<Curve> lines;
       for (const auto& one : summary["curves"]) {
         if (one["group"] != group) continue;

@@ -7,6 +7,9 @@
 
 namespace imic3d::io {
 
+/// Whether effects were looked for; of an identification alone there is no model before.
+[[nodiscard]] bool searched(const nlohmann::json& summary);
+
 /// NaN where there is none.
 [[nodiscard]] std::vector<double> numbers(const nlohmann::json& list);
 

@@ -93,8 +93,10 @@ void CaseReader::read_identify() {
   }
   section.get("steps_per_frame", identify.steps_per_frame);
   if (section.has("held_out")) identify.held_out = frames_of(section, "held_out", case_.frames);
-  const auto is_held_out = [&](int frame) {
-    return std::binary_search(identify.held_out.begin(), identify.held_out.end(), frame);
+  const Frames at_rest = case_.fields ? case_.fields->at_rest : Frames();
+  const auto is_not_fitted = [&](int frame) {
+    return std::binary_search(identify.held_out.begin(), identify.held_out.end(), frame) ||
+           std::binary_search(at_rest.begin(), at_rest.end(), frame);
   };
   std::vector<std::string> known = parameters_of_law_;
   if (known.empty())
@@ -121,9 +123,11 @@ void CaseReader::read_identify() {
     }
     if (stage_section.has("frames")) stage.frames = frames_of(stage_section, "frames", case_.frames);
     const bool any = !stage.frames.empty();
-    std::erase_if(stage.frames, is_held_out);
+    std::erase_if(stage.frames, is_not_fitted);
     if (any && stage.frames.empty())
-      mistake(stage_section.path("frames"), "only frames that are held out", "at least one frame to fit");
+      mistake(stage_section.path("frames"),
+              at_rest.empty() ? "only frames that are held out" : "only frames that are held out or at rest",
+              "at least one frame to fit");
   }
 }
 

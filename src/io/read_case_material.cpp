@@ -100,10 +100,11 @@ void CaseReader::check_parameters(const Section& section) {
       mistake(section.path(info.name), "not given", range_of(info));
     } else if (found->second.value < info.lower || found->second.value > info.upper) {
       mistake(section.path(info.name), fmt::format("{}", found->second.value), range_of(info));
-    } else if (found->second.lower && *found->second.lower < info.lower) {
-      doubt_bound(info, "lower", *found->second.lower, info.lower);
-    } else if (found->second.upper && *found->second.upper > info.upper) {
-      doubt_bound(info, "upper", *found->second.upper, info.upper);
+    } else {
+      if (found->second.lower && *found->second.lower < info.lower)
+        doubt_bound(info, "lower", *found->second.lower, info.lower);
+      if (found->second.upper && *found->second.upper > info.upper)
+        doubt_bound(info, "upper", *found->second.upper, info.upper);
     }
   }
   for (const auto& [name, parameter] : case_.material.parameters) {

@@ -148,7 +148,13 @@ def main():
 
     (folder / "all_held.yaml").write_text(case("nothing").replace("stages:", f"held_out: '{REST + 1}-{REST + len(LEVELS)}', stages:"))
     said = run(program, "check", folder / "all_held.yaml", status=2, errors=True)
-    require("identify.held_out: every frame under load" in said, f"all frames held out are refused: {said.strip()}")
+    require("stages[0].frames: only frames that are held out or at rest" in said, f"all frames held out are refused: {said.strip()}")
+    shutil.copytree(folder / "nothing", folder / "zeroed", ignore=shutil.ignore_patterns("run"))
+    lines = (folder / "zeroed/points_00.csv").read_text().splitlines()
+    (folder / "zeroed/points_00.csv").write_text("\n".join(lines[:2] + [",".join(line.split(",")[:2] + ["0", "0"]) for line in lines[2:]]) + "\n")
+    (folder / "zeroed.yaml").write_text((folder / "all_held.yaml").read_text().replace("nothing/", "zeroed/").replace(f"at_rest: 1-{REST}", f"at_rest: 2-{REST}"))
+    said = run(program, "check", folder / "zeroed.yaml", status=2, errors=True)
+    require("identify.held_out: every frame under load" in said, f"nor is that of the reference one to fit: {said.strip()}")
 
     # A file that is missing would put all behind it one frame too early.
     (folder / "gone").mkdir()

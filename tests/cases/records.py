@@ -56,6 +56,7 @@ def main():
         ("tared_under_load", lambda t, e, s: (t[first:], e[first:] - e[first], s[first:]), ("3 of 3 records begin with a stress", "by +30", "strain zero")),
         ("zero", lambda t, e, s: (t, e, s + 20), ("3 of 3 records begin with a stress", "by +2", "force zero")),
         ("slipped", slipped, ("3 of 3 records have a strain that jumps once", "before row 200 by 0.003")),
+        ("slipped_by_little", lambda t, e, s: (t, e + 5 * numpy.median(numpy.diff(e)) * (t >= t[200]), s), ("3 of 3 records have a strain that jumps once", "before row 200")),
         ("saturated", lambda t, e, s: (t, e, numpy.minimum(s, 330.0)), ("3 of 3 records have a largest stress that stands", "end of its range")),
         ("twice", lambda t, e, s: (numpy.repeat(t, 2), numpy.repeat(e, 2), numpy.repeat(s, 2)), ("3 of 3 records have rows that repeat", "295 rows")),
     ):
@@ -88,6 +89,17 @@ def main():
         run(program, "identify", case)
         result = json.loads((case.parent / case.stem / "run/result.json").read_text())
         return {name: (one["value"], one["standard_deviation"]) for name, one in result["parameters"].items() if one.get("standard_deviation")}, result
+
+    case = write("bounds", lambda t, e, s: (t, e, s))
+    case.write_text(case.read_text().replace("H: 1500", "H: {value: 1500, lower: -10}"))
+    said = warned(case)
+    require(len(said) == 1 and "material.parameters.H: lower -10 lies beyond the law's own bound, 0, which holds" in said[0], f"a bound that the law does not have: {said}")
+
+    # What the law misses of a single bar is in no standard deviation.
+    missed = "times what its noise is is left"
+    for name, more, beyond in (("alone", 0.0, False), ("waves", 5.0, True)):
+        _, result = identified(write(name, lambda t, e, s, more=more: (t, e, s + more * numpy.sin(300.0 * e)), count=1))
+        require(any(missed in doubt for doubt in result.get("doubts", [])) == beyond, f"{name}: {result.get('doubts')}")
 
     # Of less than a thousandth of the declared E no simulation tells anything: there it stops, and says so.
     weak, result = identified(write("weak", lambda t, e, s: (t, e, s / 1e4)))
