@@ -170,13 +170,17 @@ void check_cover(const Points& at, double distance, const identification::Specim
   }
 }
 
+/// Of the frame at a place of the tables; its number where there is no record.
+double time_of_field(const io::Case& test, std::size_t place) {
+  return test.loads.records.empty() ? static_cast<double>(test.fields->frames[place])
+                                    : test.load(static_cast<int>(place)).time;
+}
+
 /// That of the reference's own field, of zeros, if there is one; else what is recorded last before the first frame, or
 /// as long before it as the second one is after it.
 double time_of_field_reference(const io::Case& test, std::optional<std::size_t> own, double start) {
   const auto& frames = test.fields->frames;
-  const auto time = [&](std::size_t place) {
-    return test.loads.records.empty() ? static_cast<double>(frames[place]) : test.load(static_cast<int>(place)).time;
-  };
+  const auto time = [&](std::size_t place) { return time_of_field(test, place); };
   if (own) return std::min(time(*own), start);
   double reference = frames.size() > 1 ? time(0) - (time(1) - time(0)) : start;
   for (const auto& record : test.loads.records)
@@ -226,6 +230,17 @@ int averaged_references(const Eigen::MatrixXd& still, const std::function<double
   const double common = variance(mean) - within / frames;
   return static_cast<int>(std::clamp(std::round(within / std::max(common, within / most_references)), 1.0,
                                      static_cast<double>(most_references)));
+}
+
+/// Whether the reference is the mean of the frames at rest themselves: as independent images they would have in common
+/// what noise leaves of their own mean, and its noise. Arguments as above.
+bool reference_is_mean_of(const Eigen::MatrixXd& still, const std::function<double(const Eigen::VectorXd&)>& variance) {
+  const auto frames = static_cast<double>(still.cols());
+  if (still.cols() < 2) return false;
+  const Eigen::VectorXd mean = still.rowwise().mean();
+  double within = 0.0;
+  for (const auto& frame : still.colwise()) within += variance(frame - mean) / (frames - 1.0);
+  return variance(mean) < 0.5 * within / frames;
 }
 
 }  // namespace
@@ -317,38 +332,51 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
       const Eigen::VectorXd numbers = modes.numbers(interleaved(rest));
       return numbers.squaredNorm() / std::max(1.0, static_cast<double>(numbers.size()) - 6.0);
     };
-  data.references = fields.references ? *fields.references : averaged_references(still, variance_at_rest);
-  const double both = 1.0 + 1.0 / data.references;  // variances of frame and reference over the frame's
+  const bool of_rest = reference_is_mean_of(still, variance_at_rest);
+  const int references = fields.references ? *fields.references
+                         : of_rest         ? data.at_rest
+                                           : averaged_references(still, variance_at_rest);
+  // Displacements count from the mean of the images of the reference and of those at rest: what noise the reference has
+  // is in all frames.
+  data.references = of_rest ? references : references + data.at_rest;
+  Points origin = Points::Zero(face.nodes.rows(), 2);
+  if (data.at_rest > 0 && !of_rest) origin = columns_of(still.rowwise().sum() / data.references);
+  const auto variances = [](int images) { return 1.0 + 1.0 / images; };  // of frame and reference, over the frame's
   if (fields.noise) {
-    data.noise = *fields.noise * fields.scale / std::sqrt(both);
+    data.noise = *fields.noise * fields.scale / std::sqrt(variances(references));
   } else if (!at_rest.empty()) {
-    data.noise_at_rest = [variance_at_rest, both](const Eigen::MatrixXd& U) {
+    // What the frames differ by, and their mean, which has the noise of the reference, too.
+    const auto noise_of = [variance_at_rest, of_rest](const Eigen::MatrixXd& U, int images) {
+      const Eigen::VectorXd mean = U.rowwise().mean();
+      const auto frames = static_cast<double>(U.cols());
       double sum = 0.0;
-      for (const auto& frame : U.colwise()) sum += variance_at_rest(frame);
-      return std::sqrt(sum / static_cast<double>(U.cols()) / both);
+      for (const auto& frame : U.colwise()) sum += variance_at_rest(frame - mean);
+      if (of_rest) return std::sqrt(sum / (frames - 1.0));
+      return std::sqrt((sum + frames * variance_at_rest(mean) / (1.0 + frames / images)) / frames);
     };
-    data.noise = data.noise_at_rest(still);
+    data.noise = noise_of(still, references);
+    data.noise_at_rest = [noise_of, images = data.references](const Eigen::MatrixXd& U) { return noise_of(U, images); };
   } else {
     // What the nodes cannot follow, in the frame where that is least: noise of the frame and of the reference.
     double least = INFINITY;
     for (std::size_t f : judged)
       least = std::min(least, (points.displacement[f] - points.N * nodal[f]).squaredNorm() /
                                   (2.0 * std::max(1.0, static_cast<double>(count) - followed)));
-    data.noise = std::sqrt(least / both);
+    data.noise = std::sqrt(least / variances(references));
   }
   spdlog::info("fields: {} frames, points {:.3g} {} apart, noise of a displacement {:.3g} {}{}", judged.size(),
-               distance, test.units.length, data.noise * std::sqrt(both), test.units.length,
-               data.references == 1
-                   ? ""
-                   : fmt::format("; {}the reference is the mean of {}{} images",
-                                 fields.references ? "" : "by the frames at rest ", data.references,
-                                 !fields.references && data.references == most_references ? " or more" : ""));
+               distance, test.units.length, data.noise * std::sqrt(variances(references)), test.units.length,
+               of_rest           ? "; the reference is the mean of the frames at rest"
+               : references == 1 ? ""
+                                 : fmt::format("; {}the reference is the mean of {}{} images",
+                                               fields.references ? "" : "by the frames at rest ", references,
+                                               !fields.references && references == most_references ? " or more" : ""));
 
   const auto frames = static_cast<Eigen::Index>(judged.size());
   data.displacement.resize(2 * face.nodes.rows(), frames), data.time.resize(frames), data.force.setZero(frames);
   for (Eigen::Index t = 0; t < frames; ++t) {
     const auto f = judged[static_cast<std::size_t>(t)];
-    data.displacement.col(t) = interleaved(nodal[f]);
+    data.displacement.col(t) = interleaved(nodal[f] - origin);
     data.frames.push_back(fields.frames[f]);
     data.time[t] = fields.frames[f];
     if (test.loads.records.empty()) continue;
@@ -362,7 +390,10 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
   for (const auto& record : test.loads.records)
     if (record.frame < data.frames.front()) data.start_time = record.time;
   if (data.start_time >= data.time[0] && frames > 1) data.start_time = data.time[0] - (data.time[1] - data.time[0]);
-  data.reference_time = time_of_field_reference(test, reference, data.start_time);
+  const int others = of_rest ? 0 : references;
+  data.reference_time = others * time_of_field_reference(test, reference, data.start_time);
+  for (const std::size_t f : at_rest) data.reference_time += time_of_field(test, f);
+  data.reference_time = std::min(data.reference_time / (others + data.at_rest), data.start_time);
   data.force_noise = INFINITY;
   if (!test.loads.records.empty()) {
     Eigen::VectorXd force(std::ssize(at_rest));
@@ -389,7 +420,8 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
     cut_offs = correlation::undersmoothed(
         correlation::cut_offs_of_least_error(
             *measure, data.displacement, ends,
-            Eigen::VectorXd::Constant(data.displacement.cols(), data.noise * std::sqrt(2.0)), longest),
+            Eigen::VectorXd::Constant(data.displacement.cols(), data.noise * std::sqrt(variances(data.references))),
+            longest),
         longest);
   data.smooth = [measure, cut_offs](Eigen::MatrixXd field) {
     return correlation::smooth(*measure, std::move(field), cut_offs);

@@ -42,7 +42,7 @@ struct FieldData {
   };
   std::vector<FieldFace> faces;  ///< as Specimen::faces
   double noise = 1.0;            ///< of one frame, in the unit that goes with M
-  int references = 1;            ///< images averaged to the reference, whose noise all frames have in common
+  int references = 1;  ///< images whose mean displacements count from, and whose noise all frames have in common
   Eigen::MatrixXd displacement;  ///< [unknowns x frames, length]
   Eigen::MatrixXd driving;       ///< the same, smoothed: prescribed on the ends
   /// what made `driving` of `displacement`, linear [unknowns x first frames]
