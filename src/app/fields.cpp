@@ -218,30 +218,39 @@ std::pair<double, double> correlation_at_rest(const Common& points, const std::v
 
 constexpr int most_references = 100;
 
-/// Images that were averaged to the reference, as the frames at rest tell: its noise is what they have in common,
-/// theirs what they differ by. One, if there are not two of them. `still`: their displacements [unknowns x frames];
-/// `variance` of a displacement over that of a number.
-int averaged_references(const Eigen::MatrixXd& still, const std::function<double(const Eigen::VectorXd&)>& variance) {
-  const auto frames = static_cast<double>(still.cols());
-  if (still.cols() < 2) return 1;
-  const Eigen::VectorXd mean = still.rowwise().mean();
-  double within = 0.0;
-  for (const auto& frame : still.colwise()) within += variance(frame - mean) / (frames - 1.0);
-  const double common = variance(mean) - within / frames;
-  return static_cast<int>(std::clamp(std::round(within / std::max(common, within / most_references)), 1.0,
-                                     static_cast<double>(most_references)));
-}
+/// Of frames at rest: what they differ by is their own noise, what they have in common that of the reference, too.
+struct AtRest {
+  double frames;
+  double squares;  // of what they differ from their mean by, summed, in units of a number's variance
+  double of_mean;
 
-/// Whether the reference is the mean of the frames at rest themselves: as independent images they would have in common
-/// what noise leaves of their own mean, and its noise. Arguments as above.
-bool reference_is_mean_of(const Eigen::MatrixXd& still, const std::function<double(const Eigen::VectorXd&)>& variance) {
-  const auto frames = static_cast<double>(still.cols());
-  if (still.cols() < 2) return false;
-  const Eigen::VectorXd mean = still.rowwise().mean();
-  double within = 0.0;
-  for (const auto& frame : still.colwise()) within += variance(frame - mean) / (frames - 1.0);
-  return variance(mean) < 0.5 * within / frames;
-}
+  /// `still`: their displacements [unknowns x frames]; `variance` of a displacement over that of a number.
+  AtRest(const Eigen::MatrixXd& still, const std::function<double(const Eigen::VectorXd&)>& variance)
+      : frames(static_cast<double>(still.cols())), squares(0.0), of_mean(0.0) {
+    if (still.cols() == 0) return;
+    const Eigen::VectorXd mean = still.rowwise().mean();
+    for (const auto& frame : still.colwise()) squares += variance(frame - mean);
+    of_mean = variance(mean);
+  }
+  /// Variance of a frame by itself; two and more of them.
+  [[nodiscard]] double of_frame() const { return squares / (frames - 1.0); }
+
+  /// Images that were averaged to the reference; one, if there are not two frames.
+  [[nodiscard]] int averaged_references() const {
+    if (frames < 2.0) return 1;
+    const double common = of_mean - of_frame() / frames;
+    return static_cast<int>(std::clamp(std::round(of_frame() / std::max(common, of_frame() / most_references)), 1.0,
+                                       static_cast<double>(most_references)));
+  }
+  /// Whether the reference is the mean of the frames themselves: as independent images they would have in common what
+  /// noise leaves of their own mean, and its noise.
+  [[nodiscard]] bool are_the_reference() const { return frames >= 2.0 && of_mean < 0.5 * of_frame() / frames; }
+
+  /// Noise of a frame, the reference being the mean of so many other images.
+  [[nodiscard]] double noise(int references) const {
+    return std::sqrt((squares + frames * of_mean / (1.0 + frames / references)) / frames);
+  }
+};
 
 }  // namespace
 
@@ -332,10 +341,9 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
       const Eigen::VectorXd numbers = modes.numbers(interleaved(rest));
       return numbers.squaredNorm() / std::max(1.0, static_cast<double>(numbers.size()) - 6.0);
     };
-  const bool of_rest = reference_is_mean_of(still, variance_at_rest);
-  const int references = fields.references ? *fields.references
-                         : of_rest         ? data.at_rest
-                                           : averaged_references(still, variance_at_rest);
+  const AtRest rest(still, variance_at_rest);
+  const bool of_rest = rest.are_the_reference();
+  const int references = fields.references ? *fields.references : of_rest ? data.at_rest : rest.averaged_references();
   // Displacements count from the mean of the images of the reference and of those at rest: what noise the reference has
   // is in all frames.
   data.references = of_rest ? references : references + data.at_rest;
@@ -345,17 +353,13 @@ loop::FieldData imported_fields(const io::Case& test, const identification::Spec
   if (fields.noise) {
     data.noise = *fields.noise * fields.scale / std::sqrt(variances(references));
   } else if (!at_rest.empty()) {
-    // What the frames differ by, and their mean, which has the noise of the reference, too.
-    const auto noise_of = [variance_at_rest, of_rest](const Eigen::MatrixXd& U, int images) {
-      const Eigen::VectorXd mean = U.rowwise().mean();
-      const auto frames = static_cast<double>(U.cols());
-      double sum = 0.0;
-      for (const auto& frame : U.colwise()) sum += variance_at_rest(frame - mean);
-      if (of_rest) return std::sqrt(sum / (frames - 1.0));
-      return std::sqrt((sum + frames * variance_at_rest(mean) / (1.0 + frames / images)) / frames);
+    const auto noise_of = [of_rest](const AtRest& frames, int images) {
+      return of_rest ? std::sqrt(frames.of_frame()) : frames.noise(images);
     };
-    data.noise = noise_of(still, references);
-    data.noise_at_rest = [noise_of, images = data.references](const Eigen::MatrixXd& U) { return noise_of(U, images); };
+    data.noise = noise_of(rest, references);
+    data.noise_at_rest = [noise_of, variance_at_rest, images = data.references](const Eigen::MatrixXd& U) {
+      return noise_of(AtRest(U, variance_at_rest), images);
+    };
   } else {
     // What the nodes cannot follow, in the frame where that is least: noise of the frame and of the reference.
     double least = INFINITY;
